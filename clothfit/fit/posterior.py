@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
+from clothfit.base.student import half_width
 from clothfit.fit.sandwich import Blocks
-from clothfit.fit.student import half_width
 from clothfit.optimise import ball
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.priors.evidence import inverse, variance

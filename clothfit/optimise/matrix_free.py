@@ -1,7 +1,7 @@
 """Gauss–Newton of many parameters on a large cloth, where no matrix of the fit is ever formed.
 
 Each iteration solves for the step from products with J and Jᵀ (`products`), some dozens of sweeps along the motion. Two
-samples of the posterior go along (`sampling`): the directions that they ask for are good for the step as well, and they
+samples of the posterior go along (`products.sampling`): the directions that they ask for are good for the step as well, and they
 say how many of the n values of an effect u (`priors.prior`) the data determine, from which its width follows:
 
     τ² = |u|² / γ,    γ = n − tr C / τ²,    C the covariance of u in the posterior
@@ -23,8 +23,8 @@ from clothfit.motion.divergence import Diverged
 from clothfit.optimise.gauss_newton import EACH, ENOUGH, FIRST_RADIUS, GOOD, LEFT, MOST, POOR, SMALL, SMALLEST
 from clothfit.optimise.priors.evidence import variance
 from clothfit.optimise.priors.prior import Prior
-from clothfit.optimise.products import Products
-from clothfit.optimise.sampling import Sampling
+from clothfit.optimise.products.products import Products
+from clothfit.optimise.products.sampling import Sampling
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
 

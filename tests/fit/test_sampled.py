@@ -8,10 +8,10 @@ import pytest
 from helpers.scenes import trial
 from scipy import stats
 
+from clothfit.base.student import half_width
 from clothfit.cli.fitting.outcomes import certainty
 from clothfit.fit import sampled
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.student import half_width
 from clothfit.motion.degrade import degrade
 from clothfit.optimise import trajectory
 from clothfit.report.tables import by_samples

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from clothfit.fit.student import half_width, inside
+from clothfit.base.student import half_width, inside
 
 
 @pytest.mark.parametrize("coverage", [0.1, 0.5, 0.95, 0.999])

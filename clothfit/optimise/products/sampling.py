@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.optimise.block_gradients import BlockGradients
 from clothfit.optimise.priors.prior import Prior
-from clothfit.optimise.products import Products
+from clothfit.optimise.products.block_gradients import BlockGradients
+from clothfit.optimise.products.products import Products
 
 PULLS = 8
 """Draws, at least, that the diagonal of H is the mean of."""
