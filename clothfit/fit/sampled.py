@@ -1,6 +1,6 @@
 """Intervals of so many values that the matrix of their fit would take minutes: by samples of the posterior.
 
-The standard deviations are those of K samples (`optimise.products.sampling`), so each of them is known to 1 / √(2 K), and the
+The standard deviations are those of K samples (`products.sampling`), so each of them is known to 1 / √(2 K), and the
 intervals have Student's t of K degrees of freedom, wider for it. The rest is meant as in `confidence`: the step that is
 left adds to the half width, values that the data push against a bound have intervals inwards only, and a value that
 changes nothing which is compared has none, nor one whose deviation is beyond the width of its bounds. What the motion

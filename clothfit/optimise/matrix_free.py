@@ -1,8 +1,8 @@
 """Gauss–Newton of many parameters on a large cloth, where no matrix of the fit is ever formed.
 
 Each iteration solves for the step from products with J and Jᵀ (`products`), some dozens of sweeps along the motion. Two
-samples of the posterior go along (`products.sampling`): the directions that they ask for are good for the step as well, and they
-say how many of the n values of an effect u (`priors.prior`) the data determine, from which its width follows:
+samples of the posterior go along: the directions that they ask for are good for the step as well, and they say how many
+of the n values of an effect u (`priors.prior`) the data determine, from which its width follows:
 
     τ² = |u|² / γ,    γ = n − tr C / τ²,    C the covariance of u in the posterior
 
