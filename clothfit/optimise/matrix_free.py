@@ -107,8 +107,8 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         y, cost = new, found
         if prior.learns:
             prior = prior.rescaled(y - prior.centre, list(sampling.samples.T), 1.0 / WIDER, WIDER)
-        if whole:
-            part.search.advance(part.parameters(y))
+        best = part.search.best
+        best.follow(best.descent and best.descent._replace(prior=prior, y=y.copy()))  # a resumed fit begins there
         part.search.report()
         if slow and not part.is_noise(y):
             return y, prior, Status.STALLED
