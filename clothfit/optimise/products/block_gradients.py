@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.optimise import bounded
+from clothfit.optimise import ball
 
 DEPENDENT = 1e-6
 """Singular value of the new directions, of unit length, below which they say nothing new."""
@@ -53,7 +53,7 @@ class BlockGradients:
         triangle = np.linalg.qr(basis, mode="r")  # |W v| = |R v|
         back = np.linalg.inv(triangle)
         H, g = back.T @ self.inner @ back, -back.T @ (basis.T @ b)
-        v = bounded.within((H + H.T) / 2.0, g, radius)
+        v = ball.within(ball.Quadratic((H + H.T) / 2.0, g), radius)
         return np.asarray(basis @ (back @ v)), -float(2.0 * g @ v + v @ H @ v)
 
     def round(self) -> bool:
