@@ -19,11 +19,12 @@ from clothfit.engine.forces import meeting
 from clothfit.engine.inputs.pin_derivatives import forget, pull_start, push_start
 from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradient, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
-from clothfit.engine.rollout import Rollout, Taken, forms
+from clothfit.engine.rollout import Rollout, Taken, forms, work_of
 from clothfit.engine.solve import guess, linear
 from clothfit.engine.step import bdf2, implicit, transition
 from clothfit.engine.system import BDF2, System, zeros
 from clothfit.engine.tape import Tape
+from clothfit.kernels.clock import counted
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, copy, hold_fixed
 
@@ -73,6 +74,7 @@ def gradient(
                 for begin, end in reversed(alike(chunk)):
                     own = forms(taken.at(chunk, begin))
                     sweep(*own, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
+            counted.add(work_of(chunk))
             interrupts.check()
     pull_start(system.inputs, system.h, state[0] + at_start, state[1], grad)
     if "velocity" in kinds:
@@ -140,6 +142,7 @@ class Sweep:
                 if end > skipped:
                     steps, given = (max(begin, skipped), end), (self.direction, self.tolerance, self.work)
                     self.sweep(*forms(self.taken.at(chunk, begin)), chunk, *steps, *given, *self.state, change)
+        counted.add(work_of(chunk))
         interrupts.check()
         return change
 

@@ -20,11 +20,12 @@ from clothfit.base.memory import human
 from clothfit.engine import prescribed
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.inputs.tables import check_steps
-from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes
+from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, work_of
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.solve.guess import Past
 from clothfit.engine.step import implicit
 from clothfit.engine.system import BDF2, System
+from clothfit.kernels.clock import counted
 
 SHORTEST_PART = 16
 """Steps of a part, at least, of a motion that only goes forwards."""
@@ -142,6 +143,7 @@ class Tape:
             good = fill(self.system, self.tolerance, work, part)
         else:
             good = prescribed.fill(self.system, self.forms, self.tolerance, work, part)
+        counted.add(work_of(part))
         self.good = max(self.good, at.step + good)
         if good < part.steps:
             self.fault, self.fault_velocity = part.x[good + 1].copy(), part.velocity(good + 1).copy()

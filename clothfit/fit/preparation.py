@@ -69,7 +69,8 @@ def prepared(
     """What a fit to given targets begins with, from its `own` objectives. A fit that goes on from a `state` keeps what
     it had chosen.
     """
-    began, computing = clock.passing(), clock.computing()
+    now = clock.clock_of(int(own.objective.identifiable.sum()))
+    began, computing = clock.passing(), now()
     plan, objective = own, own.objective
     if isinstance(options.substeps, int):
         plan = with_steps(plan, options.substeps, None)
@@ -84,9 +85,9 @@ def prepared(
         plan = with_chosen_step(plan, first, options, own)
     if options.model == AUTO:
         p = first if plan.p is None else plan.p
-        longest = CHOICE * LONGEST - (clock.computing() - computing) if options.seconds is None else np.inf
+        longest = CHOICE * LONGEST - (now() - computing) if options.seconds is None else np.inf
         plan = with_chosen_model(plan, p, options, longest)
-    return replace(plan, seconds=clock.passing() - began, computing=clock.computing() - computing)
+    return replace(plan, seconds=clock.passing() - began, computing=now() - computing)
 
 
 def in_time(objective: Objective, p: Array) -> Array:

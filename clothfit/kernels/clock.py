@@ -1,16 +1,43 @@
-"""The clocks of a fit: seconds that pass, and seconds of this process's computing, in which other work of the machine
-does not count. Compilation counts in neither, so that the first use of a command ends where all others do, and takes as
-long by its own account. Nor does it count towards a deadline (`interrupts.limited`).
+"""The clocks of a fit: seconds that pass, seconds of this process's computing, in which other work of the machine does
+not count, and nominal seconds. Compilation counts in none, so that the first use of a command ends where all others do,
+and takes as long by its own account. Nor does it count towards a deadline (`interrupts.limited`).
+
+Nominal seconds are those that the simulations and their derivatives would take on a common machine, by the work that
+they count (`engine.rollout.work_of`). What a fit decides by them it decides again in the next run, whatever else the
+machine does then; fits of few values do little else than simulate, and go by them.
 """
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Callable
 
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
 from clothfit.base import interrupts
+
+RATE = 5e7
+"""Units of work in a nominal second."""
+
+FEW = 16
+"""Values up to which a fit goes by nominal seconds."""
+
+
+class Counted:
+    """The work that all threads have counted."""
+
+    def __init__(self) -> None:
+        self.work, self.lock = 0, threading.Lock()
+
+    def add(self, work: int) -> None:
+        """Count some work; whole numbers have the same sum in any order."""
+        with self.lock:
+            self.work += work
+
+
+counted = Counted()
 
 
 class Compilation(event.Listener):
@@ -44,6 +71,16 @@ def computing() -> float:
     """Seconds of computing so far, without compilation."""
     _look()
     return time.process_time() - compilation.seconds
+
+
+def nominal() -> float:
+    """Nominal seconds so far."""
+    return counted.work / RATE
+
+
+def clock_of(values: int) -> Callable[[], float]:
+    """The clock that a fit of so many values goes by."""
+    return nominal if values <= FEW else computing
 
 
 def passing() -> float:

@@ -8,10 +8,10 @@ the cost to about 1e-8; to 1e-14, as far as rounding allows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from functools import cached_property, partial
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import CostDerivative, Observer, TrajectoryMemory
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.engine.prescribed import Forms, forms_from, forms_of
-from clothfit.engine.rollout import Rollout
+from clothfit.engine.rollout import Rollout, work_of
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, build
 from clothfit.engine.tape import Tape
@@ -56,6 +56,15 @@ WATCHED = 8
 
 Compared: TypeAlias = str | Mapping[str, float] | OwnCost
 """What is compared: one objective by its name, several with their weights, or a cost of one's own."""
+
+
+class Growing(NamedTuple):
+    """A cost as far as its motions are simulated."""
+
+    cost: float  # so far, m²
+    ahead: int  # steps that are left; 0 where it is known
+    steps: int  # that were simulated since it was known before
+    work: int  # of these (`rollout.work_of`)
 
 
 class Objective:
@@ -275,26 +284,33 @@ class Objective:
             return np.inf
         return value if np.isfinite(value) else np.inf
 
-    def cost_within(self, p: Array, limit: float) -> float:
-        """G(p), m², where it is at most `limit`, m². The motions of more end where they have cost as much, and what is
-        returned is above the limit: the more, the earlier they end. Infinite where a simulation diverges.
+    def growing_cost(self, p: Array) -> Iterator[Growing]:
+        """G(p), m², as far as its motions are simulated, `WATCHED` steps after `WATCHED` steps; infinite where one
+        diverges. Of a cost that is no sum of squared distances nothing is known before the end of a motion, and of one
+        that joins objects nothing before the end of all.
         """
-        if self.joint or not self.plain:
-            return self.cost_or_infinity(p)
-        total, whole = 0.0, sum(run.steps for run in self.runs)
-        ahead = whole
-        for run in self.runs:
+        ahead = sum(run.steps for run in self.runs)
+        if self.joint:
+            yield Growing(self.cost_or_infinity(p), 0, ahead, 0)
+            return
+        total = 0.0
+        for number, run in enumerate(self.runs, 1):
             cost = running_cost(run.comparison)
-            tape = Tape(run.changed(p), run.steps, self.tolerance, Plan(min(max(run.steps, 1), WATCHED)))
+            tape = Tape(run.changed(p), run.steps, self.tolerance, Plan(min(max(run.steps, 1), WATCHED)), run.forms)
+            done, spent = 0, 0
             for chunk in tape.forward():
                 cost.update(chunk)
-                ahead -= chunk.steps
-                if not total + cost.value <= limit:
-                    return limit * (1.0 + ahead / whole) if ahead else total + cost.value
-            if tape.good < run.steps:
-                return np.inf
-            total += cost.value
-        return total
+                done, spent, ahead = done + chunk.steps, spent + work_of(chunk), ahead - chunk.steps
+                grown = total + (cost.value if self.plain else 0.0)
+                if ahead and np.isfinite(grown):
+                    yield Growing(grown, ahead, done, spent)
+                    done = spent = 0
+            total = total + cost.value if tape.good == run.steps else np.inf
+            if not np.isfinite(total):
+                yield Growing(np.inf, 0, done, spent)
+                return
+            if number == len(self.runs):
+                yield Growing(total, 0, done, spent)
 
     def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
         """G(p), m², and its exact gradient ∂G/∂p (P,). Raises Diverged."""

@@ -20,11 +20,13 @@ NARROW = 1e-3
 SPARED = 2.0
 """Times the middle cost of the points before, above which the cost of a point is not asked for to its end."""
 
-TOGETHER = 2
-"""Points whose costs are asked for at a time, so that two threads can find them."""
-
 LEAST = 1e-20
 """Variance at least, so that rounding leaves C positive."""
+
+Costs = Callable[[Array, int, float], Array]
+"""The costs (k,) of points (k, n) that are drawn together, as far as their order counts: of so many of the cheapest,
+where they are below a limit; those of all others may be any larger numbers.
+"""
 
 
 class Evolution:
@@ -56,10 +58,9 @@ class Evolution:
         """Standard deviations (n,)."""
         return np.asarray(self.sigma * np.sqrt(np.diag(self.C)))
 
-    @property
-    def is_narrow(self) -> bool:
-        """Whether it has come to a minimum."""
-        return bool((self.widths < NARROW * self.first).all())
+    def is_narrow(self, share: float) -> bool:
+        """Whether all standard deviations are below a share of the first ones."""
+        return bool((self.widths < share * self.first).all())
 
     def draw(self) -> Array:
         """Points (count, n)."""
@@ -88,20 +89,15 @@ class Evolution:
 
 
 def minimise(
-    costs: Callable[[Array, float], Array], evolution: Evolution, is_over: Callable[[], bool]
+    costs: Costs, evolution: Evolution, is_over: Callable[[], bool], narrow: float = NARROW
 ) -> tuple[Array, float]:
-    """The best point (n,) that is drawn until the distribution is narrow, or `is_over`, and its cost.
-
-    `costs` gets some points (k, n) and a limit, and may return any larger number for a point that costs more than that:
-    only the better half of those that are drawn together counts. The limit is what half of them cost less than already,
-    or `SPARED` times what half of those before did.
+    """The best point (n,) that is drawn until the distribution is as narrow as a share of the first one, or `is_over`,
+    and its cost; the mean where none is drawn.
     """
-    best, least, limit, half = evolution.mean, np.inf, np.inf, len(evolution.weights)
-    while not (evolution.is_narrow or is_over()):
-        points, found = evolution.draw(), np.zeros(0)
-        for first in range(0, len(points), TOGETHER):
-            enough = np.partition(found, half - 1)[half - 1] if len(found) >= half else np.inf
-            found = np.append(found, costs(points[first : first + TOGETHER], min(enough, limit)))
+    best, least, limit = evolution.mean, np.inf, np.inf
+    while not (evolution.is_narrow(narrow) or is_over()):
+        points, half = evolution.draw(), len(evolution.weights)
+        found = costs(points, half, limit)
         if found.min() < least:
             best, least = points[int(np.argmin(found))], float(found.min())
         evolution.learn(points, found)

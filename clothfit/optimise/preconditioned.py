@@ -15,13 +15,13 @@ its help. J. Nocedal, S. J. Wright, Numerical Optimization, 2006, chapter 7.
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.kernels.clock import computing
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
@@ -66,6 +66,7 @@ class Patience:
     the machine does not count.
     """
 
+    clock: Callable[[], float]  # that of the fit (`kernels.clock`)
     seconds: float = 5.0
     saving: float = 0.01
     marks: list[tuple[float, float]] = field(default_factory=list)  # times, s, and the best costs then
@@ -73,7 +74,7 @@ class Patience:
 
     def is_over(self, cost: float) -> bool:
         """Whether the descent ends here, at this best cost."""
-        now = computing() - self.uncounted
+        now = self.clock() - self.uncounted
         self.marks.append((now, cost))
         while len(self.marks) > 1 and self.marks[1][0] <= now - self.seconds:
             self.marks.pop(0)
@@ -93,12 +94,12 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
     """Go down from the best point of a search, until two rounds in a row save little, or it is late. Raises Stop as the
     search does.
     """
-    patience = patience or Patience()
+    patience = patience or Patience(search.progress.clock)
     part, in_metric, poor = for_metric(search), True, 0
     while poor < 2 and not patience.is_over(search.best.cost) and not search.is_late:
-        before, began = search.best.cost, computing()
+        before, began = search.best.cost, patience.clock()
         root = metric(part, search.y) if in_metric else None
-        patience.uncounted += computing() - began
+        patience.uncounted += patience.clock() - began
         search.budget.enter_stage()  # a round has its own end
         if in_metric and root is None:
             poor += 1
@@ -113,7 +114,7 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
 def one_round(search: Search) -> None:
     """A short round from the best point of a search. Raises Stop as the search does."""
     search.budget.enter_stage()
-    if descend(search, metric(for_metric(search), search.y), Patience(), SHORT_ROUND, SETTLED):
+    if descend(search, metric(for_metric(search), search.y), Patience(search.progress.clock), SHORT_ROUND, SETTLED):
         search.settled = search.best.p
 
 
@@ -155,7 +156,7 @@ def descend(
     from scipy.linalg import solve_triangular
     from scipy.optimize import minimize
 
-    y0, costs, times, first = search.y, [search.best.cost], [computing()], 0.0
+    y0, costs, times, first = search.y, [search.best.cost], [patience.clock()], 0.0
     lower, upper = np.array(search.bounds).T
 
     # near y₀ the cost c₀ changes by gᵀu + c₀ |u|²: by gᵀz + |z|²/2 in z = √(2 c₀) u
@@ -172,7 +173,7 @@ def descend(
             raise RoundOver  # its numbers have overflowed
         value, gradient = search(np.clip(y, lower, upper))
         costs.append(search.best.cost)
-        times.append(computing())
+        times.append(patience.clock())
         if root is None:
             return value, gradient
         inside = np.where((y > lower) & (y < upper), gradient, 0.0)

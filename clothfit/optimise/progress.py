@@ -79,18 +79,21 @@ class Reporter:
     """The stage of a fit, the frames that it compares, its last accepted point, and who wants to know."""
 
     def __init__(
-        self, report: Callable[[Progress], None] | None, p: Array, frames: int, unit: str = "m"
-    ) -> None:
-        """`p` (P,): the first point; `frames`: all that are compared; `unit`: of the errors."""
+        self, report: Callable[[Progress], None] | None, p: Array, frames: int, unit: str = "m",
+        clock: Callable[[], float] = computing,
+    ) -> None:  # fmt: skip
+        """`p` (P,): the first point; `frames`: all that are compared; `unit`: of the errors; `clock`: by which the fit
+        goes (`kernels.clock`).
+        """
         self.receiver, self.p, self.frames, self.unit = report, p, frames, unit
         self.stage, self.window, self.window_rmse = "start", frames, np.nan
         self.iterations, self.step = 0, np.nan
-        self.began, self.began_computing = passing(), computing()
+        self.clock, self.began, self.began_computing = clock, passing(), clock()
 
     @property
     def computing(self) -> float:
-        """Seconds of computing since then, without compilation; other work of the machine does not count."""
-        return computing() - self.began_computing
+        """Seconds since then by the clock of the fit, without compilation; other work of the machine does not count."""
+        return self.clock() - self.began_computing
 
     @property
     def seconds(self) -> float:

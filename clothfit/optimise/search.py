@@ -17,6 +17,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
+from clothfit.kernels.clock import clock_of
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import UNITS
 from clothfit.objective.objective import Objective
@@ -179,7 +180,7 @@ class Search:
         self.best = BestSoFar(self.start)
         self.budget = Budget(budget)
         unit = UNITS.get("".join(objective.weights), "m")  # of an objective that goes alone
-        self.progress = Reporter(report, self.start, objective.frames, unit)
+        self.progress = Reporter(report, self.start, objective.frames, unit, clock_of(int(self.fitted.sum())))
         self.checkpoint, self.resumed = checkpoint, state
         self.warnings: list[str] = []  # what the user should know
         self.rungs: list[Rung] = []  # the models that were fitted from coarse to fine
@@ -348,7 +349,8 @@ class Search:
     def aside(self, budget: int) -> Search:
         """This search with a budget of its own, whose evaluations nobody counts or reports."""
         other = copy(self)
-        other.budget, other.progress = Budget(budget), Reporter(None, self.progress.p, self.progress.frames)
+        other.budget = Budget(budget)
+        other.progress = Reporter(None, self.progress.p, self.progress.frames, clock=self.progress.clock)
         other.checkpoint = None
         return other
 

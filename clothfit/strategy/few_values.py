@@ -69,7 +69,7 @@ def in_metric(own: Search) -> None:
         preconditioned.minimise(own)
         return
     own.budget.enter_stage()  # a round has its own end
-    if preconditioned.descend(own, root, preconditioned.Patience(), settled=preconditioned.SETTLED):
+    if preconditioned.descend(own, root, preconditioned.Patience(own.progress.clock), settled=preconditioned.SETTLED):
         own.settled = own.best.p
 
 

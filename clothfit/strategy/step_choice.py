@@ -21,7 +21,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.system import BDF2
-from clothfit.kernels.clock import computing
+from clothfit.kernels.clock import clock_of, computing
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import residual_test
@@ -290,9 +290,10 @@ def finer(objective: Objective, p: Array) -> float | None:
 
 def seconds_of(objective: Objective, p: Array) -> float:
     """Seconds of computing that the cost at p (P,) takes where its motion is not known yet."""
-    anew, began = objective.flagging(objective.scene), computing()
+    anew, clock = objective.flagging(objective.scene), clock_of(int(objective.identifiable.sum()))
+    began = clock()
     anew.cost_or_infinity(p)
-    return computing() - began
+    return clock() - began
 
 
 def is_enough(search: Search) -> bool:

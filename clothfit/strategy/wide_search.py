@@ -17,17 +17,20 @@ from functools import partial
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.kernels.clock import computing
 from clothfit.kernels.parallel import processors
 from clothfit.objective.objective import Objective
-from clothfit.optimise.evolution import TOGETHER, Evolution, minimise
+from clothfit.objective.race import TOGETHER, Raced, race
+from clothfit.optimise.evolution import Evolution, minimise
 from clothfit.optimise.search import Search
 
 DRAWN = 16
 """Points that are drawn at a time: twice as many as are usual for few values, as the cost is rough."""
 
-LONGEST, FEWEST = 22.0, 300
-"""Seconds of computing of each thread, at most, and the simulations for which they must be enough."""
+WORK, FEWEST = 2_000_000_000, 300
+"""Work (`rollout.work_of`) at most, some 20 s of two threads, and the motions for which it must be enough."""
+
+TOLERANCE = 1e-5
+"""Of the linear systems of points that are compared; those that are kept are looked at with the fit's own."""
 
 FACTOR, LENGTHS = 1.0, 0.1
 """Standard deviation of logarithms at first, and of those of rest lengths."""
@@ -38,9 +41,13 @@ SHARE = 0.3
 FLOOR = 1e-6
 """The least value that has a logarithm, relative to what is typical."""
 
-STAGES = ((0.35, 0.2), (0.65, 0.5), (1.0, 1.0))
-"""Shares of the frames, and of the time until the next ones: over short times the cost is smoother, and known sooner.
+STAGES = ((0.35, 0.2, 0.3), (0.65, 0.5, 0.3), (1.0, 1.0, 1e-3))
+"""Shares of the frames; of the work until the next ones; and standard deviations, relative to the first ones, at which
+these come sooner. Over short times the cost is smoother, and known sooner, but its minimum is not that of all frames.
 """
+
+NEARLY = 0.9
+"""Share of the work after which there is no other round."""
 
 LEFT = 100
 """Evaluations that are left to what comes after."""
@@ -90,8 +97,8 @@ class Wide:
 
 
 def is_quick(own: Search) -> bool:
-    """Whether the time is enough for a wide search."""
-    return FEWEST * own.each <= LONGEST * threads()
+    """Whether the work is enough for a wide search around the best point."""
+    return FEWEST * race(own.objective, [own.best.p], 1).work <= WORK
 
 
 def threads() -> int:
@@ -100,40 +107,58 @@ def threads() -> int:
 
 
 def widely(own: Search, seed: int = 0) -> None:
-    """Search around the best point of a search, over the first frames, more, and all of them. Raises Stop."""
-    wide, whole, count, began = Wide(own), own.objective, threads(), computing()
-    used, allowed = len(own.budget.history), own.budget.limit - len(own.budget.history) - LEFT
+    """Search around the best point of a search, over the first frames, more, and all of them, and where that comes to
+    a minimum before the work is done, around the best point anew. Raises Stop.
+    """
+    work = Work(own)
+    with ThreadPoolExecutor(threads()) as pool:
+        while not work.is_over(NEARLY * WORK):
+            one_round(own, work, pool, seed)
+            seed += 1
+
+
+def one_round(own: Search, work: Work, pool: ThreadPoolExecutor, seed: int) -> None:
+    """The stages, with the work that is left. Raises Stop."""
+    wide, whole, begun = Wide(own), own.objective, work.done
     free = np.full(len(wide.widths), np.inf)
     evolution = Evolution(wide.x(own.best.p), wide.widths, (-free, free), DRAWN, seed)
-    with ThreadPoolExecutor(count) as pool:
-        for frames, share in STAGES:
-            steps = int(frames * whole.steps)
-            part = whole if steps == whole.steps else whole.until(steps + 1, whole.tolerance)
-            own.enter("evolution", part)
-            is_over = partial(is_spent, own, began + share * LONGEST * count, used + share * allowed)
-            found = minimise(Costs(own, wide, part, pool if count > 1 else None), evolution, is_over)[0]
-            for x in (found, evolution.mean):
-                own.visit(wide.parameters(x))
+    for frames, share, narrow in STAGES:
+        part = whole.until(int(frames * whole.steps) + 1, max(TOLERANCE, whole.tolerance))
+        own.enter("evolution", part)
+        costs = Costs(wide, part, pool, work)
+        best, _ = minimise(costs, evolution, partial(work.is_over, begun + share * (WORK - begun)), narrow)
+        for x in (best, evolution.mean):
+            own.visit(wide.parameters(x))
 
 
-def is_spent(own: Search, until: float, evaluations: float) -> bool:
-    """Whether the time is over, in seconds of computing, or the search has had so many evaluations."""
-    return computing() >= until or len(own.budget.history) + DRAWN > evaluations
+class Work:
+    """The work that is done, and the evaluations that it counts as: whole motions, and parts of one."""
+
+    def __init__(self, own: Search) -> None:
+        self.own, self.done, self.motions = own, 0, 0.0
+
+    def add(self, race: Raced) -> None:
+        """Count that of a race. Raises Stop when the budget of the search is used up."""
+        self.done += race.work
+        self.motions += race.steps / max(sum(run.steps for run in self.own.objective.runs), 1)
+        while self.motions >= 1.0:
+            self.motions -= 1.0
+            self.own.count()
+
+    def is_over(self, until: float) -> bool:
+        """Whether so much is done, or hardly an evaluation is left to what comes after."""
+        budget = self.own.budget
+        return self.done >= until or len(budget.history) + DRAWN + LEFT > budget.limit
 
 
 class Costs:
-    """The costs of points over the frames of an objective; those over all frames may be the best of a search."""
+    """The costs of points over the frames of an objective."""
 
-    def __init__(self, own: Search, wide: Wide, part: Objective, pool: ThreadPoolExecutor | None) -> None:
-        self.own, self.wide, self.part, self.pool = own, wide, part, pool
+    def __init__(self, wide: Wide, part: Objective, pool: ThreadPoolExecutor, work: Work) -> None:
+        self.wide, self.part, self.pool, self.work = wide, part, pool, work
 
-    def __call__(self, points: Array, limit: float) -> Array:
-        """The costs (k,) of points (k, Q), those above a limit by numbers above it. Raises Stop."""
-        given = [self.wide.parameters(x) for x in points]
-        within = partial(self.part.cost_within, limit=limit)
-        found = list(self.pool.map(within, given) if self.pool else map(within, given))
-        for p, cost in zip(given, found, strict=True):
-            self.own.count()
-            if self.part is self.own.objective:
-                self.own.accept(p, cost)
-        return np.array(found)
+    def __call__(self, points: Array, enough: int, limit: float) -> Array:
+        """The costs (k,) of points (k, Q) as `evolution.Costs` says. Raises Stop."""
+        found = race(self.part, [self.wide.parameters(x) for x in points], enough, limit, self.pool.map)
+        self.work.add(found)
+        return found.costs

@@ -313,14 +313,28 @@ def test_the_scene_makes_its_blocks_once(monkeypatch):
     assert len(calls) == 1
 
 
-def test_a_cost_within_a_limit_is_exact_and_ends_sooner_the_more_it_exceeds_it():
+def test_a_growing_cost_grows_to_the_cost():
     truth = load_text(json.dumps(even("nG", 40)))
     objective = Objective(truth, simulate(truth), 1e-10)
     p = 2.0 * parameters(truth)
-    cost = objective.cost(p)
-    assert objective.cost_within(p, cost) == cost
-    assert objective.cost_within(p, np.inf) == cost
-    limits = cost * np.array([0.9, 0.1, 1e-3])
-    found = np.array([objective.cost_within(p, limit) / limit for limit in limits])
-    assert (found > 1.0).all()
-    assert (np.diff(found) > 0).all()
+    grown = list(objective.growing_cost(p))
+    assert grown[-1].cost == objective.cost(p)
+    assert (np.diff([0.0, *(each.cost for each in grown)]) > 0).all()
+    assert [each.ahead for each in grown] == list(range(objective.steps - 8, -1, -8)) + [0] * (objective.steps % 8 > 0)
+    assert sum(each.steps for each in grown) == objective.steps
+
+
+@pytest.mark.parametrize("how", [{"loss": "huber", "loss_scale": 0.1}, {"objective": "velocity"}])
+def test_other_costs_than_squares_are_known_at_their_end(how):
+    truth = load_text(json.dumps(even("nG", 20)))
+    objective = Objective(truth, simulate(truth), 1e-10, **how)
+    p = 2.0 * parameters(truth)
+    *before, last = objective.growing_cost(p)
+    assert {each.cost for each in before} == {0.0}
+    assert last.cost == objective.cost(p)
+
+
+def test_the_growing_cost_of_a_motion_that_diverges_is_infinite():
+    truth = load_text(json.dumps(even("nG", 40, integrationMethod=0)))
+    objective = Objective(truth, simulate(load_text(json.dumps(even("nG", 40)))), 1e-10)
+    assert list(objective.growing_cost(np.array([1e4])))[-1].cost == np.inf

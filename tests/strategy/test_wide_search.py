@@ -1,15 +1,19 @@
 """The wide search: its coordinates, and that it comes nearer where a gradient leads nowhere."""
 
 import json
+import random
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers.scenes import even, load_text
 
-from clothfit.fit.estimate import record_target
+from clothfit.fit.estimate import estimate, record_target
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
+from clothfit.strategy import ladder, wide_search
 from clothfit.strategy.wide_search import Wide, widely
 
 WIND, FRAMES = {"x": 12.0, "y": 3.0, "z": 4.0}, 24
@@ -74,3 +78,32 @@ def test_it_comes_nearer_from_far_off_and_never_ends_farther(windy):
     # its 900 points lead other draws to errors of 1 to 13 % of this one; 10 % shows that it found the wind's side
     assert search.best.cost < 0.1**2 * before
     assert search.best.cost == objective.cost(search.best.p)
+
+
+def test_it_ends_at_the_same_point_with_one_thread_and_with_two(windy, monkeypatch):
+    objective, truth = windy
+    monkeypatch.setattr(wide_search, "WORK", wide_search.WORK // 100)
+    found = []
+    for count in (1, 2, 2):
+        monkeypatch.setattr(wide_search, "threads", lambda count=count: count)
+        search = searched(objective, 3.0 * truth)
+        widely(search)
+        found.append((search.best.p.tolist(), search.budget.evaluations))
+    assert found[0] == found[1] == found[2]
+
+
+def test_a_fit_in_wind_does_not_depend_on_how_fast_the_machine_is(windy, monkeypatch):
+    objective, truth = windy
+    target = objective.experiments[0].motion
+    far = replace(target, positions=target.positions + 0.05 * np.sin(40.0 * np.arange(FRAMES))[:, None, None])
+    monkeypatch.setattr(wide_search, "WORK", wide_search.WORK // 100)
+    widely_searched, found = [], []
+    monkeypatch.setattr(ladder, "widely", lambda own: widely_searched.append(own) or widely(own))
+    for seed in range(2):
+        clock, draw = time.process_time, random.Random(seed)
+        monkeypatch.setattr(time, "process_time", lambda clock=clock, draw=draw: clock() * 20.0 * draw.random())
+        fit = estimate(objective.scene, far, start=3.0 * truth, intervals=False)
+        monkeypatch.setattr(time, "process_time", clock)
+        found.append((parameters(fit.scene).tolist(), fit.evaluations))
+    assert len(widely_searched) == 2
+    assert found[0] == found[1]
