@@ -52,15 +52,17 @@ class Evolution:
         self.length = np.sqrt(n) * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n))  # of N(0, I), in the mean
         self.path, self.sigma_path, self.generation = np.zeros(n), np.zeros(n), 0
         self.axes, self.spread = np.eye(n), np.array(widths, float)  # of the points that were drawn last
+        self.best, self.least, self.limit = self.mean, np.inf, np.inf  # the cheapest point, its cost, and where to end
 
     @property
     def widths(self) -> Array:
         """Standard deviations (n,)."""
         return np.asarray(self.sigma * np.sqrt(np.diag(self.C)))
 
-    def is_narrow(self, share: float) -> bool:
-        """Whether all standard deviations are below a share of the first ones."""
-        return bool((self.widths < share * self.first).all())
+    @property
+    def is_narrow(self) -> bool:
+        """Whether it has come to a minimum."""
+        return bool((self.widths < NARROW * self.first).all())
 
     def draw(self) -> Array:
         """Points (count, n)."""
@@ -88,18 +90,16 @@ class Evolution:
         self.sigma *= np.exp(self.c_sigma / self.damping * (long - 1.0))  # (44)
 
 
-def minimise(
-    costs: Costs, evolution: Evolution, is_over: Callable[[], bool], narrow: float = NARROW
-) -> tuple[Array, float]:
-    """The best point (n,) that is drawn until the distribution is as narrow as a share of the first one, or `is_over`,
-    and its cost; the mean where none is drawn.
+def minimise(costs: Costs, evolution: Evolution, is_over: Callable[[], bool]) -> tuple[Array, float]:
+    """The best point (n,) that is drawn until the distribution is narrow, or `is_over`, and its cost. It may go on
+    later; the mean and ∞ where nothing was ever drawn.
     """
-    best, least, limit = evolution.mean, np.inf, np.inf
-    while not (evolution.is_narrow(narrow) or is_over()):
-        points, half = evolution.draw(), len(evolution.weights)
-        found = costs(points, half, limit)
-        if found.min() < least:
-            best, least = points[int(np.argmin(found))], float(found.min())
+    half = len(evolution.weights)
+    while not (evolution.is_narrow or is_over()):
+        points = evolution.draw()
+        found = costs(points, half, evolution.limit)
+        if found.min() < evolution.least:
+            evolution.best, evolution.least = points[int(np.argmin(found))], float(found.min())
         evolution.learn(points, found)
-        limit = SPARED * float(np.partition(found, half - 1)[half - 1])
-    return best, least
+        evolution.limit = SPARED * float(np.partition(found, half - 1)[half - 1])
+    return evolution.best, evolution.least

@@ -174,14 +174,20 @@ def by_wide_search(search: Search, model: str) -> None:
     """Search widely by a model of few values where motions in wind end far from their target; what that takes does not
     count as time of the fit, nor what little time the descent from there needs. Raises Stop.
     """
-    part = part_of(search, model, search.best.p)
+    part = part_of(search, model, search.origin)
     scene = part.objective.scene
     windy = any(cloth.feels_air for cloth in scene.cloths) and bool(scene.wind.any() or scene.wind_keys)
     if not (windy and is_astray(search) and part.fitted.sum() <= FEW_VALUES and is_quick(search)):
         return
     before, began = search.best.cost, search.progress.computing
     part.longest = np.inf
-    carried(search, part, widely)
+    known = signals.values(with_parameters(search.objective.scene, search.best.p), flags=scene)
+
+    def method(own: Search) -> None:
+        own.visit(known)
+        widely(own)
+
+    carried(search, part, method)
     search.longest = max(search.longest, began) + search.progress.computing - began + AFTERWARDS
     if search.best.cost < before:
         carried(search, part_of(search, model, search.best.p), to_the_minimum)

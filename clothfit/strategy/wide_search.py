@@ -1,30 +1,38 @@
 """A wide search by few values, where a motion in wind forgets where it began.
 
-The cost of such a motion has many minima, and gradients show the nearest one only. An evolution strategy
-(`optimise.evolution`) draws values around the best ones that are known, a factor e to either side, and learns from the
-order of their costs where to draw next. Its coordinates are those in which a motion changes evenly:
+The cost of such a motion has many minima, and gradients show the nearest one only. Values are drawn around those that
+the user gave, far to all sides; from the nearest few of them that differ, and from the best ones that are known, an
+evolution strategy each (`optimise.evolution`) draws values around them and learns from the order of their costs where
+to draw next. After a while the better half of them goes on, and then the best (successive halving: K. Jamieson,
+A. Talwalkar, Non-stochastic best arm identification and hyperparameter optimization, 2016). Its coordinates are those
+in which a motion changes evenly:
 
     log p of masses, stiffnesses, lengths, dampings and drags,    c W of the wind beside a drag c that is fitted,
 
-since it is the push c W that moves a cloth: with c alone c W would change as well.
+since it is the push c W that moves a cloth: with c alone c W would change as well. What is drawn far off pushes about
+as strongly as the cloth is heavy.
+
+All is counted by what is simulated and not by seconds, so the same fit ends at the same values, however many threads
+simulate and whatever else the machine does.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.kernels.parallel import processors
 from clothfit.objective.objective import Objective
-from clothfit.objective.race import TOGETHER, Raced, race
+from clothfit.objective.race import TOGETHER, race
 from clothfit.optimise.evolution import Evolution, minimise
 from clothfit.optimise.search import Search
+from clothfit.scene.cloth import Cloth
 
-DRAWN = 16
-"""Points that are drawn at a time: twice as many as are usual for few values, as the cost is rough."""
+DRAWN = 10
+"""Points that an evolution strategy draws at a time."""
 
 WORK, FEWEST = 2_000_000_000, 300
 """Work (`rollout.work_of`) at most, some 20 s of two threads, and the motions for which it must be enough."""
@@ -41,16 +49,25 @@ SHARE = 0.3
 FLOOR = 1e-6
 """The least value that has a logarithm, relative to what is typical."""
 
-STAGES = ((0.35, 0.2, 0.3), (0.65, 0.5, 0.3), (1.0, 1.0, 1e-3))
-"""Shares of the frames; of the work until the next ones; and standard deviations, relative to the first ones, at which
-these come sooner. Over short times the cost is smoother, and known sooner, but its minimum is not that of all frames.
+SCANNED, FAR = 200, 1.5
+"""Points that are drawn far off, and their standard deviations relative to the first ones of an evolution strategy."""
+
+AT_ONCE = 20
+"""Of these that are simulated at once, as each takes memory."""
+
+KNOWN, APART, CLOSE = 12, 2.0, 0.5
+"""How many of the nearest ones are looked at; the distance of two that differ, in standard deviations; and those around
+the best values that are known, relative to others.
 """
 
-NEARLY = 0.9
-"""Share of the work after which there is no other round."""
+HALVING = ((4, 0.1), (2, 0.12), (1, 1.0))
+"""How many evolution strategies go on, and the share of the work that each has then."""
 
 LEFT = 100
 """Evaluations that are left to what comes after."""
+
+MOTIONS = 2.0
+"""Whole motions that count as an evaluation, of a cost and its gradient."""
 
 POSITIVE = ("damping", "drag")
 """Kinds that are not moved by their logarithm elsewhere, as they may be 0."""
@@ -74,7 +91,7 @@ class Wide:
         self.unit[self.wind] = max(push, float(typical[self.wind].min(initial=np.inf)))
         widths = np.where(self.log, np.where(names == "rest", LENGTHS, FACTOR), SHARE)
         widths[self.wind] = 1.0
-        self.widths = widths[search.fitted]
+        self.widths, self.blows = widths[search.fitted], np.flatnonzero((names == "wind")[search.fitted])
         self.blown = self.air(self.p)
 
     def air(self, p: Array) -> float:
@@ -96,6 +113,40 @@ class Wide:
         return np.where(self.search.fitted, self.search.coordinates.clipped(p), self.p)
 
 
+    def around(self, x: Array, share: float = 1.0) -> Array:
+        """Standard deviations (Q,) around coordinates (Q,), times a share; those of the wind are as large as it is."""
+        widths = self.widths.copy()
+        if len(self.blows):
+            widths[self.blows] = float(np.linalg.norm(x[self.blows])) or self.lift
+        return np.asarray(share * widths)
+
+    def far(self, x: Array, random: np.random.Generator) -> Array:
+        """Coordinates (`SCANNED`, Q) far around x (Q,), and x before them; the push of the wind around nothing."""
+        drawn = random.standard_normal((SCANNED, len(x)))
+        strength = np.exp(random.standard_normal(SCANNED))
+        points = x + FAR * self.widths * drawn
+        points[:, self.blows] = self.lift * strength[:, None] * drawn[:, self.blows]
+        return np.vstack([x, points])
+
+    @cached_property
+    def lift(self) -> float:
+        """The coordinate of the wind that carries the weight of the cloths: it pushes faces of area A that it meets
+        with 4 c A³ W; as large as it is typically where they have none.
+        """
+        scene = self.search.objective.scene
+        cloths = [cloth for cloth in scene.cloths if cloth.feels_air]
+        weight = float(np.linalg.norm(scene.gravity)) * sum(float(each.mass[~each.fixed].sum()) for each in cloths)
+        drag = [self.blown if len(self.drag) else each.drag for each in cloths]
+        push = sum(4.0 * c * float((areas(each) ** 3).sum()) for c, each in zip(drag, cloths, strict=True))
+        return weight / push / float(self.unit[self.wind[0]]) if weight and push else 1.0
+
+
+def areas(cloth: Cloth) -> Array:
+    """Areas (T,) of the faces of a cloth, m²."""
+    a, b, c = (cloth.positions[corner] for corner in cloth.triangles.T)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
+
+
 def is_quick(own: Search) -> bool:
     """Whether the work is enough for a wide search around the best point."""
     return FEWEST * race(own.objective, [own.best.p], 1).work <= WORK
@@ -107,58 +158,68 @@ def threads() -> int:
 
 
 def widely(own: Search, seed: int = 0) -> None:
-    """Search around the best point of a search, over the first frames, more, and all of them, and where that comes to
-    a minimum before the work is done, around the best point anew. Raises Stop.
-    """
-    work = Work(own)
+    """Search far around the start of a search, and around its best point. Raises Stop."""
+    wide, random = Wide(own), np.random.default_rng(seed)
+    objective = own.objective.until(own.objective.steps + 1, max(TOLERANCE, own.objective.tolerance))
+    own.enter("evolution")
     with ThreadPoolExecutor(threads()) as pool:
-        while not work.is_over(NEARLY * WORK):
-            one_round(own, work, pool, seed)
-            seed += 1
-
-
-def one_round(own: Search, work: Work, pool: ThreadPoolExecutor, seed: int) -> None:
-    """The stages, with the work that is left. Raises Stop."""
-    wide, whole, begun = Wide(own), own.objective, work.done
-    free = np.full(len(wide.widths), np.inf)
-    evolution = Evolution(wide.x(own.best.p), wide.widths, (-free, free), DRAWN, seed)
-    for frames, share, narrow in STAGES:
-        part = whole.until(int(frames * whole.steps) + 1, max(TOLERANCE, whole.tolerance))
-        own.enter("evolution", part)
-        costs = Costs(wide, part, pool, work)
-        best, _ = minimise(costs, evolution, partial(work.is_over, begun + share * (WORK - begun)), narrow)
-        for x in (best, evolution.mean):
+        costs = Costs(wide, objective, pool)
+        known, starts = wide.x(own.best.p), distinct(wide, costs, wide.far(wide.x(own.start), random))
+        shares = [CLOSE] + [1.0] * len(starts)
+        going = [
+            begun(wide, x, share, seed + number)
+            for number, (x, share) in enumerate(zip([known, *starts], shares, strict=True))
+        ]
+        for count, share in HALVING:
+            going = sorted(going, key=lambda each: each.least)[:count]
+            for each in going:
+                goal = min(costs.work + share * WORK, WORK)
+                minimise(costs, each, partial(costs.is_over, goal))
+    for each in going:
+        for x in (each.best, each.mean):
             own.visit(wide.parameters(x))
 
 
-class Work:
-    """The work that is done, and the evaluations that it counts as: whole motions, and parts of one."""
+def begun(wide: Wide, x: Array, share: float, seed: int) -> Evolution:
+    """An evolution strategy around coordinates (Q,), with this share of the usual standard deviations."""
+    free = np.full(len(x), np.inf)
+    return Evolution(x, wide.around(x, share), (-free, free), DRAWN, seed)
 
-    def __init__(self, own: Search) -> None:
-        self.own, self.done, self.motions = own, 0, 0.0
 
-    def add(self, race: Raced) -> None:
-        """Count that of a race. Raises Stop when the budget of the search is used up."""
-        self.done += race.work
-        self.motions += race.steps / max(sum(run.steps for run in self.own.objective.runs), 1)
-        while self.motions >= 1.0:
-            self.motions -= 1.0
-            self.own.count()
-
-    def is_over(self, until: float) -> bool:
-        """Whether so much is done, or hardly an evaluation is left to what comes after."""
-        budget = self.own.budget
-        return self.done >= until or len(budget.history) + DRAWN + LEFT > budget.limit
+def distinct(wide: Wide, costs: Costs, points: Array) -> list[Array]:
+    """The cheapest of points (k, Q) that differ, one for each evolution strategy but that around the best known. Raises
+    Stop.
+    """
+    known = np.zeros(0)
+    for first in range(0, len(points), AT_ONCE):
+        limit = np.partition(known, KNOWN - 1)[KNOWN - 1] if len(known) >= KNOWN else np.inf
+        known = np.append(known, costs(points[first : first + AT_ONCE], KNOWN, float(limit)))
+    order = np.argsort(known, kind="stable")[:KNOWN]
+    unit, found = wide.around(np.zeros(points.shape[1])), list[Array]()
+    for x in points[order]:
+        if all(float(np.linalg.norm((x - other) / unit)) > APART for other in found):
+            found.append(x)
+    return found[: HALVING[0][0] - 1]
 
 
 class Costs:
-    """The costs of points over the frames of an objective."""
+    """The costs of points, and what they took."""
 
-    def __init__(self, wide: Wide, part: Objective, pool: ThreadPoolExecutor, work: Work) -> None:
-        self.wide, self.part, self.pool, self.work = wide, part, pool, work
+    def __init__(self, wide: Wide, objective: Objective, pool: ThreadPoolExecutor) -> None:
+        self.wide, self.objective, self.pool = wide, objective, pool
+        self.work, self.motions = 0, 0.0  # motions that do not count as an evaluation yet
 
     def __call__(self, points: Array, enough: int, limit: float) -> Array:
         """The costs (k,) of points (k, Q) as `evolution.Costs` says. Raises Stop."""
-        found = race(self.part, [self.wide.parameters(x) for x in points], enough, limit, self.pool.map)
-        self.work.add(found)
+        found = race(self.objective, [self.wide.parameters(x) for x in points], enough, limit, self.pool.map)
+        self.work += found.work
+        self.motions += found.steps / max(sum(run.steps for run in self.objective.runs), 1)
+        while self.motions >= MOTIONS:
+            self.motions -= MOTIONS
+            self.wide.search.count()
         return found.costs
+
+    def is_over(self, until: float) -> bool:
+        """Whether so much work is done, or hardly an evaluation is left to what comes after."""
+        budget = self.wide.search.budget
+        return self.work >= until or len(budget.history) + DRAWN + LEFT > budget.limit
