@@ -143,6 +143,8 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
     method = in_a_round if rough else to_the_minimum if coarsest else beyond_steps
     carried(search, part_of(search, model, search.best.p), method)
     if not rough and coarsest and is_astray(search):
+        for start in starts:
+            carried(search, part_of(search, model, start), to_the_minimum)  # windows may lead farther off than none
         by_nudging(search, model)
     if not rough and turning_pays(search):
         part = part_of(search, model, search.best.p, turned=True)
@@ -174,14 +176,13 @@ def by_wide_search(search: Search, model: str) -> None:
     """Search widely by a model of few values where motions in wind end far from their target; what that takes does not
     count as time of the fit, nor what little time the descent from there needs. Raises Stop.
     """
-    part = part_of(search, model, search.origin)
-    scene = part.objective.scene
-    windy = any(cloth.feels_air for cloth in scene.cloths) and bool(scene.wind.any() or scene.wind_keys)
+    part, best = part_of(search, model, search.origin), with_parameters(search.objective.scene, search.best.p)
+    windy = any(cloth.feels_air for cloth in best.cloths) and bool(best.wind.any() or best.wind_keys)
     if not (windy and is_astray(search) and part.fitted.sum() <= FEW_VALUES and is_quick(search)):
         return
     before, began = search.best.cost, search.progress.computing
     part.longest = np.inf
-    known = signals.values(with_parameters(search.objective.scene, search.best.p), flags=scene)
+    known = signals.values(best, flags=part.objective.scene)
 
     def method(own: Search) -> None:
         own.visit(known)

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+from functools import partial
 
 import numba
 import numpy as np
@@ -23,9 +24,9 @@ from clothfit.scene.fit_vector import parameters
 
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
-def unlimited():
-    """A patience that is never over."""
-    return Patience(np.inf)
+def unlimited(clock=lambda: 0.0):
+    """A patience that is never over; no time passes by its clock, so that only evaluations end a round."""
+    return Patience(clock, np.inf)
 
 
 class Bowl:
@@ -60,16 +61,9 @@ def bowl(condition=1e8, count=12, **options):
     return Bowl(0.5 * (Q + Q.T), rng.uniform(-1, 1, count), **options)
 
 
-@pytest.fixture
-def _still_clock(monkeypatch):
-    """No computing counts, so that only evaluations end a round."""
-    monkeypatch.setattr(preconditioned, "computing", lambda: 0.0)
-
-
 # --- a round on a quadratic cost
 
 
-@pytest.mark.usefixtures("_still_clock")
 def test_a_round_in_the_metric_of_a_quadratic_cost_ends_at_its_minimum():
     search = bowl()
     # the cost is |u − u*|² / 2 there: a step along its gradient ends at u*, once its length is known
@@ -80,7 +74,6 @@ def test_a_round_in_the_metric_of_a_quadratic_cost_ends_at_its_minimum():
     assert search.cost == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.usefixtures("_still_clock")
 def test_the_first_step_of_a_round_is_as_long_as_the_metric_says():
     search = bowl()
     far = search.cost - 1.0
@@ -90,7 +83,6 @@ def test_the_first_step_of_a_round_is_as_long_as_the_metric_says():
     assert search.cost - 1.0 < 1e-10 * far  # rounding, by sqrt(condition) of 1e8
 
 
-@pytest.mark.usefixtures("_still_clock")
 def test_without_its_metric_a_round_comes_less_far():
     near, far = bowl(), bowl()
     descend(near, np.linalg.cholesky(near.Q), unlimited(), SHORT_ROUND)
@@ -98,7 +90,6 @@ def test_without_its_metric_a_round_comes_less_far():
     assert near.cost - 1.0 < 1e-6 * (far.cost - 1.0)
 
 
-@pytest.mark.usefixtures("_still_clock")
 def test_a_metric_that_is_only_near_the_curvature_needs_a_few_evaluations_more():
     search = bowl()
     rng = np.random.default_rng(5)
@@ -110,7 +101,6 @@ def test_a_metric_that_is_only_near_the_curvature_needs_a_few_evaluations_more()
     np.testing.assert_allclose(search.y, search.lowest, atol=1e-6)
 
 
-@pytest.mark.usefixtures("_still_clock")
 @pytest.mark.parametrize("in_metric", [True, False])
 def test_no_round_leaves_the_bounds_or_ends_above_its_start(in_metric):
     search = bowl(condition=1e3, size=0.5)  # the minimum lies outside
@@ -120,7 +110,6 @@ def test_no_round_leaves_the_bounds_or_ends_above_its_start(in_metric):
     assert search.cost < before
 
 
-@pytest.mark.usefixtures("_still_clock")
 @pytest.mark.parametrize("most", [1, 3, SHORT_ROUND])
 def test_a_round_has_so_many_evaluations_at_most(most):
     search = bowl()
@@ -131,29 +120,25 @@ def test_a_round_has_so_many_evaluations_at_most(most):
 # --- what ends a round, and a descent
 
 
-def clock(monkeypatch, seconds):
+def clock(seconds):
     """A clock that goes on by so many seconds each time it is looked at."""
-    now = itertools.count(0.0, seconds)
-    monkeypatch.setattr(preconditioned, "computing", lambda: next(now))
+    return partial(next, itertools.count(0.0, seconds))
 
 
-def test_a_round_that_saves_little_ends_after_a_number_of_evaluations_and_seconds(monkeypatch):
-    clock(monkeypatch, 1.0)
+def test_a_round_that_saves_little_ends_after_a_number_of_evaluations_and_seconds():
     search = bowl()
     search.cost = 0.5  # nothing that is found is better
-    descend(search, None, unlimited())
+    descend(search, None, unlimited(clock(1.0)))
     assert search.evaluations == preconditioned.SLOW_EVALUATIONS
-    clock(monkeypatch, 1e-9)
     search = bowl()
     search.cost = 0.5
-    descend(search, None, unlimited())
+    descend(search, None, unlimited(clock(1e-9)))
     assert search.evaluations == ROUND  # in no time
 
 
-def test_a_round_that_saves_much_is_no_slow_one(monkeypatch):
-    clock(monkeypatch, 1.0)
+def test_a_round_that_saves_much_is_no_slow_one():
     search = bowl(condition=1e3)
-    descend(search, None, unlimited(), 25)
+    descend(search, None, unlimited(clock(1.0)), 25)
     assert search.evaluations > preconditioned.SLOW_EVALUATIONS
 
 
@@ -165,16 +150,14 @@ def test_a_search_that_is_late_has_no_round():
 
 
 @pytest.mark.parametrize(("saving", "over"), [(0.001, True), (0.02, False)])
-def test_patience_is_over_where_seconds_save_less_than_a_fraction(monkeypatch, saving, over):
-    clock(monkeypatch, 1.0)
-    patience = Patience(seconds=5.0, saving=0.01)
+def test_patience_is_over_where_seconds_save_less_than_a_fraction(saving, over):
+    patience = Patience(clock(1.0), 5.0, 0.01)
     costs = [1.0, *((1.0 - saving) ** (k / 5.0) for k in range(1, 12))]
     assert [patience.is_over(cost) for cost in costs] == [False] * 5 + [over] * 7
 
 
-def test_patience_does_not_count_other_seconds(monkeypatch):
-    clock(monkeypatch, 1.0)
-    patience = Patience(seconds=5.0)
+def test_patience_does_not_count_other_seconds():
+    patience = Patience(clock(1.0), 5.0)
     found = []
     for _ in range(20):
         found.append(patience.is_over(1.0))
