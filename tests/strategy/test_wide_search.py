@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers.scenes import even, load_text
 
+from clothfit.base import interrupts
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
@@ -108,3 +109,19 @@ def test_a_fit_in_wind_does_not_depend_on_how_fast_the_machine_is(windy, monkeyp
         found.append((parameters(fit.scene).tolist(), fit.evaluations))
     assert len(widely_searched) == 2
     assert found[0] == found[1]
+
+
+def test_a_deadline_ends_it_in_both_threads(windy):
+    objective, truth = windy
+    search = searched(objective, truth)
+    with pytest.raises(interrupts.OutOfTime), interrupts.limited(0.0):
+        widely(search)
+
+
+def test_a_budget_of_evaluations_ends_it(windy):
+    objective, truth = windy
+    search = Search(objective, 3.0 * truth, -1.0, 200)
+    search.visit(search.start)
+    widely(search)
+    # the scan of 200 points is not cut; what comes after it keeps 100 evaluations
+    assert 50 < len(search.budget.history) <= 110
