@@ -34,7 +34,7 @@ from clothfit.scene.cloth import Cloth
 DRAWN = 10
 """Points that an evolution strategy draws at a time."""
 
-WORK, FEWEST = 2_000_000_000, 300
+WORK, FEWEST = 2_000_000_000, 150
 """Work (`rollout.work_of`) at most, some 20 s of two threads, and the motions for which it must be enough."""
 
 TOLERANCE = 1e-5
@@ -66,8 +66,8 @@ HALVING = ((4, 0.1), (2, 0.12), (1, 1.0))
 LEFT = 100
 """Evaluations that are left to what comes after."""
 
-MOTIONS = 2.0
-"""Whole motions that count as an evaluation, of a cost and its gradient."""
+MOTIONS = 5.0
+"""Whole motions that count as an evaluation: a step of Gauss–Newton simulates as many for few values."""
 
 POSITIVE = ("damping", "drag")
 """Kinds that are not moved by their logarithm elsewhere, as they may be 0."""
@@ -149,7 +149,12 @@ def areas(cloth: Cloth) -> Array:
 
 def is_quick(own: Search) -> bool:
     """Whether the work is enough for a wide search around the best point."""
-    return FEWEST * race(own.objective, [own.best.p], 1).work <= WORK
+    return FEWEST * race(loosened(own.objective), [own.best.p], 1).work <= WORK
+
+
+def loosened(objective: Objective) -> Objective:
+    """The objective as points are compared by it."""
+    return objective.until(objective.steps + 1, max(TOLERANCE, objective.tolerance))
 
 
 def threads() -> int:
@@ -160,10 +165,9 @@ def threads() -> int:
 def widely(own: Search, seed: int = 0) -> None:
     """Search far around the start of a search, and around its best point. Raises Stop."""
     wide, random = Wide(own), np.random.default_rng(seed)
-    objective = own.objective.until(own.objective.steps + 1, max(TOLERANCE, own.objective.tolerance))
     own.enter("evolution")
     with ThreadPoolExecutor(threads()) as pool:
-        costs = Costs(wide, objective, pool)
+        costs = Costs(wide, loosened(own.objective), pool)
         known, starts = wide.x(own.best.p), distinct(wide, costs, wide.far(wide.x(own.start), random))
         shares = [CLOSE] + [1.0] * len(starts)
         going = [
