@@ -29,7 +29,7 @@ from clothfit.scene.scene import Scene
 from clothfit.strategy import gravity_direction, nudging, pulls, signals
 from clothfit.strategy.few_values import FEW_VALUES, beyond_steps, in_a_round, settled, to_the_minimum
 from clothfit.strategy.first_windows import through_windows, touches
-from clothfit.strategy.wide_search import is_quick, widely
+from clothfit.strategy.wide_search import is_quick, widely, work_left
 
 STARTED = 2.0
 """Times what the windows from one start took, that must be left for those from the next one."""
@@ -186,7 +186,7 @@ def by_wide_search(search: Search, model: str) -> None:
 
     def method(own: Search) -> None:
         own.visit(known)
-        widely(own)
+        widely(own, work=work_left(began) if np.isfinite(search.longest) else np.inf)
 
     carried(search, part, method)
     search.longest = max(search.longest, began) + search.progress.computing - began + AFTERWARDS

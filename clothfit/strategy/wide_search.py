@@ -24,6 +24,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.kernels.clock import RATE
 from clothfit.kernels.parallel import processors
 from clothfit.objective.objective import Objective
 from clothfit.objective.race import TOGETHER, race
@@ -36,6 +37,9 @@ DRAWN = 10
 
 WORK, FEWEST = 2_000_000_000, 150
 """Work (`rollout.work_of`) at most, some 20 s of two threads, and the motions for which it must be enough."""
+
+OVER_BY, LEAST_WORK = 50.0, 500_000_000
+"""Seconds after which a fit is to be over, with two threads in its wide search, and the work that it has even so."""
 
 TOLERANCE = 1e-5
 """Of the linear systems of points that are compared; those that are kept are looked at with the fit's own."""
@@ -162,8 +166,14 @@ def threads() -> int:
     return min(processors(), TOGETHER)
 
 
-def widely(own: Search, seed: int = 0) -> None:
-    """Search far around the start of a search, and around its best point. Raises Stop."""
+def work_left(seconds: float) -> float:
+    """The work of a wide search after so many seconds of a fit (`kernels.clock`)."""
+    return float(np.clip((OVER_BY - seconds) * TOGETHER * RATE, LEAST_WORK, WORK))
+
+
+def widely(own: Search, seed: int = 0, work: float = np.inf) -> None:
+    """Search far around the start of a search, and around its best point, with some work at most. Raises Stop."""
+    work = min(work, WORK)
     wide, random = Wide(own), np.random.default_rng(seed)
     own.enter("evolution")
     with ThreadPoolExecutor(threads()) as pool:
@@ -177,7 +187,7 @@ def widely(own: Search, seed: int = 0) -> None:
         for count, share in HALVING:
             going = sorted(going, key=lambda each: each.least)[:count]
             for each in going:
-                goal = min(costs.work + share * WORK, WORK)
+                goal = min(costs.work + share * work, work)
                 minimise(costs, each, partial(costs.is_over, goal))
     for each in going:
         for x in (each.best, each.mean):

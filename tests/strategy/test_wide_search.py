@@ -100,7 +100,7 @@ def test_a_fit_in_wind_does_not_depend_on_how_fast_the_machine_is(windy, monkeyp
     monkeypatch.setattr(wide_search, "WORK", wide_search.WORK // 100)
     widely_searched, found, start = [], [], 3.0 * truth
     start[blocks(objective)["wind"]] = 0.0
-    monkeypatch.setattr(ladder, "widely", lambda own: widely_searched.append(own) or widely(own))
+    monkeypatch.setattr(ladder, "widely", lambda own, **work: widely_searched.append(own) or widely(own, **work))
     for seed in range(2):
         clock, draw = time.process_time, random.Random(seed)
         monkeypatch.setattr(time, "process_time", lambda clock=clock, draw=draw: clock() * 20.0 * draw.random())
