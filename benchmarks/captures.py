@@ -2,7 +2,7 @@
 
 `spoiled`: six sheets as some of their vertices show them, with 1 mm of noise; fitted as they are, and fitted with
 `fit_time` and `fit_placement` where the camera is 15 ms late or early, everything is turned by 3° and moved by 3 cm,
-and two pairs of markers are swapped. `few`: 20 of the 144 vertices of a sheet, from starts that are far too soft and far
+and two pairs of markers are swapped. `few`: 20 of the 144 vertices of a sheet, from starts that are far too soft and
 too stiff. Errors are over all vertices, also those that no marker shows.
 """
 

@@ -24,9 +24,9 @@ from clothfit.engine.solve import guess, linear
 from clothfit.engine.step import bdf2, implicit, transition
 from clothfit.engine.system import BDF2, System, zeros
 from clothfit.engine.tape import Tape
-from clothfit.kernels.clock import counted
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, copy, hold_fixed
+from clothfit.kernels.work import counted
 
 TrajectoryMemory: TypeAlias = Rollout | Tape
 """A finished motion: all of it in memory, or a tape that computes it again chunk by chunk."""

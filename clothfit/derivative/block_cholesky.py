@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base import lapack
 from clothfit.base.arrays import Array
+from clothfit.kernels import lapack
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array

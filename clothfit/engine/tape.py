@@ -25,7 +25,7 @@ from clothfit.engine.snapshots import Plan
 from clothfit.engine.solve.guess import Past
 from clothfit.engine.step import implicit
 from clothfit.engine.system import BDF2, System
-from clothfit.kernels.clock import counted
+from clothfit.kernels.work import counted
 
 SHORTEST_PART = 16
 """Steps of a part, at least, of a motion that only goes forwards."""

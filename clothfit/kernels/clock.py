@@ -9,7 +9,6 @@ machine does then; fits of few values do little else than simulate, and go by th
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 
@@ -17,27 +16,13 @@ from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
 from clothfit.base import interrupts
+from clothfit.kernels.work import counted
 
 RATE = 5e7
 """Units of work in a nominal second."""
 
 FEW = 16
 """Values up to which a fit goes by nominal seconds."""
-
-
-class Counted:
-    """The work that all threads have counted."""
-
-    def __init__(self) -> None:
-        self.work, self.lock = 0, threading.Lock()
-
-    def add(self, work: int) -> None:
-        """Count some work; whole numbers have the same sum in any order."""
-        with self.lock:
-            self.work += work
-
-
-counted = Counted()
 
 
 class Compilation(event.Listener):

@@ -2,7 +2,7 @@
 
 Each part is computed in one order whoever computes it, and the results are handed back in the order of the parts: they
 are the same to the last bit with one thread or two. It pays where compiled code lets the interpreter's lock go
-(`kernel(nogil=True)`, `base.lapack`, NumPy's products).
+(`kernel(nogil=True)`, `kernels.lapack`, NumPy's products).
 
 There is one thread alone where there is one processor, where NUMBA_NUM_THREADS or OMP_NUM_THREADS is 1, and within a
 part.

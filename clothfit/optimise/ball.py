@@ -14,10 +14,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from clothfit.base import lapack
 from clothfit.base.arrays import Array
 from clothfit.base.eigen import eigen
 from clothfit.base.graph import independent
+from clothfit.kernels import lapack
 from clothfit.kernels.parallel import together
 
 T = TypeVar("T")

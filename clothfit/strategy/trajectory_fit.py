@@ -161,6 +161,7 @@ class Route(NamedTuple):
     y: Array  # (Q,)
     prior: Prior
     learned: bool = False  # whether its widths were learned from all frames
+    differs: bool = False  # whether more than noise was left where it was left
 
 
 def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched: bool = False) -> Status:
@@ -178,7 +179,7 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
         if astray is not None:
             last, may_turn = [parts[-1]], False
             found = pulled(search, descent.prior) if not watched or may_explain(search, None) else None
-            if watched and found is None:
+            if watched and found is None and astray.differs:
                 raise ModelDiffers
             routes = [Route(last, y, prior, learned=True) for y, prior in found or []]
             routes += [astray] if astray.stages else []
@@ -219,7 +220,7 @@ def along(
         other = watched and not whole and has_model(part) and differs(stage, search.parameters(found), status, late)
         best.forget()
         if may_turn and (other or not better or (whole and not is_near(search) and not is_explained(search))):
-            return status, y, Route(list(route.stages[number + 1 :]), y, prior)
+            return status, y, Route(list(route.stages[number + 1 :]), y, prior, differs=other or whole)
         if other:
             raise ModelDiffers
     best.attribute(prior if np.allclose(search.y, y, rtol=SAME_POINT) else best.prior)

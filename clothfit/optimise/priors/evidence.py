@@ -24,10 +24,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base import lapack
 from clothfit.base.arrays import Array
 from clothfit.base.eigen import pseudo_inverse
 from clothfit.base.graph import independent
+from clothfit.kernels import lapack
 from clothfit.kernels.parallel import together
 
 ENOUGH = 0.02

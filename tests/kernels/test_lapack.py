@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from clothfit.base import lapack
+from clothfit.kernels import lapack
 
 ROUNDING = 1e-12
 """Relative; the matrices' conditions are below 100."""
