@@ -73,7 +73,7 @@ def test_the_cache_depends_on_every_file_that_kernels_use():
     fit = ["scene/kinds", "scene/block", "scene/fit_vector", "derivative/columns", "objective/objective"]
     fit += ["derivative/block_cholesky", "engine/inputs/body_files", "motion/world"]
     fit += ["engine/inputs/splines", "scene/cloth", "scene/over_time/keys", "subspace/physics/reduced"]
-    base = ["base/errors", "base/memory", "base/interrupts", "kernels/clock"]
+    base = ["base/errors", "base/memory", "base/interrupts", "kernels/work"]
     motion = ["motion/motion", "motion/simulate", "motion/times"]
     names = [*base, "scene/scene", *motion, "engine/tape", *fit, "optimise/bounded"]
     python_only = {kernel_cache.PACKAGE / f"{name}.py" for name in names}
