@@ -51,8 +51,10 @@ TOLERANCE = 1e-7
 SLOW, ROUGH = 1e-4, 1e-3
 """Saving relative to the cost that ends a fit; and one of a part."""
 
-LATE = 0.01
-"""Saving relative to the cost that ends a fit which is late, where it leaves more than noise."""
+LATE, SPAN = 0.01, 5.0
+"""Saving relative to the cost in so many seconds of computing, below which a fit ends that is late and leaves more than
+noise.
+"""
 
 WIDER = 2.0
 """Factor by which a width changes at most from one step to the next, and the radius."""
@@ -76,7 +78,7 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
     determined = 0.5 * part.size
     tolerance = max(TOLERANCE, part.objective.tolerance)
     for _ in range(ITERATIONS if whole else ROUGH_ITERATIONS):
-        sigma2 = variance(cost, part.residuals(), determined)
+        sigma2, began = variance(cost, part.residuals(), determined), part.search.progress.computing
         part.believe(prior, sigma2)
         part.search.count()
         try:
@@ -103,7 +105,8 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         else:
             return y, prior, Status.STALLED
         radius = WIDER * radius if saved > GOOD * predicted else radius / WIDER if saved < POOR * predicted else radius
-        slow = found > (1.0 - LATE) * cost and part.search.is_late
+        spans = (part.search.progress.computing - began) / SPAN
+        slow = part.search.is_late and cost - found < LATE * spans * cost
         y, cost = new, found
         if prior.learns:
             prior = prior.rescaled(y - prior.centre, list(sampling.samples.T), 1.0 / WIDER, WIDER)
