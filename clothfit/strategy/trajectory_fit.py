@@ -214,7 +214,8 @@ def along(
         better = whole or is_better(search, found, y, route.stages[number + 1].objective)
         if better:
             y, prior = found, learned
-        if not whole and stage.objective.steps == search.objective.steps and is_far(search):
+        late_there = search.is_late and status == Status.STALLED and not has_model(part)
+        if not whole and stage.objective.steps == search.objective.steps and (late_there or is_far(search)):
             break
         late = len(route.stages) < 2 or stage is route.stages[-2]
         other = watched and not whole and has_model(part) and differs(stage, search.parameters(found), status, late)
