@@ -365,12 +365,13 @@ class Objective:
 
     def add_pullback(
         self, run: Run, p: Array, system: System, memory: TrajectoryMemory, by_position: Array | CostDerivative,
-        gradient: Array,
+        gradient: Array, tolerance: float | None = None,
     ) -> None:  # fmt: skip
         """Add to `gradient` (P,) that of a cost with ∂G/∂x = by_position (T + 1, n, 3), along the finished motion of p
-        (P,).
+        (P,), its linear systems solved to a `tolerance`, relative; None: that of the motion.
         """
-        grad = adjoint.gradient(system, memory, by_position, self.tolerance, extra_kinds(self.scene, run.cloth))
+        solved = self.tolerance if tolerance is None else tolerance
+        grad = adjoint.gradient(system, memory, by_position, solved, extra_kinds(self.scene, run.cloth))
         for block in self.blocks:
             if block.cloth in (run.cloth, None):
                 gradient[block.part] += block.reduce(getattr(grad, block.name), p)

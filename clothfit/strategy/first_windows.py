@@ -17,7 +17,7 @@ from clothfit.optimise.gauss_newton import Patience
 from clothfit.optimise.priors.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
+from clothfit.strategy.trajectory_fit import FIRST_WINDOW, Enough, is_long, loosened, window_lengths
 
 FIRST_STEPS, LATER_STEPS = 8, 4
 """Steps of Gauss–Newton in the first window and in each later one, which goes on from near its minimum; half as many of
@@ -37,10 +37,6 @@ RADII, POLLS, PAYS, CLOSE = (1.0, 0.3, 0.1), 3, 0.01, 2e-4
 """r of the points around the end of a window that are polled there, how often, the share of the cost that one must save
 for more steps from it, and the error relative to how far the target moves below which nothing bars the way.
 """
-
-
-class Enough(Exception):
-    """Ends Gauss–Newton after some steps."""
 
 
 def through_windows(own: Search, windows: slice = slice(None)) -> Array:

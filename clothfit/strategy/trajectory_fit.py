@@ -97,8 +97,8 @@ class Stage(NamedTuple):
     patience: Patience
 
 
-class TooLong(Exception):
-    """Ends a look."""
+class Enough(Exception):
+    """Ends Gauss–Newton after some steps."""
 
 
 class ModelDiffers(Exception):
@@ -328,11 +328,11 @@ def may_explain(search: Search, tau: float | None) -> bool:
     def accepted(prior: Prior, model: Model, radius: float) -> None:
         part.passed(prior, model, radius)
         if search.progress.computing - began > LOOK_SECONDS:
-            raise TooLong
+            raise Enough
 
     try:
         model, _, _ = minimise(problem, y, part.prior(y, tau), accepted, WINDOW_ITERATIONS)
-    except TooLong:
+    except Enough:
         return False
     test = residual_test(part.objective, search.parameters(model.y))
     return test is not None and test.is_noise

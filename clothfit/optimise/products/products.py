@@ -6,6 +6,7 @@ simulated once; its states are kept as far as memory allows.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from clothfit.engine.tape import Tape
 from clothfit.objective.run import Run, shown
 from clothfit.objective.running_cost import KeptStates
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.scene.fit_vector import changes, extra_kinds
+from clothfit.scene.fit_vector import changes
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -52,28 +53,26 @@ class Products:
         by_position = run.comparison.jacobian_of(at.states)
         return Simulated(run, system, tape, by_position, run.comparison.residual_of(at.states))
 
-    def forward(self, z: Array) -> Array:
-        """J z (N,)."""
+    def _tangents(self, z: Array) -> Iterator[tuple[Simulated, Array]]:
+        """Each run, and the change of its motion (T + 1, n, 3) along z (Q,)."""
         direction = np.zeros(len(self.p))
         direction[self.part.fitted] = z
         direction *= self.factor
-        found = []
-        for run, system, memory, B, _ in self.runs:
-            along = changes(run.scene, run.cloth, self.p, direction)
-            found.append(B @ adjoint.tangent(system, memory, along, self.tolerance).reshape(-1))
-        return np.concatenate(found)
+        for each in self.runs:
+            along = changes(each.run.scene, each.run.cloth, self.p, direction)
+            yield each, adjoint.tangent(each.system, each.memory, along, self.tolerance)
+
+    def forward(self, z: Array) -> Array:
+        """J z (N,)."""
+        return np.concatenate([each.by_position @ change.reshape(-1) for each, change in self._tangents(z)])
 
     def growth(self, z: Array) -> float:
         """How much the change of a motion along z (Q,) grows at most, from a quarter of its steps to where it is
         largest.
         """
-        direction = np.zeros(len(self.p))
-        direction[self.part.fitted] = z
-        direction *= self.factor
         found = 1.0
-        for run, system, memory, _, _ in self.runs:
-            along = changes(run.scene, run.cloth, self.p, direction)
-            sizes = np.linalg.norm(adjoint.tangent(system, memory, along, self.tolerance)[1:], axis=(1, 2))
+        for _, change in self._tangents(z):
+            sizes = np.linalg.norm(change[1:], axis=(1, 2))
             first = float(sizes[len(sizes) // 4]) if len(sizes) else 0.0
             found = max(found, float(sizes.max()) / first) if first > 0 else found
         return found
@@ -84,9 +83,5 @@ class Products:
         for run, system, memory, B, _ in self.runs:
             weight = (B.T @ w[start : start + B.shape[0]]).reshape(-1, *system.x0.shape)
             start += B.shape[0]
-            kinds = extra_kinds(self.part.objective.scene, run.cloth)
-            grad = adjoint.gradient(system, memory, weight, self.tolerance, kinds)
-            for block in self.part.objective.blocks:
-                if block.cloth in (run.cloth, None):
-                    gradient[block.part] += block.reduce(getattr(grad, block.name), self.p)
+            self.part.objective.add_pullback(run, self.p, system, memory, weight, gradient, self.tolerance)
         return (gradient * self.factor)[self.part.fitted]
