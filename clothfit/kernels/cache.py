@@ -6,8 +6,8 @@ modules are imported; it notices a change in the file of a compiled function, bu
 calls; and before it loads anything it imports all that numba needs to compile (SciPy included), which takes longer
 than all else that a command does at its start. So here:
 
-- a folder belongs to one state of all sources that are compiled: after an upgrade or an edit it is another one;
-- a file's name says what is in it: function, types, processor, versions. There is no index;
+- a file's name says what is in it: function, what its code depends on (`dependencies`), types, processor, versions.
+  There is no index: after an edit the code has another name, and what has been replaced for days goes;
 - files appear whole or not at all, and carry a checksum: what is damaged counts as absent, and is written anew;
 - folders are made when there is something to write, never when a module is imported;
 - where nothing can be written the program still runs, and warns once.
@@ -19,7 +19,6 @@ when it is loaded, so only `trusted` folders are used.
 
 from __future__ import annotations
 
-import fnmatch
 import hashlib
 import os
 import pickle
@@ -40,35 +39,23 @@ from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 from clothfit.kernels import once
+from clothfit.kernels.dependencies import digest, types_text
 from clothfit.kernels.trusted import Untrusted, made, opened
 
 PACKAGE = Path(__file__).resolve().parents[1]
 PREFIX = "kernels-"
 FILE_MARK = b"clothfit kernel 1\n"  # what a file begins with; then the SHA-256 of the rest
 DAY = 24 * 3600.0  # s
-# files with types and constants that kernels use, but no kernel
-TYPE_FILES = (
-    "base/arrays.py", "base/limits.py", "engine/system.py", "engine/rollout.py", "derivative/stencil.py",
-)  # fmt: skip
-GRADIENT = "derivative.adjoint.sweep_back-*"  # files of the cache that any fit by gradients leaves
+VERSIONS = f"2 {numba.__version__} {sys.version}"  # of the files' form, of numba, of Python
 config: Any = numba.config  # numba has no types
-
-
-def sources() -> list[Path]:
-    """The files that compiled code depends on: those with kernels, and the constants and types kernels use."""
-    types = {PACKAGE / name for name in TYPE_FILES}
-    files = [path for path in sorted(PACKAGE.rglob("*.py")) if "cli" not in path.relative_to(PACKAGE).parts]
-    return [path for path in files if path in types or b"kernel" in path.read_bytes()]
 
 
 @cache
 def folders() -> tuple[Path, ...]:
-    """The folders for the compiled code of these sources, in the order in which they are tried; they may not exist."""
-    digest = hashlib.sha256()
-    for path in sources():
-        digest.update(path.read_bytes())
+    """The folders for the code of these versions, in the order in which they are tried; they may not exist."""
     first = Path(config.CACHE_DIR) if config.CACHE_DIR else PACKAGE / "__pycache__"
-    return tuple(base / f"{PREFIX}{digest.hexdigest()[:16]}" for base in (first, *_own_bases()))
+    versions = hashlib.sha256(VERSIONS.encode()).hexdigest()[:16]
+    return tuple(base / f"{PREFIX}{versions}" for base in (first, *_own_bases()))
 
 
 def _own_bases() -> list[Path]:
@@ -81,10 +68,23 @@ def _own_bases() -> list[Path]:
     return []
 
 
+def of_package() -> str:
+    """A digest of all files of the package."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(PACKAGE.rglob("*.py")))).hexdigest()
+
+
 def file_name(name: str, *key: object) -> str:
-    """The name of a file for one key and these versions."""
-    digest = hashlib.sha256(repr((name, key, numba.__version__, sys.version)).encode())
-    return f"{name}-{digest.hexdigest()[:24]}"
+    """The name of a file for one key."""
+    return f"{name}-{hashlib.sha256(repr((name, key)).encode()).hexdigest()[:24]}"
+
+
+def stem(function: Callable[..., object]) -> str:
+    """How the names of all files begin that have the code of a function as it is now."""
+    return f"{_named(function)}-{digest(function)}"
+
+
+def _named(function: Callable[..., object]) -> str:
+    return f"{function.__module__.removeprefix('clothfit.')}.{function.__code__.co_name}"
 
 
 def load(name: str) -> tuple[Path, bytes] | None:
@@ -100,7 +100,8 @@ def load(name: str) -> tuple[Path, bytes] | None:
 
 
 def save(name: str, content: bytes) -> Path:
-    """Keep `content` under a name, in the first folder where that is possible; returns the folder.
+    """Keep `content` under a name, in the first folder where that is possible; returns the folder. Files that it
+    replaces, whose names have the same first part, go when they are old.
 
     Warns where others can write to NUMBA_CACHE_DIR, which is then left. Raises the OSError of the first folder where
     no folder can be written.
@@ -112,6 +113,8 @@ def save(name: str, content: bytes) -> Path:
         try:
             with made(path, shared, PREFIX, kept) as folder:
                 folder.write(name, FILE_MARK + hashlib.sha256(content).digest() + content)
+                if kept is not None and name.count("-") > 1:
+                    folder.remove_old(name.split("-")[0] + "-", kept, name.rsplit("-", 1)[0])
         except OSError as error:
             faults.append(error)
             continue
@@ -221,14 +224,14 @@ class KernelCache(FunctionCache):
 
     def _file(self, key: object) -> str:
         """The file's name for a function's signature, bytecode and processor."""
-        code = self._py_func.__code__
-        name = f"{self._py_func.__module__.removeprefix('clothfit.')}.{code.co_name}"
-        return file_name(name, code.co_firstlineno, self._variant, key)
+        signature: Any = key[0]  # type: ignore[index]
+        return file_name(stem(self._py_func), self._variant, key, types_text(getattr(signature, "args", signature)))
 
 
-def is_cold() -> bool:
-    """Whether a fit would have to compile first."""
-    return not config.DISABLE_JIT and not any(fnmatch.filter(_names(), GRADIENT))
+def is_kept(function: Callable[..., object]) -> bool:
+    """Whether there is compiled code of a kernel; True as well where nothing is compiled."""
+    own = stem(getattr(function, "py_func", function)) + "-"
+    return bool(config.DISABLE_JIT) or any(name.startswith(own) for name in _names())
 
 
 def _names() -> list[str]:

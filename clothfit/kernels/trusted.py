@@ -64,13 +64,20 @@ class Folder:
         """The names of its files and folders. Raises OSError."""
         return os.listdir(self.path if self.number is None else self.number)
 
-    def remove_old(self, prefix: str, seconds: float) -> None:
-        """Remove folders whose names begin so and that have not changed for so long."""
+    def remove_old(self, prefix: str, seconds: float, but: str | None = None) -> None:
+        """Remove folders and files whose names begin so, but not like `but`, and that have not changed for so long."""
         for name in self.names():
-            with suppress(OSError):  # another process may be faster
-                old = time.time() - os.stat(self.place(name), dir_fd=self.number).st_mtime > seconds
-                if name.startswith(prefix) and old:
-                    shutil.rmtree(self.place(name), ignore_errors=True, dir_fd=self.number)
+            if name.startswith(prefix) and not (but and name.startswith(but)):
+                with suppress(OSError):  # another process may be faster
+                    found = os.stat(self.place(name), dir_fd=self.number)
+                    if time.time() - found.st_mtime > seconds:
+                        self._remove(name, stat.S_ISDIR(found.st_mode))
+
+    def _remove(self, name: str, is_folder: bool) -> None:
+        if is_folder:
+            shutil.rmtree(self.place(name), ignore_errors=True, dir_fd=self.number)
+        else:
+            os.unlink(self.place(name), dir_fd=self.number)
 
     def place(self, name: str) -> str:
         return str(self.path / name) if self.number is None else name

@@ -23,7 +23,8 @@ from typing import Any
 
 from clothfit.base import interrupts
 from clothfit.base.interrupts import REQUESTS
-from clothfit.kernels.cache import is_cold
+from clothfit.derivative import adjoint
+from clothfit.kernels.cache import is_kept
 from clothfit.many.batch import PREPARATION
 from clothfit.many.job import FAULT, NOT_STARTED, Died, Job, Outcome, run
 
@@ -79,6 +80,11 @@ def _watch(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(WATCH)
     os._exit(1)
+
+
+def is_cold() -> bool:
+    """Whether a fit would have to compile first."""
+    return not is_kept(adjoint.sweep_back)
 
 
 def usable_cores() -> int:

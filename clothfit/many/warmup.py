@@ -62,7 +62,7 @@ def warm_up(report: Callable[[Part], None] = lambda part: None, small: bool = Fa
     files; while all of them exist nothing is done.
     """
     processor = cpu_target.target_context.codegen().magic_tuple()
-    record = kernel_cache.file_name("warmup", small, processor)
+    record = kernel_cache.file_name("warmup", small, processor, kernel_cache.of_package())
     recorded = kernel_cache.load(record)
     if recorded is not None and all(kernel_cache.load(name) for name in recorded[1].decode().split()):
         KernelCache.used = recorded[0]

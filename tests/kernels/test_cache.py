@@ -81,15 +81,6 @@ def test_without_a_home_the_user_has_no_folder(monkeypatch):
     assert all(folder.is_absolute() for folder in found)
 
 
-def test_other_sources_have_another_folder(monkeypatch, tmp_path):
-    own = chosen(monkeypatch)[0]
-    (tmp_path / "changed.py").write_text("# kernel\n")
-    monkeypatch.setattr(kernel_cache, "sources", lambda: [tmp_path / "changed.py"])
-    other = chosen(monkeypatch)[0]
-    assert other.name != own.name
-    assert other.parent == own.parent
-
-
 # --- reading and writing
 
 

@@ -1,6 +1,5 @@
 """Compiled code: the same answers whether compiled just now or taken from the cache, and never from old sources."""
 
-import ast
 import hashlib
 import subprocess
 import sys
@@ -12,7 +11,6 @@ from helpers.paths import TESTS
 from helpers.scenes import environment, trial
 
 from clothfit import cost_and_gradient, load, parameters, simulate, with_parameters
-from clothfit.kernels import cache as kernel_cache
 
 pytestmark = pytest.mark.slow  # starts processes
 
@@ -40,19 +38,6 @@ print(module.bits(), end="")
 """
 
 
-def imports(path):
-    """The modules of this package that a file imports when it runs, as paths."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        names = []
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("clothfit"):
-            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        for name in names:
-            file = kernel_cache.PACKAGE.joinpath(*name.split(".")[1:]).with_suffix(".py")
-            found |= {file} if file.is_file() else set()
-    return found
-
-
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_compiled_now_or_cached_the_bits_are_the_same(tmp_path):
     here = bits()  # so that all is compiled
@@ -63,19 +48,3 @@ def test_compiled_now_or_cached_the_bits_are_the_same(tmp_path):
     )
     assert first == second == here
     assert all([*folder.glob(pattern)] for pattern in CALLED)  # compiled by the first
-
-
-def test_the_cache_depends_on_every_file_that_kernels_use():
-    sources = set(kernel_cache.sources())
-    kernels = {path for path in sources if "@kernel" in path.read_text("utf-8")}
-    used = set().union(*map(imports, kernels))
-    # What is not compiled along: what serves the Python side.
-    fit = ["scene/kinds", "scene/block", "scene/fit_vector", "derivative/columns", "objective/objective"]
-    fit += ["derivative/block_cholesky", "engine/inputs/body_files", "motion/world"]
-    fit += ["engine/inputs/splines", "scene/cloth", "scene/over_time/keys", "subspace/physics/reduced"]
-    base = ["base/errors", "base/memory", "base/interrupts", "kernels/work"]
-    motion = ["motion/motion", "motion/simulate", "motion/times"]
-    names = [*base, "scene/scene", *motion, "engine/tape", *fit, "optimise/bounded"]
-    python_only = {kernel_cache.PACKAGE / f"{name}.py" for name in names}
-    assert used - python_only <= sources
-    assert len(kernels) > 10

@@ -12,10 +12,10 @@ from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.keywords import options_of
-from clothfit.kernels.cache import is_cold
 from clothfit.many import warmup
 from clothfit.many.cluster import stop, work
 from clothfit.many.job import NOT_STARTED, File, Job, failed, read, run
+from clothfit.many.processes import is_cold
 from clothfit.motion.motion import save_motion
 from clothfit.scene.scene import dumps, load
 

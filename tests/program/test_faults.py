@@ -15,8 +15,8 @@ from helpers.scenes import environment, even, names, needs_full_disk, write_scen
 import clothfit
 from clothfit.cli.program import run
 from clothfit.fit import estimate as fitting
-from clothfit.kernels.cache import is_cold
 from clothfit.many import warmup
+from clothfit.many.processes import is_cold
 
 pytestmark = pytest.mark.slow  # starts processes
 

@@ -1,7 +1,6 @@
-"""The rules of docs/architecture.md, read from the syntax trees: what may import what, and how large a folder is."""
+"""The rules of docs/architecture.md, read from the syntax trees: what may import what."""
 
 import ast
-from collections import Counter
 from graphlib import TopologicalSorter
 
 import pytest
@@ -20,10 +19,6 @@ FOLDERS = [
 
 ENGINE = ["solve", "forces", "inputs", "system", "step", "march", "rollout", "tape"]
 """The floors of the engine, from the bottom to the top; what is not here imports as it likes within the engine."""
-
-LARGEST = 16
-"""Modules of a folder that is read as one idea; there are as many formats as there are."""
-
 
 def name_of(path):
     """Dotted name of a module below the package; "" is the package itself."""
@@ -92,11 +87,6 @@ def test_every_file_stands_in_a_folder_that_the_list_names():
 def test_the_engine_has_floors(name):
     inside = {below(module, "engine") for module in IMPORTS[name] if module.startswith("engine.")}
     assert upward(below(name, "engine"), inside, ENGINE) == []
-
-
-def test_a_folder_is_small_enough_to_be_read_as_one_idea():
-    counts = Counter(path.parent for path in MODULES.values() if path.name != "__init__.py")
-    assert {folder.name for folder, count in counts.items() if count > LARGEST} <= {"formats"}
 
 
 @pytest.mark.parametrize("path", [path for path in MODULES.values() if path.name == "__init__.py"][1:], ids=name_of)

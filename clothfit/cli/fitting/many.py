@@ -81,8 +81,7 @@ def fit(
 
 def announce_compilation(pool: Any, count: int, console: Console) -> None:
     """Say so when the processes have to compile first."""
-    from clothfit.kernels.cache import is_cold
-    from clothfit.many.processes import Processes
+    from clothfit.many.processes import Processes, is_cold
 
     if isinstance(pool, Processes) and is_cold():
         console.say("compiling for this machine: the first fits do so once, for 20 to 40 seconds …")
