@@ -2,7 +2,7 @@
 
 Each scene (default: examples/side.json and examples/corners.json) is moved without wind, in steps of its delta and in
 halves, quarters and eighths of it, by implicit Euler and by BDF2, and compared at its frames with the motion of h → 0
-(`evaluation.richardson`): error, root mean square over vertices and frames, m; order, from two steps that follow each
+(`evaluation.reference`): error, root mean square over vertices and frames, m; order, from two steps that follow each
 other. Times are those of bare steps on one thread, compiled, the two integrators in turn, medians; the last lines
 compare the exact gradient along a direction with a central difference.
 """
@@ -22,7 +22,7 @@ import clothfit
 from clothfit.base import threads
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.evaluation.richardson import converged
+from clothfit.evaluation.reference import converged
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array

@@ -35,7 +35,8 @@ import numpy as np
 
 from at_random import by_turns, show, total
 from clothfit.base.errors import InvalidScene
-from clothfit.fit.estimate import FIT_TOLERANCE, record_target
+from clothfit.base.limits import FIT_TOLERANCE
+from clothfit.fit.estimate import record_target
 from clothfit.fit.holdout import split
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import load_motion, save_motion

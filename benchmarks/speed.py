@@ -106,10 +106,10 @@ def cell(seconds: dict[str, NDArray[np.float64]], name: str, steps: int = 1) -> 
 def scenes_row(path: Path, rounds: int, clock: str) -> str:
     """One line of the table of scenes."""
     import clothfit
+    from clothfit.base.limits import FIT_TOLERANCE
     from clothfit.engine.rollout import rollout
     from clothfit.engine.system import build
     from clothfit.fit.estimate import record_target
-    from clothfit.fit.options import FIT_TOLERANCE
 
     scene = clothfit.load(path)
     steps, system = scene.frames - 1, build(scene, 0)

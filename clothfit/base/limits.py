@@ -6,6 +6,8 @@ import math
 
 from clothfit.base.errors import InvalidInput
 
+FIT_TOLERANCE = 1e-10  # of the linear systems of a fit and of what is compared with it, relative
+
 FARTHEST = 1e12
 """A vertex farther than this many metres from the origin (sum of its coordinates) counts as diverged."""
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
 
 
-SPEED_OPTIONS = ("--speed", "--error", "--budget", "--fit", "--max-evaluations")
+SPEED_OPTIONS = ("--speed", "--error", "--budget")
 
 
 SECTIONS = {
@@ -45,9 +45,6 @@ SECTIONS = {
               help="With --speed: recommend the cheapest setting within this error.")
 @click.option("--budget", type=float, metavar="SECONDS",
               help="With --speed: measure for about this long.  [default: 60]")
-@click.option("--fit", is_flag=True, help="With --speed: compare the optimisers too.")
-@click.option("--max-evaluations", type=int, metavar="N",
-              help="With --fit: evaluate the cost at most N times with each.  [default: 100]")
 @click.option("--inputs", "inputs_path", metavar="FILE",
               help="Of a subspace: compare under these inputs over time (JSON).  [default: those of SCENE]")
 @click.option("--report", "page_path", metavar="FILE",
@@ -63,8 +60,6 @@ def command(
     speed: bool,
     error: float | None,
     budget: float | None,
-    fit: bool,
-    max_evaluations: int | None,
     inputs_path: str | None,
     page_path: str | None,
     pictures: pictures.Pictures,
@@ -86,12 +81,10 @@ def command(
     if speed:
         alone: dict[str, object] = {"FITTED": fitted_path, "--target": target_path, "--gif": pictures.gif}
         refuse(alone | {"--forces": forces_path}, "--speed takes one scene; {} does not go with it")
-        refuse({"--max-evaluations": None if fit else max_evaluations}, "{} goes with --fit only")
-        asked = evaluate_speed.SpeedOptions(steps, error, budget, fit, max_evaluations, pictures.plot)
+        asked = evaluate_speed.SpeedOptions(steps, error, budget, pictures.plot)
         evaluate_speed.measure(scene_path, asked, as_json, console)
         return
-    given: dict[str, object] = {"--error": error, "--budget": budget, "--max-evaluations": max_evaluations}
-    refuse(given | {"--fit": fit or None}, "{} goes with --speed only")
+    refuse({"--error": error, "--budget": budget}, "{} goes with --speed only")
     if fitted_path is None:
         context = click.get_current_context()
         missing = next(p for p in context.command.params if p.name == "fitted_path")

@@ -11,9 +11,9 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
-from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate_cloths

@@ -1,7 +1,7 @@
 """Speed against error: what each integrator, step and tolerance costs on a scene, and how far its motion is from the
 one that all of them approach as h → 0.
 
-The error is the distance to that reference (`richardson`), root mean square over all vertices of all cloths and over
+The error is the distance to that reference (`reference`), root mean square over all vertices of all cloths and over
 the scene's frames, which are multiples of its delta, the initial one included. The cost is the time of the bare steps
 (`trial`), the median of runs that go round all settings, so that a machine that slows down does so for all.
 """
@@ -17,9 +17,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
-from clothfit.evaluation.richardson import EXTENT_ROUNDING, Reference, converged, extent, root_mean_square
-from clothfit.evaluation.setting import Setting, grid, own
-from clothfit.evaluation.trial import MOST_STATE_BYTES, Trial, expected, judge, rerun, warm_up
+from clothfit.evaluation.reference import EXTENT_ROUNDING, Reference, converged, extent, root_mean_square
+from clothfit.evaluation.trial import MOST_STATE_BYTES, Setting, Trial, expected, grid, judge, own, rerun, warm_up
 from clothfit.scene.scene import Scene
 
 MEASURE_SECONDS = 60.0  # for everything

@@ -17,7 +17,7 @@ import numpy as np
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
-from clothfit.base.limits import checked_tolerance
+from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance
 from clothfit.base.memory import budget as memory_budget
 from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
@@ -27,7 +27,7 @@ from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
 from clothfit.fit.keywords import Keywords, OlderNames, options_of, settled
 from clothfit.fit.model_choice import judged, nearer
-from clothfit.fit.options import AUTO, FIT_TOLERANCE, LONGEST, LONGEST_OVER_TIME, FitOptions
+from clothfit.fit.options import AUTO, LONGEST, LONGEST_OVER_TIME, FitOptions
 from clothfit.fit.preparation import Prepared, flagged, prepared
 from clothfit.fit.registered_fit import marked_fit, registered_fit
 from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint

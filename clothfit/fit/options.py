@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
-from clothfit.base.limits import checked_tolerance
+from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance
 from clothfit.base.messages import meant
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ MODELS = (AUTO, "F", "G", "R", "M", "L")
 """The models that can take the place of a scene's flags; auto: the smallest that no finer one beats."""
 
 RMSE_TOLERANCE = 1e-8  # m; the rounding of the target's numbers where that is more (`Objective.rounding`)
-FIT_TOLERANCE = 1e-10  # linear systems, relative
 BUDGET = 1000  # evaluations
 
 SHORTEST_WINDOW = 2

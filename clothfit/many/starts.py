@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.limits import checked_tolerance
-from clothfit.fit.options import FIT_TOLERANCE
+from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.experiment import Targets
 from clothfit.objective.identifiability import identifiable

@@ -21,7 +21,6 @@ from numba.core.registry import CPUDispatcher, cpu_target
 from clothfit.engine.solve import cg_two_threads, sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
-from clothfit.evaluation import runge_kutta
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels import raster
@@ -150,13 +149,11 @@ def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fie
 
 
 def simulations() -> None:
-    """Simulate the strip with all integrators, also where it falls on a sphere, and by the method of reference motions.
-    """
+    """Simulate the strip with all integrators, also where it falls on a sphere."""
     for method in (0, 1, 2, 3):
         scene = strip_scene(integrationMethod=method)
         energies(scene, simulate(scene))
     simulate(strip_scene(**FALL))
-    runge_kutta.record(build(strip_scene(), 0), STEP, 2, 1)
 
 
 def gradients() -> None:

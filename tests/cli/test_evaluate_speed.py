@@ -5,12 +5,12 @@ import re
 
 import numba
 import pytest
-from helpers.scenes import cloth, document, even, trial, write_scene
+from helpers.scenes import even, trial, write_scene
 
 from clothfit.cli.common.console import COMPILING
 from clothfit.cli.program import run
 from clothfit.evaluation import work_precision as precision
-from clothfit.evaluation.setting import grid
+from clothfit.evaluation.trial import grid
 from clothfit.scene.scene import load
 
 pytestmark = [
@@ -20,13 +20,12 @@ pytestmark = [
 
 KEYS = {
     "schema_version", "command", "scene", "delta", "frames", "simulated_frames", "vertices", "reference", "rows", "own",
-    "requested_error", "recommended", "fits", "plot",
+    "requested_error", "recommended", "plot",
 }  # fmt: skip
 ROW_KEYS = {
     "integrator", "step", "ratio", "tolerance", "newton_iterations", "status", "runs", "ms_per_step",
     "seconds_per_simulated_second", "error", "max_error", "own", "pareto",
 }  # fmt: skip
-FIT_KEYS = {"method", "status", "seconds", "evaluations", "rmse", "median_relative_deviation", "pareto"}
 QUICK = ("--speed", "--steps", "10", "--budget", "1")
 
 
@@ -55,7 +54,7 @@ def test_json_has_the_keys_and_says_nothing_else(path, capsys):
     assert [found["own"][key] for key in ("integrator", "newton_iterations", "step")] == ["implicit", 1, 0.02]
     near = [row for row in found["rows"] if row["status"] == "done" and row["error"] <= 0.5]
     assert found["recommended"] == min(near, key=lambda row: row["seconds_per_simulated_second"])
-    assert (found["requested_error"], found["fits"], found["plot"]) == (0.5, None, None)
+    assert (found["requested_error"], found["plot"]) == (0.5, None)
 
 
 def test_the_table_marks_rows_and_says_what_a_fit_must_use(path, capsys):
@@ -105,18 +104,6 @@ def test_a_reference_that_is_not_known_to_the_end_is_said(path, capsys, monkeypa
     assert (found["frames"], found["simulated_frames"]) == (6, 11)
 
 
-def test_fits_are_compared_too(path, capsys):
-    assert run(["evaluate", path, *QUICK, "--fit", "--max-evaluations", "3", "--json"]) == 0
-    fits = json.loads(capsys.readouterr().out)["fits"]
-    assert [fit["method"] for fit in fits] == ["auto", "momentum", "gauss-newton", "l-bfgs-b"]
-    assert {frozenset(fit) for fit in fits} == {frozenset(FIT_KEYS)}
-    assert all(fit["evaluations"] <= 3 for fit in fits)
-    assert run(["evaluate", path, *QUICK, "--fit"]) == 0
-    out = capsys.readouterr().out
-    assert re.search(r"^method +ends +seconds +evaluations +RMSE +median deviation", out, re.MULTILINE)
-    assert re.search(r"^l-bfgs-b +converged", out, re.MULTILINE)
-
-
 def test_a_picture_is_written(path, tmp_path, capsys):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
     assert run(["evaluate", path, *QUICK, "--plot", "speed.svg", "--error", "0.01"]) == 0
@@ -130,10 +117,8 @@ def test_a_picture_is_written(path, tmp_path, capsys):
     [
         (["--speed", "fitted.json"], "--speed takes one scene; FITTED does not go with it"),
         (["--speed", "--target", "t.npz"], "--speed takes one scene; --target does not go with it"),
-        (["--speed", "--max-evaluations", "3"], "--max-evaluations goes with --fit only"),
         (["fitted.json", "--error", "0.1"], "--error goes with --speed only"),
         (["--speed", "--gif", "x.gif"], "--speed takes one scene; --gif does not go with it"),
-        (["--fit"], "--fit goes with --speed only"),
         ([], "missing argument 'FITTED'"),
     ],
 )
@@ -152,7 +137,6 @@ def test_wrong_usage_is_code_2_and_one_line(path, capsys, arguments, message):
         (["--budget", "-1"], "--budget must be above 0 and finite; -1 s was given"),
         (["--budget", "inf"], "--budget must be above 0 and finite; inf s was given"),
         (["--steps", "0"], "--steps must be at least 1; 0 was given"),
-        (["--fit", "--max-evaluations", "0"], "--max-evaluations must be at least 1; 0 was given"),
         (["--plot", "x.gif"], "x.gif: a picture's name ends in .png, .svg or .pdf"),
         (["--plot", "-"], "-: a picture's name ends in"),
         (["--plot", "absent/x.png"], "cannot write absent/x.png: the folder"),
@@ -172,9 +156,3 @@ def test_a_picture_is_never_written_over_the_scene(tmp_path, capsys):
     assert run(["evaluate", path, "--speed", "--plot", path]) == 3
     assert "is an input, which is never written over" in capsys.readouterr().err
     assert (tmp_path / "scene.png").read_bytes() == before
-
-
-def test_nothing_to_fit_is_said_before_long_work(tmp_path, capsys):
-    path = write_scene(tmp_path, document(cloth(), optimizationIterations=5))
-    assert run(["evaluate", path, "--speed", "--fit"]) == 3
-    assert "--fit: no object flags anything to fit" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from helpers.physics import METHODS, ball, chain, scene, sheet, thing, xyz
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.inputs import sampling
 from clothfit.engine.system import build
-from clothfit.evaluation.richardson import converged
+from clothfit.evaluation.reference import converged
 from clothfit.fit.estimate import estimate
 from clothfit.formats import pc2
 from clothfit.formats.animation import Animation

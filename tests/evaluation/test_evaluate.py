@@ -6,8 +6,8 @@ import pytest
 from helpers.scenes import cloth, document, even, trial
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.evaluation.evaluate import evaluate
-from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion

@@ -12,9 +12,8 @@ from helpers.scenes import cloth, document
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.evaluation import work_precision as precision
-from clothfit.evaluation.richardson import Reference, converged
-from clothfit.evaluation.setting import Setting, grid, own
-from clothfit.evaluation.trial import Trial, judge
+from clothfit.evaluation.reference import Reference, converged
+from clothfit.evaluation.trial import Setting, Trial, grid, judge, own
 from clothfit.evaluation.work_precision import WorkPrecision, front, known_frames, table, work_precision
 from clothfit.motion.divergence import Diverged
 
@@ -36,7 +35,7 @@ def reference(errors):
     """A reference with errors (F,), of one vertex that goes 1 m a frame."""
     positions = np.zeros((len(errors), 1, 3))
     positions[:, 0, 0] = np.arange(len(errors))
-    return Reference(positions, np.array(errors, float), 0.01, None, "Runge-Kutta")
+    return Reference(positions, np.array(errors, float), 0.01, None)
 
 
 def done(squares, seconds=1.0, ratio=1.0, name="symplectic"):

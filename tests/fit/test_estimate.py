@@ -7,8 +7,9 @@ from helpers.scenes import changed, cloth, document, even, load_text, trial
 
 import clothfit
 from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.options import FIT_TOLERANCE, OWN_METHODS, RMSE_TOLERANCE
+from clothfit.fit.options import OWN_METHODS, RMSE_TOLERANCE
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion

@@ -69,7 +69,6 @@ USAGE = {
         "option … requires an argument": "simulate scene.json --steps",
         "option … does not take a value": "simulate scene.json --quiet=3",
         "--speed takes one scene; … does not go with it": EVALUATE + "scene.json --speed",
-        "… goes with --fit only": SPEED + "--max-evaluations 3",
         "… goes with --speed only": EVALUATE + "scene.json --budget 3",
         "--jobs is for this machine; a --cluster has its own workers":
             "estimate scene.json --cluster tcp://x:1 --jobs 2",

@@ -9,9 +9,8 @@ import pytest
 from helpers.physics import scene, thing
 
 from clothfit.base.errors import InvalidInput
-from clothfit.evaluation.richardson import Reference
-from clothfit.evaluation.setting import Setting, grid
-from clothfit.evaluation.trial import Trial
+from clothfit.evaluation.reference import Reference
+from clothfit.evaluation.trial import Setting, Trial, grid
 from clothfit.evaluation.work_precision import table
 from clothfit.pictures.diagram import draw, save_diagram
 
@@ -25,7 +24,7 @@ def measured(own_error=1e-6, scale=0.01, settings=None):
     """A table with made-up numbers: errors of order 1 below `scale` m, a reference known to `own_error` m."""
     positions = np.zeros((3, 1, 3))
     positions[:, 0, 0] = 0.0, 5.0, 10.0
-    known = Reference(positions, np.full(3, own_error), 1e-4, 4.0, "Runge-Kutta")
+    known = Reference(positions, np.full(3, own_error), 1e-4, 2.0)
     trials = []
     for i, setting in enumerate(settings or grid(POINT)):
         squares = np.full(3, (scale * setting.ratio) ** 2)

@@ -1,5 +1,5 @@
 """The parts of `clothfit evaluate`.
 
-evaluate_speed measures integrators and fits, speed against error; speed_table prints what it found.
-To add a column: see the page of `evaluation`, then speed_table.
+evaluate_speed measures integrators, speed against error; evaluate_subspace compares a subspace with its scene.
+To add a column: see the page of `evaluation`, then evaluate_speed.
 """

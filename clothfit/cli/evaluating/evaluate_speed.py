@@ -1,4 +1,4 @@
-"""`clothfit evaluate --speed`: what accuracy does each second buy?"""
+"""`clothfit evaluate --speed`: what accuracy does each second buy? A table, what its errors mean, and advice."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import counted, metres
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_least
 from clothfit.cli.common.output import STREAM, print_json, same_file, uninterrupted
 from clothfit.cli.common.progress import PLAIN_INTERVAL
 from clothfit.cli.common.scenes import frames_of, read_scene
-from clothfit.cli.evaluating import speed_table
 
 if TYPE_CHECKING:
-    from clothfit.evaluation.fit_methods import FitRow
     from clothfit.evaluation.work_precision import Row, WorkPrecision
     from clothfit.scene.scene import Scene
+
+SPEED_COLUMNS = (
+    "integrator", "step", "tolerance", "Newton", "ms per step", "s per simulated s", "error", "largest error", "",
+)  # fmt: skip
 
 Report = Callable[[float, str], None]
 
@@ -31,49 +33,39 @@ class SpeedOptions:
     steps: int | None
     error: float | None  # m: the cheapest setting within it is recommended
     budget: float | None  # s to measure
-    fit: bool  # whether the methods of estimation are compared too
-    max_evaluations: int | None  # of each of them
     plot: str | None  # file of the diagram
 
 
 def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Console) -> None:
-    """Measure integrators, and methods of estimation where asked; print and draw the result."""
-    check_values(asked.error, asked.budget, asked.max_evaluations)
+    """Measure integrators; print and draw the result."""
+    check_values(asked.error, asked.budget)
     scene = read_scene(scene_path, console)
     frames = frames_of(asked.steps, scene)
     if asked.plot is not None:
         check_plot(asked.plot, scene_path)
-    if asked.fit and not scene.blocks:
-        raise InvalidInput(f"{scene.name}: --fit: no object flags anything to fit; set its optimizationSettings")
-    from clothfit.evaluation import fit_methods
     from clothfit.evaluation import work_precision as precision
 
     console.announce_compilation()
     with progress(console) as report:
         found = precision.work_precision(scene, frames, asked.budget or precision.MEASURE_SECONDS, report)
-        evaluations = asked.max_evaluations or fit_methods.FIT_EVALUATIONS
-        fits = fit_methods.compare_methods(scene, evaluations=evaluations, report=report) if asked.fit else None
     if asked.plot is not None:
         from clothfit.pictures.diagram import save_diagram
 
         with uninterrupted():
             save_diagram(found, asked.plot, asked.error)
     if as_json:
-        print_json("evaluate", summary(found, scene, asked, fits))
+        print_json("evaluate", summary(found, scene, asked))
         return
-    speed_table.show(found, scene, asked.error, console)
-    if fits is not None:
-        speed_table.show_fits(fits, console)
+    show(found, scene, asked.error, console)
     if asked.plot is not None:
         console.say(f"diagram → {asked.plot}")
 
 
-def check_values(error: float | None, budget: float | None, max_evaluations: int | None) -> None:
+def check_values(error: float | None, budget: float | None) -> None:
     """Raise InvalidInput on option values that cannot be."""
     for name, value, unit in (("--error", error, "m"), ("--budget", budget, "s")):
         if value is not None and not 0 < value < float("inf"):
             raise InvalidInput(f"{name} must be above 0 and finite; {value:g} {unit} was given")
-    check_least(1, max_evaluations=max_evaluations)
 
 
 def check_plot(plot: str, scene_path: str) -> None:
@@ -106,7 +98,7 @@ def progress(console: Console) -> Iterator[Report | None]:
         yield show
 
 
-def summary(found: WorkPrecision, scene: Scene, asked: SpeedOptions, fits: list[FitRow] | None) -> dict[str, Any]:
+def summary(found: WorkPrecision, scene: Scene, asked: SpeedOptions) -> dict[str, Any]:
     """What --json prints."""
     best = None if asked.error is None else found.recommended(asked.error)
     reference = found.reference
@@ -121,7 +113,6 @@ def summary(found: WorkPrecision, scene: Scene, asked: SpeedOptions, fits: list[
         "own": plain_row(found.own),
         "requested_error": asked.error,
         "recommended": best and plain_row(best),
-        "fits": fits and [asdict(row) for row in fits],
         "plot": asked.plot,
     }
 
@@ -133,3 +124,105 @@ def plain_row(row: Row) -> dict[str, Any]:
     setting["newton_iterations"] = setting.pop("newton")
     values["seconds_per_simulated_second"] = values.pop("seconds_per_second")
     return setting | values
+
+
+def show(found: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
+    """Print table and advice."""
+    done = [row for row in found.rows if row.status == "done"]
+    shown = [row for row in done if console.verbose or is_shown(row, scene)]
+    if shown:
+        console.table([SPEED_COLUMNS, *map(cells, shown)])
+    if len(shown) < len(done):
+        console.result(f"{len(done) - len(shown)} more, with other tolerances and not Pareto-best, by -v and --json")
+    for status in ("diverged", "skipped"):
+        if settings := without_result(found, status):
+            console.result(f"{status}: {settings}")
+    console.result("")
+    show_reference(found, console)
+    show_advice(found, scene, error, console)
+
+
+def is_shown(row: Row, scene: Scene) -> bool:
+    """Whether a row is in the short table."""
+    return row.pareto or row.own or row.setting.tolerance in (None, scene.tolerance)
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """A row of the table, one that is done."""
+    setting = row.setting
+    marks = ["Pareto-best"] * row.pareto + ["the scene's own"] * row.own
+    return (
+        setting.integrator,
+        f"{setting.step_name} = {1e3 * row.step:.4g} ms",
+        "" if setting.tolerance is None else f"{setting.tolerance:.3g}",
+        "" if setting.newton is None else str(setting.newton),
+        f"{row.ms_per_step:.3g}",
+        f"{row.seconds_per_second:.3g}",
+        metres(row.error or 0.0),
+        metres(row.max_error or 0.0),
+        ", ".join(marks),
+    )
+
+
+def without_result(found: WorkPrecision, status: str) -> str:
+    """The settings that ended so, by integrator: which steps, of how many settings each."""
+    ended = []
+    for name in dict.fromkeys(row.setting.integrator for row in found.rows):
+        rows = [row for row in found.rows if row.setting.integrator == name and row.status == status]
+        steps = [row.setting.step_name for row in rows]
+        counts = {step: steps.count(step) for step in steps}
+        if rows:
+            parts = [step if count == 1 else f"{step} ({count} settings)" for step, count in counts.items()]
+            ended.append(f"{name} {', '.join(parts)}")
+    return "; ".join(ended)
+
+
+def show_reference(found: WorkPrecision, console: Console) -> None:
+    """Say what the errors are measured against, and how well that is known."""
+    reference = found.reference
+    frames = len(reference.positions)
+    order = "" if reference.order is None else f", order {reference.order:.1f}"
+    how = f"{reference.integrator}, {1e3 * reference.step:.3g} ms a step{order}"
+    console.result(
+        f"error: distance to the motion of h → 0, root mean square over all vertices and {frames} frames; that motion "
+        f"is known to {metres(reference.error)} ({how})"
+    )
+    if frames < found.frames:
+        console.warn(
+            f"{found.scene}: frames from {frames} on (t = {frames * found.delta:.4g} s) are not judged: the motion of "
+            "h → 0 is not known well enough there, as it is chaotic or needs more --budget"
+        )
+
+
+def show_advice(found: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
+    """Recommend a setting, and say which one a fit must use."""
+    own = found.own
+    if error is not None:
+        best, nearest = found.recommended(error), found.nearest
+        if best is not None:
+            console.result(f"cheapest within {metres(error)}: {described(best)}")
+        elif nearest is None:
+            console.warn(f"no setting comes within {metres(error)}: none came through")
+        else:
+            console.warn(f"no setting comes within {metres(error)}; the nearest is {described(nearest)}")
+    console.result(
+        f"the editor plays this scene with {described(own)}: a fit must use the same "
+        f"(integrationMethod {scene.method}, delta {scene.delta:.4g}), as its values make up for part of that error "
+        "and are wrong with any other"
+    )
+    better = [r for r in found.rows if all(a < b for a, b in zip(r.cost_and_error, own.cost_and_error, strict=True))]
+    if better and own.status == "done":
+        console.result(f"cheaper and nearer than that: {described(min(better, key=lambda r: r.cost_and_error[::-1]))}")
+
+
+def described(row: Row) -> str:
+    """A row in words."""
+    setting = row.setting
+    parts = [f"{setting.integrator} steps of {setting.step_name} = {1e3 * row.step:.4g} ms"]
+    if setting.newton is not None:
+        parts.append(f"tolerance {setting.tolerance:.3g}")
+        parts.append(counted(setting.newton, "Newton iteration", "Newton iterations"))
+    text = ", ".join(parts)
+    if row.error is None:
+        return f"{text} ({row.status})"
+    return f"{text} ({metres(row.error)}, {row.seconds_per_second:.3g} s per simulated second)"
