@@ -36,7 +36,7 @@ in SI units and all arrays are float64 unless something else is said. The packag
 | `Array`, `Flags`, `Indices` | NumPy arrays of float64, bool and int32 |
 | `Recorded` | a `Motion`, an array (frames, vertices, 3), or the path of a motion file |
 | `Targets` | one of these; a pair of one and the `Scene` of its recording; a list |
-| `Keywords`, `OlderNames` | the keyword arguments of `estimate`; older names of some, which work and warn |
+| `Keywords` | the keyword arguments of `estimate` |
 | `Compared` | what is compared: an objective by its name, several with their weights, or a cost of one's own |
 | `Readable` | a path, an open file, or a dict with the fields of the file |
 | P, n, S, T | the number of fitted values, and of a cloth's vertices, springs and triangles |

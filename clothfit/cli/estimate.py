@@ -195,9 +195,9 @@ def command(
         files = Files(target_paths, start, path, in_place, checkpoint, resume, reading, forces_path)
         return simulator.fit(scene_paths, files, tool, substeps, console, as_json)
     options = FitOptions(
-        budget=max_evaluations, rmse_tolerance=rmse, tolerance=tolerance, objective=weights(objectives),
+        max_evaluations=max_evaluations, rmse=rmse, tolerance=tolerance, objective=weights(objectives),
         intervals=not no_intervals, bounds=bounds_of(bounds), substeps=substeps_of(substeps),
-        seconds=duration(time_budget, "--budget"), **as_given,
+        budget=duration(time_budget, "--budget"), **as_given,
     )  # fmt: skip
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading, forces_path)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
@@ -254,8 +254,9 @@ def fit_one(
         with progress(console) as show:
             report = page.listening(recording.report(show)) if page else recording.report(show)
             own = replace(
-                options, report=report, checkpoint=kept, resume=files.resume, foreseen=partial(report_needs, console),
-                hinted=lambda hint: console.say(f"hint: {hint.text}"), found=partial(keep_scene, out=out),
+                options, on_progress=report, checkpoint=kept, resume=files.resume,
+                on_memory=partial(report_needs, console),
+                on_hint=lambda hint: console.say(f"hint: {hint.text}"), on_found=partial(keep_scene, out=out),
             )  # fmt: skip
             found = fitting.fit(scene, targets or None, first, own)
         with uninterrupted(), checkpoints.named_if_lost(kept):

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +25,16 @@ from clothfit.engine.system import build
 from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
-from clothfit.fit.keywords import Keywords, OlderNames, options_of, settled
 from clothfit.fit.model_choice import judged, nearer
-from clothfit.fit.options import AUTO, LONGEST, LONGEST_OVER_TIME, FitOptions
+from clothfit.fit.options import (
+    AUTO,
+    LONGEST,
+    LONGEST_OVER_TIME,
+    FitOptions,
+    Keywords,
+    options_of,
+    settled,
+)
 from clothfit.fit.preparation import Prepared, flagged, prepared
 from clothfit.fit.registered_fit import marked_fit, registered_fit
 from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
@@ -105,7 +112,6 @@ def estimate(
     on_memory: Callable[[Needs], None] | None = None,
     on_hint: Callable[[Hint], None] | None = None,
     on_found: Callable[[Scene], None] | None = None,
-    **older: Unpack[OlderNames],
 ) -> Fit:
     """Fit the flagged values of a scene to one target motion or to several. The arguments have the names of the
     options of the command `clothfit estimate`.
@@ -130,9 +136,8 @@ def estimate(
     `tolerance` is that of the linear systems, relative. `on_progress` is called with a `Progress` after each
     evaluation, and now and then while a step of thousands of values is computed.
 
-    After the time of `budget`, a text such as "30s", "2m" or "1h", or a float in seconds, the fit ends with status
-    "limit" and the best result so far; the intervals take the time that the search leaves. (A whole number is a number
-    of evaluations, as it was once, with a warning.)
+    After the time of `budget`, a text such as "30s", "2m" or "1h", or a number of seconds, the fit ends with status
+    "limit" and the best result so far; the intervals take the time that the search leaves.
 
     `prior` is for the methods "auto" and "gauss-newton": the values of one kind scatter around those of a fabric, as
     widely as the data say ("auto"), or around the start with this standard deviation of the logarithm; "none" assumes
@@ -169,16 +174,13 @@ def estimate(
     Markers of a target that are swapped are exchanged, and what shows no vertex is left out, as `Fit.markers` says,
     unless `keep_markers` is true: only where the target shows it plainly, at its start or from one frame to the next.
 
-    Older names work and warn: `report` (`on_progress`), `hinted`, `foreseen`, `found` (`on_hint`, `on_memory`,
-    `on_found`), `seconds` (`budget`), `rmse_tolerance` (`rmse`).
-
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as the target, diverges.
     """
     given = locals()
     check_is_scene(scene)
     named = {name: given[name] for name in Keywords.__annotations__ if name in given}
-    options = replace(options_of("estimate", named | older), checkpoint=checkpoint, resume=resume)
+    options = replace(options_of("estimate", named), checkpoint=checkpoint, resume=resume)
     first = load(start) if isinstance(start, (str, os.PathLike)) else start
     return fit(scene, target, first, options)
 
@@ -205,15 +207,15 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     own = Prepared(objective, kept_out)
     if options.windows is not None:
         own = Prepared(in_windows(objective, options.windows), kept_out, objective)
-    if options.foreseen:
-        options.foreseen(own.objective.needs)
+    if options.on_memory:
+        options.on_memory(own.objective.needs)
     same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
-    if options.hinted:
+    if options.on_hint:
         for hint in hints:
-            options.hinted(hint)
+            options.on_hint(hint)
     with interrupts.deferred():
-        left = None if options.seconds is None else options.seconds - (interrupts.now() - began)
+        left = None if options.budget is None else options.budget - (interrupts.now() - began)
         with interrupts.limited(left):
             plan = replace(own, kept_out=None) if hidden else prepared(own, start, options, state)
             try:
@@ -276,7 +278,7 @@ def searched(
     else:
         first = in_time(objective, start, hidden, options.method)
     p, cost, warnings = first
-    search = Search(objective, p, options.enough, options.budget, options.report, checkpoint, state, cost)
+    search = Search(objective, p, options.enough, options.max_evaluations, options.on_progress, checkpoint, state, cost)
     if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
         search.looser = objective.scene.tolerance
     search.settled = search.start if plan.settled else None
@@ -284,14 +286,14 @@ def searched(
     if not hidden:
         search.origin = choose_start(objective, start, hidden=False)
     longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_OVER_TIME
-    search.longest = longest if options.seconds is None else np.inf
+    search.longest = longest if options.budget is None else np.inf
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden, start is not None) if plan.p is None else None
     as_it_is = np.inf if start is not None or hidden else cost_of_pattern(objective)
     status = search_by(search, options, p, others, plan.wanted)
     flattened = status != Status.DIVERGED and as_it_is < search.best.cost
-    if options.found and status != Status.DIVERGED:
-        options.found(objective.scene if flattened else fitted_scene(search, search.best.p, start is not None))
+    if options.on_found and status != Status.DIVERGED:
+        options.on_found(objective.scene if flattened else fitted_scene(search, search.best.p, start is not None))
     seconds, warnings = search.progress.seconds, [*search.warnings]
     if checkpoint and checkpoint.fault:
         warnings.append(checkpoint.fault)
@@ -371,7 +373,7 @@ def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOpt
     if found.status == Status.INTERRUPTED or interrupts.requested():
         return found
     try:
-        with threads.single(), interrupts.heard(), interrupts.limited(None if options.seconds is None else GRACE):
+        with threads.single(), interrupts.heard(), interrupts.limited(None if options.budget is None else GRACE):
             return look(found, *given)
     except KeyboardInterrupt:
         interrupts.request()

@@ -1,5 +1,8 @@
 """The options of a fit: everything that `clothfit.estimate` takes besides the scene, its target and its start.
 
+They have the names of the command's options; what Python alone has begins with `on_` for what is called, or says what
+the option leaves out (`--no-intervals`: `intervals`). With a cost of one's own some of them mean something else.
+
 This module loads no library, so that commands can build and check options before they load any.
 """
 
@@ -9,15 +12,16 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
-from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance
+from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance, duration
 from clothfit.base.messages import meant
 
 if TYPE_CHECKING:
     from clothfit.fit.hints import Hint
+    from clothfit.objective.experiment import Targets
     from clothfit.objective.memory_needs import Needs
     from clothfit.objective.objective import Compared
     from clothfit.optimise.checkpoint import Checkpoint
@@ -38,6 +42,9 @@ MODELS = (AUTO, "F", "G", "R", "M", "L")
 RMSE_TOLERANCE = 1e-8  # m; the rounding of the target's numbers where that is more (`Objective.rounding`)
 BUDGET = 1000  # evaluations
 
+RESIDUALS_METHOD, OWN_METHOD = "gauss-newton", "l-bfgs-b"
+"""What `auto` means for a cost of one's own, with and without residuals."""
+
 SHORTEST_WINDOW = 2
 """Frames of a window, of which each shows how the cloth goes on from its start."""
 
@@ -52,10 +59,10 @@ class FitOptions:
     """The options of one fit; `clothfit.estimate` says what each means."""
 
     method: str = "auto"
-    budget: int = BUDGET  # evaluations of cost and gradient
-    rmse_tolerance: float | None = None  # m, with another objective in the unit of that; None: as `within` says
+    max_evaluations: int = BUDGET  # of cost and gradient
+    rmse: float | None = None  # m, with another objective in the unit of that; None: as `within` says
     tolerance: float | None = None  # of the linear systems, relative; None: `FIT_TOLERANCE`
-    report: Callable[[Progress], None] | None = None
+    on_progress: Callable[[Progress], None] | None = None
     objective: Compared = "position"
     loss: str = "linear"
     loss_scale: float | None = None  # m
@@ -66,10 +73,10 @@ class FitOptions:
     holdout_of: str = "frames"
     intervals: bool = True
     memory: int | str | None = None  # bytes, or as "200MB"; None: half of what is free
-    foreseen: Callable[[Needs], None] | None = None
-    hinted: Callable[[Hint], None] | None = None  # called with each hint that comes before the fit
-    seconds: float | None = None  # for the search and the intervals; None: no limit
-    found: Callable[[Scene], None] | None = None
+    on_memory: Callable[[Needs], None] | None = None
+    on_hint: Callable[[Hint], None] | None = None  # called with each hint that comes before the fit
+    budget: float | None = None  # s, for the search and the intervals; None: no limit
+    on_found: Callable[[Scene], None] | None = None
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None  # of kinds, by name, in their units
     model: str | None = None  # one of `MODELS` in place of the scene's flags
     substeps: int | str | None = None  # steps to a frame of the target, or "auto"; None: auto for scenes with BDF2
@@ -93,11 +100,11 @@ class FitOptions:
             from clothfit.scene.bounds import from_user
 
             from_user(self.bounds)
-        if self.budget < 1:
-            raise InvalidInput(f"max_evaluations: {self.budget} evaluations are too few, at least 1 is needed")
+        if self.max_evaluations < 1:
+            raise InvalidInput(f"max_evaluations: {self.max_evaluations} evaluations are too few, at least 1 is needed")
         self._check_model()
-        if self.seconds is not None and not self.seconds > 0:
-            raise InvalidInput(f"budget must be a time above 0; {self.seconds:g} s was given")
+        if self.budget is not None and not self.budget > 0:
+            raise InvalidInput(f"budget must be a time above 0; {self.budget:g} s was given")
 
     @property
     def registers(self) -> bool:
@@ -128,12 +135,12 @@ class FitOptions:
         """The same with an error that is good enough: where nobody asks for another, `RMSE_TOLERANCE`, but no less than
         what the `rounding` of the target's numbers leaves.
         """
-        return self if self.rmse_tolerance is not None else replace(self, rmse_tolerance=max(RMSE_TOLERANCE, rounding))
+        return self if self.rmse is not None else replace(self, rmse=max(RMSE_TOLERANCE, rounding))
 
     @property
     def enough(self) -> float:
         """The error that is good enough, m."""
-        return RMSE_TOLERANCE if self.rmse_tolerance is None else self.rmse_tolerance
+        return RMSE_TOLERANCE if self.rmse is None else self.rmse
 
     def prior_width(self) -> float | None:
         """The width τ of the prior: "auto" learns it (None), "none" or 0 leaves it out (inf). Raises InvalidInput."""
@@ -169,3 +176,84 @@ def check_method(method: str) -> None:
     if method not in METHODS:
         known = (*OWN_METHODS, *METHODS)
         raise InvalidInput(f"method: there is no {method!r}; use {', '.join(known)}{meant(method, known)}")
+
+
+class Keywords(TypedDict, total=False):
+    """The keyword arguments of `estimate`, which says what each means, but those of its checkpoint."""
+
+    method: str
+    budget: str | float | None
+    max_evaluations: int | None
+    rmse: float | None
+    tolerance: float | None
+    on_progress: Callable[[Progress], None] | None
+    objective: Compared
+    loss: str
+    loss_scale: float | None
+    prior: float | str
+    holdout: float | None
+    holdout_of: str
+    intervals: bool
+    memory: int | str | None
+    bounds: Mapping[str, tuple[float | None, float | None]] | None
+    model: str | None
+    substeps: int | str | None
+    keep_step: bool
+    windows: int | None
+    fit_time: bool
+    fit_placement: bool
+    fit_scale: bool
+    keep_markers: bool
+    on_memory: Callable[[Needs], None] | None
+    on_hint: Callable[[Hint], None] | None
+    on_found: Callable[[Scene], None] | None
+
+
+def options_of(caller: str, given: Mapping[str, Any]) -> FitOptions:
+    """The options that keyword arguments mean. Raises TypeError, as Python does, for a name that there is not;
+    InvalidInput for a time that is none.
+    """
+    for name in given:
+        if name not in Keywords.__annotations__:
+            raise TypeError(f"{caller}() got an unexpected keyword argument {name!r}")
+    named = dict(given)
+    if isinstance(named.get("budget"), str):
+        named["budget"] = duration(named["budget"], "budget")
+    if named.get("max_evaluations", 0) is None:
+        named["max_evaluations"] = BUDGET
+    return FitOptions(**named)
+
+
+def settled(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Targets | None, FitOptions]:
+    """The target and the options of a fit; those of one by a cost of one's own (`objective.own_cost`) as the other
+    parts of a fit know them. Raises InvalidInput where an option does not go with that.
+    """
+    if not callable(options.objective):
+        return target, options
+    from clothfit.objective.own_cost import Residuals, unseen
+    from clothfit.optimise.scipy_methods import METHODS
+    from clothfit.scene.fit_vector import fitted_cloths
+
+    refuse(options)
+    linear = isinstance(options.objective, Residuals) and len(fitted_cloths(scene)) == 1
+    method = options.method
+    if method == AUTO:
+        method = RESIDUALS_METHOD if linear else OWN_METHOD
+    if method not in METHODS and not (linear and method == RESIDUALS_METHOD):
+        needed = "Residuals of one object" if method == RESIDUALS_METHOD else "an objective of this program"
+        raise InvalidInput(f"method: {method} needs {needed}; with a cost of one's own use {OWN_METHOD}")
+    keep_step = options.substeps is None
+    found = replace(options, method=method, intervals=options.intervals and linear, keep_step=keep_step)
+    return unseen(scene) if target is None else target, found
+
+
+def refuse(options: FitOptions) -> None:
+    """Raise InvalidInput where an option needs to know what is compared."""
+    given = {
+        "holdout": options.holdout is not None, "fit_time": options.fit_time, "fit_placement": options.fit_placement,
+        "fit_scale": options.fit_scale,
+        "loss": options.loss != "linear", "model auto": options.model == AUTO, "windows": options.windows is not None,
+        "substeps auto": options.substeps == AUTO,
+    }  # fmt: skip
+    for name in (name for name, is_given in given.items() if is_given):
+        raise InvalidInput(f"{name}: does not go with a cost of one's own, as it needs to know what is compared")

@@ -85,7 +85,7 @@ def prepared(
         plan = with_chosen_step(plan, first, options, own)
     if options.model == AUTO:
         p = first if plan.p is None else plan.p
-        longest = CHOICE * LONGEST - (now() - computing) if options.seconds is None else np.inf
+        longest = CHOICE * LONGEST - (now() - computing) if options.budget is None else np.inf
         plan = with_chosen_model(plan, p, options, longest)
     return replace(plan, seconds=clock.passing() - began, computing=now() - computing)
 
@@ -154,7 +154,7 @@ def with_chosen_model(plan: Prepared, p: Array, options: FitOptions, longest: fl
     that begin within the `longest` time, s of computing.
     """
     found = model_choice.chosen(
-        plan.objective, plan.kept_out, p, options.enough, options.holdout_of, options.budget, longest,
+        plan.objective, plan.kept_out, p, options.enough, options.holdout_of, options.max_evaluations, longest,
         fitted=bool(plan.tried),
     )  # fmt: skip
     before = with_parameters(plan.objective.scene, p)

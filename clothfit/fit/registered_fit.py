@@ -68,7 +68,7 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
         raise InvalidInput("the clock and the place of a target can be found only where one is given; give a target")
     if scene.frame:
         raise InvalidInput("frame: the axes of the scene must not move where a target's clock or place is to be found")
-    began, left = interrupts.now(), options.seconds
+    began, left = interrupts.now(), options.budget
     given = experiments(scene, target)
     if options.objective == "position":  # turned positions show no rounding
         options = options.within(max(rounding(each.motion) for each in given))
@@ -78,8 +78,8 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
     best = in_time(partial(find, scene, cut(given, first), wanted), left) or [Registration()] * len(given)
     plain = replace(options, fit_time=False, fit_placement=False, fit_scale=False)
     fit = Fits(fit)
-    found = fitted(scene, given, best, replace(plain, seconds=rest(left, began)), fit)
-    again = replace(plain, foreseen=None, hinted=None, found=None, checkpoint=None, resume=False)
+    found = fitted(scene, given, best, replace(plain, budget=rest(left, began)), fit)
+    again = replace(plain, on_memory=None, on_hint=None, on_found=None, checkpoint=None, resume=False)
     look = Look(scene, given, wanted, left, began)
     for _ in range(ROUNDS):
         remaining = rest(left, began)
@@ -89,7 +89,7 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
             next_best = look.another(found, best)
         if next_best is None:
             break
-        other = fitted(scene, given, next_best, replace(again, seconds=rest(left, began)), fit)
+        other = fitted(scene, given, next_best, replace(again, budget=rest(left, began)), fit)
         if not other.rmse < ALIKE * found.rmse:
             break
         best, found = next_best, replace(other, hints=[*(hint for hint in found.hints if hint.early), *other.hints])
@@ -112,7 +112,7 @@ class Fits:
 
     def __call__(self, scene: Scene, target: Targets, options: FitOptions) -> Fit:
         """The next one."""
-        show, evaluations, seconds, iterations = options.report, self.evaluations, self.seconds, self.iterations
+        show, evaluations, seconds, iterations = options.on_progress, self.evaluations, self.seconds, self.iterations
 
         def report(progress: Progress) -> None:
             self.iterations = iterations + progress.iteration
@@ -124,7 +124,7 @@ class Fits:
                     seconds=seconds + progress.seconds, iteration=self.iterations, cost=self.cost, rmse=self.rmse,
                 ))  # fmt: skip
 
-        found = self.fit(scene, target, options if show is None else replace(options, report=report))
+        found = self.fit(scene, target, options if show is None else replace(options, on_progress=report))
         self.evaluations, self.seconds = evaluations + found.evaluations, seconds + found.seconds
         return found
 
@@ -174,9 +174,9 @@ def marked_fit(scene: Scene, target: Targets, options: FitOptions, fit: FitOf) -
         Hint(code, f"{motion.name}: {text}; --keep-markers takes them as they are")
         for (motion, own), each in zip(given, known, strict=True) for code, text in each.sentences(own.vertex_counts)
     ]  # fmt: skip
-    if options.hinted:
+    if options.on_hint:
         for hint in hints:
-            options.hinted(hint)
+            options.on_hint(hint)
     pairs = [(each.applied(e.motion), e) for e, each in zip(given, known, strict=True)]
     targets = [motion if e.scene is scene else (motion, e.scene) for motion, e in pairs]
     found = fit(scene, targets if any(known) else target, replace(options, keep_markers=True))

@@ -16,8 +16,7 @@ import numpy as np
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import budget
-from clothfit.fit.keywords import Keywords, options_of
-from clothfit.fit.options import FitOptions
+from clothfit.fit.options import FitOptions, Keywords, options_of
 from clothfit.many.batch import Batch, Pool
 from clothfit.many.job import INTERRUPTED, File, Job, JobTarget, Outcome, loaded, read
 

@@ -503,7 +503,7 @@ def test_the_options_have_the_defaults_of_the_library():
     from clothfit.fit import options as fit
 
     defaults = {option.name: option.default for option in command.params}
-    assert (defaults["max_evaluations"], fit.FitOptions().rmse_tolerance) == (fit.BUDGET, None)
+    assert (defaults["max_evaluations"], fit.FitOptions().rmse) == (fit.BUDGET, None)
     helps = {option.name: option.help for option in command.params if option.name in ("tolerance", "rmse")}
     assert f"[default: {FIT_TOLERANCE:g}]" in helps["tolerance"]
     assert f"[default: {fit.RMSE_TOLERANCE:g}, ".replace("1e-08", "1e-8") in helps["rmse"]

@@ -1,7 +1,6 @@
-"""The keyword arguments of a fit: those of the command, older names, and motions given by their paths."""
+"""The keyword arguments of a fit: those of the command, and motions given by their paths."""
 
 import inspect
-import warnings
 
 import click
 import numpy as np
@@ -10,8 +9,7 @@ from helpers.scenes import even
 
 import clothfit
 from clothfit.cli import estimate as command
-from clothfit.fit.keywords import FIELDS, RENAMED, Keywords, options_of
-from clothfit.fit.options import BUDGET, FitOptions
+from clothfit.fit.options import BUDGET, FitOptions, Keywords, options_of
 from clothfit.formats.convention import Reading
 
 ARGUMENTS = inspect.signature(clothfit.estimate).parameters
@@ -43,7 +41,7 @@ def test_every_option_of_a_fit_is_a_keyword_argument_of_its_name():
     flags = {f"no_{name}": name for name in ARGUMENTS if isinstance(ARGUMENTS[name].default, bool)}
     names = {flags.get(name, name) for name in (option.replace("-", "_") for option in own)}
     called = {name for name in ARGUMENTS if name.startswith("on_")}
-    assert names == set(ARGUMENTS) - called - {"scene", "older"}
+    assert names == set(ARGUMENTS) - called - {"scene"}
 
 
 def test_the_options_of_files_and_of_many_fits_are_arguments_too():
@@ -58,7 +56,7 @@ def test_their_defaults_mean_the_same():
     for name, option in options().items():
         argument = ARGUMENTS.get(name.replace("-", "_"))
         if argument is not None and isinstance(option.default, (str, int, float)):
-            given = argument.default if name != "max-evaluations" else options_of("estimate", {}).budget
+            given = argument.default if name != "max-evaluations" else options_of("estimate", {}).max_evaluations
             assert option.default == given, name
             compared.append(name)
     assert {"method", "prior", "loss", "max-evaluations", "holdout-of"} <= set(compared)
@@ -66,42 +64,18 @@ def test_their_defaults_mean_the_same():
     assert options_of("estimate", defaults) == FitOptions()
 
 
-@pytest.mark.parametrize(("older", "value"), [("rmse_tolerance", 1e-3), ("seconds", 30), ("report", print)])
-def test_an_older_name_works_and_warns_with_the_new_one(older, value):
-    field = FIELDS[RENAMED[older]]
-    with pytest.warns(DeprecationWarning, match=rf"is now estimate\({RENAMED[older]}=…\)"):
-        assert getattr(options_of("estimate", {older: value}), field) == value
-
-
-def test_the_warning_points_at_the_call_of_the_user(scene):
-    with pytest.warns(DeprecationWarning, match="on_progress") as caught, pytest.raises(clothfit.InvalidInput):
-        clothfit.estimate(scene, method="none of these", report=print)
-    assert caught[0].filename == __file__
-
-
-def test_a_whole_number_as_a_budget_counts_evaluations_as_it_once_did():
-    with pytest.warns(DeprecationWarning, match=r'max_evaluations=50, for a time budget="50s"'):
-        found = options_of("estimate", {"budget": 50})
-    assert (found.budget, found.seconds) == (50, None)
-    with pytest.warns(DeprecationWarning, match="max_evaluations=7"):
-        assert options_of("estimate", {"budget": np.int64(7)}).budget == 7
-
-
 @pytest.mark.parametrize(
-    ("given", "seconds"), [({"budget": "2m"}, 120.0), ({"budget": 0.5}, 0.5), ({"budget": 9, "max_evaluations": 3}, 9)]
+    ("given", "seconds"), [({"budget": "2m"}, 120.0), ({"budget": 9}, 9), ({"budget": 0.5, "max_evaluations": 3}, 0.5)]
 )
 def test_a_budget_is_a_time(given, seconds):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = options_of("estimate", given)
-    assert (found.seconds, found.budget) == (seconds, given.get("max_evaluations", BUDGET))
+    found = options_of("estimate", given)
+    assert (found.budget, found.max_evaluations) == (seconds, given.get("max_evaluations", BUDGET))
 
 
 @pytest.mark.parametrize(
     ("given", "error", "text"),
     [
         ({"budget": "soon"}, clothfit.InvalidInput, "budget: 'soon' is no time above 0"),
-        ({"rmse": 1.0, "rmse_tolerance": 2.0}, TypeError, "got 'rmse' twice: 'rmse_tolerance' is its older name"),
         ({"presicion": 1.0}, TypeError, "unexpected keyword argument 'presicion'"),
     ],
 )

@@ -150,12 +150,12 @@ def test_the_progress_of_several_fits_goes_on_and_its_best_never_gets_worse():
 
     def fit(scene, target, options):
         for k, cost in enumerate(target):
-            options.report(Progress(k + 1, 100, cost, np.sqrt(cost), 0.5 * (k + 1), k))
+            options.on_progress(Progress(k + 1, 100, cost, np.sqrt(cost), 0.5 * (k + 1), k))
         return replace(found, evaluations=len(target), seconds=0.5 * len(target))
 
     fits = Fits(fit)
     for costs in ([4.0, 1.0], [9.0, 0.25, 0.25]):
-        fits(sheet(20.0), costs, FitOptions(report=seen.append))
+        fits(sheet(20.0), costs, FitOptions(on_progress=seen.append))
     assert [(each.evaluations, each.seconds, each.iteration) for each in seen] == [
         (1, 0.5, 0), (2, 1.0, 1), (3, 1.5, 1), (4, 2.0, 2), (5, 2.5, 3),
     ]  # fmt: skip

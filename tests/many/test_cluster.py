@@ -75,7 +75,7 @@ class Killing(Cluster):
 
 def test_a_killed_worker_loses_nothing_and_the_results_are_those_of_this_machine(cluster, paths):
     pool = Killing(cluster.scheduler_address, 2)
-    results = fit_all(makers(paths, budget=EVALUATIONS, **FEW), 1, pool)
+    results = fit_all(makers(paths, max_evaluations=EVALUATIONS, **FEW), 1, pool)
     assert len(pool.killed) == 1
     local = estimate_many(paths, start=1.0, jobs=2, max_evaluations=EVALUATIONS, **FEW)
     assert [r.exit_code for r in results] == [5, 5, 5]  # the budget is spent
@@ -84,7 +84,7 @@ def test_a_killed_worker_loses_nothing_and_the_results_are_those_of_this_machine
 
 def test_a_job_whose_workers_die_as_often_as_the_scheduler_allows_is_a_fault(cluster, paths, monkeypatch):
     monkeypatch.setattr(cluster.scheduler, "allowed_failures", 0)
-    (result,) = fit_all(makers(paths[:1], budget=EVALUATIONS, **FEW), 1, Killing(cluster.scheduler_address, 0))
+    (result,) = fit_all(makers(paths[:1], max_evaluations=EVALUATIONS, **FEW), 1, Killing(cluster.scheduler_address, 0))
     assert (result.exit_code, result.fit) == (1, None)
     assert result.error == "every worker that fitted it died, out of memory or killed"
 
@@ -124,7 +124,7 @@ def test_a_scheduler_that_dies_is_told_and_ends_the_run(paths):
             process.kill()
 
         pool.submit = submit_and_kill
-        results = fit_all(makers(paths[:2], budget=EVALUATIONS, **FEW), 1, pool)
+        results = fit_all(makers(paths[:2], max_evaluations=EVALUATIONS, **FEW), 1, pool)
     finally:
         process.kill()
         process.wait()

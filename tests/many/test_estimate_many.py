@@ -11,7 +11,7 @@ from helpers.scenes import trial, write_scene
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.keywords import options_of
+from clothfit.fit.options import options_of
 from clothfit.many.estimate_many import estimate_many, fit_all, result
 from clothfit.many.job import Job, Outcome, read
 from clothfit.many.processes import Processes

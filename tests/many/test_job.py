@@ -11,7 +11,7 @@ from helpers.scenes import even, trial, write_scene
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.keywords import options_of
+from clothfit.fit.options import options_of
 from clothfit.many import warmup
 from clothfit.many.cluster import stop, work
 from clothfit.many.job import NOT_STARTED, File, Job, failed, read, run

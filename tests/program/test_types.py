@@ -37,7 +37,7 @@ print(f"{cost:.3g}", float(np.abs(gradient).max()))
 fit = clothfit.estimate(guess, target=[motion, (motion, made)], max_evaluations=50, on_progress=lambda progress: None)
 if fit.status == "converged" and fit.rmse < 1e-6:
     clothfit.save(fit.scene, "fitted.json")
-fit = clothfit.estimate(guess, "target.pc2", budget="30s", rmse=1e-4, report=lambda progress: print(progress.cost))
+fit = clothfit.estimate(guess, "target.pc2", budget="30s", rmse=1e-4, on_progress=lambda progress: print(progress.cost))
 results = clothfit.estimate_many([guess], ["target.npz"], max_evaluations=50, substeps="auto")
 print(repr(results[0].fit), clothfit.evaluate(made, fit.scene, target=Path("target.npz")))
 
