@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
-from clothfit.base.student import half_width
 from clothfit.fit.sandwich import Blocks
 from clothfit.optimise import ball
 from clothfit.optimise.gauss_newton import Model
@@ -33,6 +32,13 @@ COVERAGE = 0.95
 VARIANCE_ROUNDS = 10  # of finding σ² and γ, which depend on each other
 NULL_EIGENVALUE = 1e-12
 """Eigenvalue of H with a unit diagonal, relative to the largest, below which it is rounding."""
+
+
+def half_width(freedom: float) -> float:
+    """How many standard deviations half an interval of `COVERAGE` has: Student's t for `freedom` degrees, above 0."""
+    from scipy.special import stdtrit  # takes long to import
+
+    return float(stdtrit(freedom, 0.5 + COVERAGE / 2))
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,7 @@ class Posterior:
     def t(self) -> float:
         """How many standard deviations half an interval has."""
         freedom = self.local.count - self.determined if self.blocks is None else self.blocks.freedom
-        return half_width(COVERAGE, max(freedom, 1.0))
+        return half_width(max(freedom, 1.0))
 
     def alone(self, places: NDArray[np.intp]) -> Array:
         """Standard deviations (H,) of parameters of the Q if all others were known."""

@@ -17,8 +17,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.student import half_width
-from clothfit.fit.posterior import COVERAGE
+from clothfit.fit.posterior import half_width
 from clothfit.fit.sandwich import CHAOS
 from clothfit.optimise.priors.evidence import variance
 from clothfit.optimise.products.products import Products
@@ -99,7 +98,7 @@ def sampled(search: Search, squares: float, count: int, seconds: float | None = 
 
 def found(search: Search, sampling: Sampling, noise: float, count: int) -> Sampled:
     """The intervals by samples that are done, with the variance of a residual, `noise`."""
-    t = half_width(COVERAGE, min(float(SAMPLES), max(count - sampling.determined, 1.0)))
+    t = half_width(min(float(SAMPLES), max(count - sampling.determined, 1.0)))
     deviation = np.sqrt(noise / sampling.sigma2) * sampling.deviation
     ends = search.coordinates
     hidden = ~sampling.shown | (deviation > (ends.upper - ends.lower)[search.fitted])

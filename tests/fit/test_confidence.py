@@ -13,7 +13,7 @@ from clothfit.fit import posterior
 from clothfit.fit.confidence import not_shown
 from clothfit.fit.estimate import estimate, looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, FitOptions
-from clothfit.fit.posterior import inverse_beside, null_space
+from clothfit.fit.posterior import half_width, inverse_beside, null_space
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate
@@ -54,6 +54,11 @@ def intervals(found):
 
 
 # --- the textbook
+
+
+def test_half_an_interval_of_one_and_two_degrees_has_closed_forms():
+    assert half_width(1.0) == pytest.approx(np.tan(np.pi * 0.95 / 2), rel=1e-11)  # Cauchy
+    assert half_width(2.0) == pytest.approx(0.95 * np.sqrt(2 / (1 - 0.95**2)), rel=1e-11)
 
 
 def ballistic(frames=8):

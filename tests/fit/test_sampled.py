@@ -8,10 +8,10 @@ import pytest
 from helpers.scenes import trial
 from scipy import stats
 
-from clothfit.base.student import half_width
 from clothfit.cli.fitting.outcomes import certainty
 from clothfit.fit import sampled
 from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.posterior import half_width
 from clothfit.motion.degrade import degrade
 from clothfit.optimise import trajectory
 from clothfit.report.tables import by_samples
@@ -54,7 +54,7 @@ def test_they_are_those_of_the_matrix_as_far_as_samples_know(monkeypatch, noisy)
     known = np.isfinite(ends(exact)).all(axis=1)
     np.testing.assert_array_equal(np.isfinite(ends(found)).all(axis=1), known)
     mine, theirs = (np.log(pairs[known, 1] / pairs[known, 0]) / 2.0 for pairs in (ends(found), ends(exact)))
-    ratio = mine / half_width(0.95, K) / (theirs / half_width(0.95, 1e3))
+    ratio = mine / half_width(K) / (theirs / half_width(1e3))
     low, high = stats.chi2.ppf([1e-5 / len(ratio), 1 - 1e-5 / len(ratio)], K) / K
     # what the last round left, a twentieth of a deviation, and the step that is left, up to a fifth of one
     assert (ratio > 0.9 * np.sqrt(low)).all()
