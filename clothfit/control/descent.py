@@ -1,14 +1,10 @@
-"""From the forces that hold a cloth on the first path to those of the least effort: L-BFGS in the closed loop.
-
-R. H. Byrd, P. Lu, J. Nocedal, C. Zhu, A limited memory algorithm for bound constrained optimization, SIAM Journal on
-Scientific Computing 16, 1995; the program uses SciPy's.
-"""
+"""From the forces that hold a cloth on the first path to those of the least effort: L-BFGS in the closed loop."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,6 +12,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.memory import free
 from clothfit.control.closed_loop import FINEST, ClosedLoop
+from clothfit.optimise.scipy_methods import lbfgs
 from clothfit.optimise.status import Status, Stop
 
 Report: TypeAlias = Callable[[float, float, int], object]
@@ -128,8 +125,6 @@ class Descent:
 
     def round(self) -> Status | None:
         """Some evaluations; how the descent ended, if it has."""
-        from scipy.optimize import minimize
-
         unknown, shape = self.loop.unknown, self.best.f.shape
         room = int(0.2 * free() / (16.0 * 3.0 * max(int(unknown.sum()), 1)))
         pairs = int(np.clip(room, LEAST_PAIRS, MOST_PAIRS))
@@ -143,10 +138,8 @@ class Descent:
 
         start: Array = self.best.f[unknown].reshape(-1) * scale
         limit: int = 10**9 if not self.loop.wishes else 2 * ROUND
-        options: dict[str, Any] = {"maxcor": pairs, "maxiter": limit, "maxfun": limit, "ftol": 0.0, "gtol": 0.0}
         try:
-            search: Any = minimize  # its stubs know options by literal names only
-            search(cost, start, jac=True, method="L-BFGS-B", options=options)
+            lbfgs(cost, start, recent=pairs, limit=limit)
         except Stop as stop:
             return stop.status
         return None

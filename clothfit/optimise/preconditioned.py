@@ -17,16 +17,14 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.motion.divergence import Diverged
+from clothfit.optimise.scipy_methods import lbfgs
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
-
-RECENT = 30  # steps that L-BFGS remembers
 
 FEW = 16
 """Values up to which a round that has settled ends the descent: no direction is left that its metric does not know."""
@@ -154,7 +152,6 @@ def descend(
     Returns whether it has ended in the metric where another step would save less than the fraction `settled`.
     """
     from scipy.linalg import solve_triangular
-    from scipy.optimize import minimize
 
     y0, costs, times, first = search.y, [search.best.cost], [patience.clock()], 0.0
     lower, upper = np.array(search.bounds).T
@@ -185,14 +182,12 @@ def descend(
         first = first or value
         return value, by_z
 
-    minimizer: Any = minimize  # its stubs know other starts only
-    options = {"maxfun": 10 * ROUND, "maxcor": RECENT, "ftol": 0.0, "gtol": 0.0}
     # of values with two ends L-BFGS-B takes the first step as long as the gradient, which is right for z; many values
     # come lower from a longer one, of 1
     far = FARTHEST if len(y0) <= FEW else np.inf
     start, ends = (y0, search.bounds) if root is None else (np.zeros(len(y0)), [(-far, far)] * len(y0))
     try:
-        minimizer(cost, start, jac=True, method="L-BFGS-B", bounds=ends, options=options)
+        lbfgs(cost, start, ends, limit=10 * ROUND)
     except RoundOver as end:
         return isinstance(end, Settled)
     return False
