@@ -25,8 +25,7 @@ from clothfit.pictures import gif
 from clothfit.pictures.camera import LIGHT
 from clothfit.pictures.palette import CLOTHS, GROUND
 from clothfit.pictures.polygons import Stage, stage
-from clothfit.simulators.blender import AXES, stride
-from clothfit.simulators.blender_process import program
+from clothfit.simulators.blender import AXES, program, stride
 from clothfit.simulators.estimate import Options, estimate
 from clothfit.simulators.xpbd import Settings
 

@@ -5,8 +5,7 @@ CLOTHFIT_BPY names a Python with Blender as a module (`make blender` makes one).
     formats   every motion format that Blender reads, all frames, vertex by vertex
     cloths    exports of the examples and of generated cloths, played for 250 frames: explosions, sag, first period (of
               flag and drape without their wind and sphere, which the export leaves out)
-    fits      `estimate --simulator blender` on corners, side and the generated cloths, over 51 frames; with --model L
-              values of each vertex after the few
+    fits      `estimate --simulator blender` on corners, side and the generated cloths, over 51 frames
 
 Results go to build/blender, a file a cloth; what is there is not done again, so a run that was stopped goes on. The
 exit code is 1 where a bar is missed.
@@ -34,8 +33,8 @@ from clothfit.base.errors import ClothfitError
 from clothfit.formats.axes import Axes, from_scene
 from clothfit.meshes.mesh import plane
 from clothfit.simulators import blender as tool
-from clothfit.simulators.blender_process import VARIABLE, Blender, program
-from clothfit.simulators.estimate import EACH, FEW, Options, estimate
+from clothfit.simulators.blender import VARIABLE, Blender, program
+from clothfit.simulators.estimate import Options, estimate
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "build" / "blender"
@@ -216,22 +215,21 @@ def judged(rows: list[dict[str, Any]]) -> bool:
     return met
 
 
-def fits(command: list[str], count: int, model: str) -> None:
+def fits(command: list[str], count: int) -> None:
     """Print what fits in Blender's own model leave."""
-    print("| cloth | vertices | mapped | few values | of each vertex | times less | runs |\n|" + 7 * "---|")
+    print("| cloth | vertices | mapped | fitted | times less | runs |\n|" + 6 * "---|")
     for name, make in scenes(count):
         if name in EXAMPLES[2:]:  # they live by what the export leaves out
             continue
 
         def compute(make: Callable[[], clothfit.Scene] = make) -> dict[str, Any]:
             scene = replace(make(), frames=FITTED)
-            (one,) = estimate(scene, None, Options("blender", blender=command[0], most=20, model=model))
-            first = one.few or one
-            return {"vertices": len(scene.cloths[0].mass), "mapped": first.mapped_rmse / one.travel,
-                    "few": first.rmse / one.travel, "fitted": one.rmse / one.travel, "runs": one.simulations}
+            (one,) = estimate(scene, None, Options("blender", blender=command[0], most=20))
+            return {"vertices": len(scene.cloths[0].mass), "mapped": one.mapped_rmse / one.travel,
+                    "fitted": one.rmse / one.travel, "runs": one.simulations}
 
-        row = kept(f"fit-{model}-{name}", compute)
-        cells = [str(row["vertices"]), *(f"{100 * row[each]:.1f} %" for each in ("mapped", "few", "fitted"))]
+        row = kept(f"fit-G-{name}", compute)
+        cells = [str(row["vertices"]), *(f"{100 * row[each]:.1f} %" for each in ("mapped", "fitted"))]
         cells += [f"{row['mapped'] / row['fitted']:.1f}", str(row["runs"])]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
@@ -241,7 +239,6 @@ def main() -> int:
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("parts", nargs="*", default=["formats", "cloths"])
     asked.add_argument("--count", type=int, default=100, help="generated cloths, the smallest of a hundred")
-    asked.add_argument("--model", choices=(FEW, EACH), default=FEW, help="of the fits")
     given = asked.parse_args()
     try:
         command = program(os.environ.get(VARIABLE))
@@ -259,7 +256,7 @@ def main() -> int:
         if "cloths" in given.parts:
             met = cloths(blender, given.count) and met
         if "fits" in given.parts:
-            fits(command, given.count, given.model)
+            fits(command, given.count)
     print("all bars are met" if met else "a bar is missed")
     return 0 if met else 1
 

@@ -83,10 +83,6 @@ def set_up(mesh: Any, values: dict[str, Any], frames_per_second: float) -> None:
             setattr(settings, f"{kind}_stiffness_max", own["stiffness_max"])
             damping = values.get("tension_damping" if kind == "shear" else f"{kind}_damping", values["spring_damping"])
             setattr(settings, f"{kind}_damping", damping)
-    shrink = values.get("shrink")  # of fitted ones
-    if shrink:
-        settings.vertex_group_shrink = paint(mesh, "clothfit shrink", enumerate(shrink["weights"]))
-        settings.shrink_min, settings.shrink_max = shrink["least"], shrink["most"]
     bending = values["bending"] or {"stiffness": 0.0, "stiffness_max": 0.0}
     if "weights" in bending:
         settings.vertex_group_bending = paint(mesh, "clothfit bending", enumerate(bending["weights"]))

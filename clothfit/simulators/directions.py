@@ -1,7 +1,7 @@
 """Substeps of XPBD with the changes of a state along many directions at once: the whole derivative of a motion.
 
-A direction is a relative change of values: of compliances, times of damping and rest lengths, each of which may change
-along S directions, of a mass, or of the damping of a vertex. The changes lie side by side, (n, 3, D), so that one
+A direction is a relative change of values: of compliances, times of damping and rest lengths, of a mass, or of the
+damping of a vertex. The changes lie side by side, (n, 3, D), so that one
 pass over the constraints serves all of them. Of a constraint with the vertices' changes d, those p of the places before
 the substep, and ε of the multiplier, the correction changes by
 
@@ -21,18 +21,16 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.forces import wind
 from clothfit.kernels.kernel import kernel
-from clothfit.simulators.constraint import bend, size_of
-from clothfit.simulators.projection import factors, gap, parts, push_out
+from clothfit.simulators.projection import bend, factors, gap, parts, push_out, size_of
 from clothfit.simulators.substep import Model, Values, Work, finish, predict, set_world, workspace, zeros
 
 
 class Seeds(NamedTuple):
-    """The directions that change each value, indices, −1: none; and by how much they change its logarithm."""
+    """The direction that changes the logarithm of each value, an index, −1: none."""
 
-    compliance: Indices  # (K, S)
-    time: Indices  # (K, S)
-    rest: Indices  # (K, S)
-    share: Array  # (3, K, S), of the three
+    compliance: Indices  # (K,)
+    time: Indices  # (K,)
+    rest: Indices  # (K,)
     mass: Indices  # (n,)
     damping: Indices  # (n,)
     relaxation: Indices  # (K,)
@@ -65,9 +63,8 @@ def many(model: Model, directions: int) -> Many:
 
 def no_seeds(model: Model) -> Seeds:
     """Of no value."""
-    none = np.full((len(model.rest), 1), -1, np.int32)
-    each = np.full(len(model.x0), -1, np.int32)
-    return Seeds(none, none, none, np.ones((3, *none.shape)), each, each.copy(), none[:, 0], each[:1].copy())
+    none, each = (np.full(count, -1, np.int32) for count in (len(model.rest), len(model.x0)))
+    return Seeds(none, none, none, each, each, none, np.full(1, -1, np.int32))
 
 
 class Sweep:
@@ -105,11 +102,11 @@ def pushforward(model, seeds, still, t, s, x, v, many, work):
     stiff = model.contact / (h * h)
     for _ in range(model.iterations):
         for c in range(len(model.rest)):
-            work.multiplier[0, c] = project(model, seeds, c, h, x, work.start, work.multiplier[0, c], many, work.local)
+            work.multiplier[c] = project(model, seeds, c, h, x, work.start, work.multiplier[c], many, work.local)
         for r in range(len(model.radius)):
             for i in range(len(x)):
                 if model.free[i]:
-                    work.pressing[0, r, i] = touch(model, seeds, stiff, r, i, x, work.pressing[0, r, i], many, work)
+                    work.pressing[r, i] = touch(model, seeds, stiff, r, i, x, work.pressing[r, i], many, work)
     finish(model, x, v, work)
     for i in range(len(x)):
         for j in range(3):
@@ -283,13 +280,12 @@ def change_of(model, c, count, slip, keep, g, row, many):
 def own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, many):
     """Add what the values of constraint c and the masses of its vertices do to its correction by themselves."""
     stiff, gamma = factors(model, c, h)
-    for k in range(seeds.share.shape[2]):
-        if seeds.compliance[c, k] >= 0:
-            many.change[seeds.compliance[c, k]] -= seeds.share[0, c, k] * stiff * (multiplier + change) / below
-        if seeds.time[c, k] >= 0:
-            many.change[seeds.time[c, k]] -= seeds.share[1, c, k] * gamma * (slide + change * weight) / below
-        if seeds.rest[c, k] >= 0:
-            many.change[seeds.rest[c, k]] += seeds.share[2, c, k] * model.rest[c] / below
+    if seeds.compliance[c] >= 0:
+        many.change[seeds.compliance[c]] -= stiff * (multiplier + change) / below
+    if seeds.time[c] >= 0:
+        many.change[seeds.time[c]] -= gamma * (slide + change * weight) / below
+    if seeds.rest[c] >= 0:
+        many.change[seeds.rest[c]] += model.rest[c] / below
     for k in range(size_of(model.members, c)):
         i = model.members[c, k]
         if seeds.mass[i] >= 0:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import record_target
 from clothfit.motion.motion import Motion
@@ -17,8 +16,8 @@ from clothfit.objective.experiment import experiments
 from clothfit.objective.target import Target, target
 from clothfit.scene.scene import Scene
 from clothfit.simulators import xpbd
-from clothfit.simulators.many_values import ManyFit
-from clothfit.simulators.values import Fit, Fitted, Tool
+from clothfit.simulators.many_values import MOST, ManyFit
+from clothfit.simulators.values import Fit, Fitted
 
 SIMULATORS = ("xpbd", "blender")
 FEW, EACH = "G", "L"
@@ -52,9 +51,9 @@ def opened(options: Options) -> Iterator[Any]:
     if options.simulator != "blender":
         yield None
         return
-    from clothfit.simulators import blender_process
+    from clothfit.simulators import blender
 
-    with blender_process.Blender(blender_process.program(options.blender)) as running:
+    with blender.Blender(blender.program(options.blender)) as running:
         yield running
 
 
@@ -63,6 +62,8 @@ def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any
     if options.simulator == "xpbd":
         from clothfit.simulators import xpbd_values
 
+        if options.model == EACH:
+            check_count(scene, index, options.settings)
         frames = scene.frames
         tool, every = xpbd_values.tool_of(scene, index, options.settings, frames), 1
     else:
@@ -80,32 +81,31 @@ def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any
             options.report(f"{tool.name}: RMSE {1e3 * error:.4g} mm after {simulations} simulations")
 
     found = Fit(tool, goal, told).run(options.most)
-    return each(scene, index, goal, options, found, told, more) if options.model == EACH else found
+    return each(scene, index, goal, options, found, told) if options.model == EACH else found
 
 
 def each(
-    scene: Scene, index: int, goal: Target, options: Options, few: Fitted, told: Callable[[float, int], None], more: Any
+    scene: Scene, index: int, goal: Target, options: Options, few: Fitted, told: Callable[[float, int], None]
 ) -> Fitted:
-    """Fit the values of each constraint and vertex, from the few on; in Blender, whose derivatives are those of a model
-    nearby, from the mapped ones too, and what ends nearer counts.
-    """
-    from clothfit.simulators import blender, xpbd_values
+    """Fit the values of each constraint and vertex of XPBD, from the few on."""
+    from clothfit.simulators import xpbd_values
 
-    def descent(tool: Tool, begin: Array | None, few: Fitted) -> Fitted:
-        fit = ManyFit(tool, goal, told)
-        fit.begin = begin
-        return replace(fit.run(options.most), few=few)
+    own = xpbd_values.each_of(scene, index, options.settings, scene.frames)
+    begin = xpbd_values.as_few(own, xpbd_values.groups_of(scene, index), few.found)
+    found = ManyFit(own.tool(scene.frames), goal, told, begin).run(options.most)
+    return replace(found, few=few, simulations=few.simulations + found.simulations)
 
-    if options.simulator != "blender":
-        tool, begin = xpbd_values.each_of(scene, index, options.settings, scene.frames, few.found)
-        found = [descent(tool, begin, few)]
-    else:
-        mapped = np.array([value.mapped for value in few.tool.values])
-        starts = [few] if (mapped == few.found).all() else [few, replace(few, found=mapped)]
-        tools = [blender.tool_of(scene, index, goal.last_step + 1, more, start.found) for start in starts]
-        found = [descent(tool, None, start) for tool, start in zip(tools, starts, strict=True)]
-    best = min(found, key=lambda each: each.rmse)
-    return replace(best, simulations=few.simulations + sum(each.simulations for each in found))
+
+def check_count(scene: Scene, index: int, settings: xpbd.Settings) -> None:
+    """Raise InvalidInput where a cloth has more values of constraints and vertices than are fitted one by one."""
+    from clothfit.simulators import xpbd_values
+
+    count = len(xpbd_values.each_of(scene, index, settings, 2).values)
+    if count > MOST:
+        raise InvalidInput(
+            f"{scene.name}: objects[{index}]: --model {EACH} fits at most {MOST} values in xpbd, and this cloth has "
+            f"{count}; use --model {FEW}, or a mesh of about 50 vertices"
+        )
 
 
 def at_frames(goal: Target, every: int) -> Target:

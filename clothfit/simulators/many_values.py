@@ -1,44 +1,32 @@
-"""A fit of many values, such as some for each constraint, by Levenberg–Marquardt.
+"""A fit of many values, some for each constraint and vertex, by Levenberg–Marquardt.
 
 With the residuals r (`Fit.residuals`) and their derivative J by the logarithms of the values, a step d is the least of
-|J d + r|² + μ|d|². Up to DENSE values, JᵀJ is added up frame by frame, with the changes of the state along all values
-side by side (`directions`). Beyond, LSMR finds the step by products with J and Jᵀ, each as long as about two
-simulations.
+|J d + r|² + μ|d|². JᵀJ is added up frame by frame, with the changes of the state along all values side by side
+(`directions`).
 
-Far from the values that fit, the cost of a whole motion has many minima. So, up to SEARCHED values, descents are nudged
-after a first one that is not: after each step the state goes a part of the way, one of PULLS after the other, to where
-the target is, so that an error counts for about 1/pull steps; see `strategy.nudging`. They go on without a pull. One
-begins where the first does, one with the mapped values, and the last, of smaller parts, leaves the best minimum so far;
-the best end counts.
-
-The changes may be those of a model nearby, along the tool's own motion: then only that other descent is made, and a
-step of it counts where the tool itself comes nearer.
+Far from the values that fit, the cost of a whole motion has many minima. So descents are nudged after a first one that
+is not: after each step the state goes a part of the way, one of PULLS after the other, to where the target is, so that
+an error counts for about 1/pull steps; see `strategy.nudging`. They go on without a pull. One begins where the first
+does, one with the mapped values, and the last, of smaller parts, leaves the best minimum so far; the best end counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.errors import InvalidInput
-from clothfit.objective.target import Target, sample
-from clothfit.simulators.values import FAR, WEAK, Fit
+from clothfit.objective.target import Target
+from clothfit.simulators.values import FAR, WEAK, Fit, State, Tool
 
-DENSE = 3000
-"""The most values whose JᵀJ is made."""
-
-SEARCHED = 800
-"""The most values for which there is more than one descent: each takes about as long as the first."""
+MOST = 800
+"""The most values of a cloth that are fitted one by one: JᵀJ is made of them, and there is more than one descent."""
 
 PULLS, LEAVING, NUDGED = (0.5, 0.2, 0.05), (0.05, 0.01), 12
 """Parts of the way to the target, those with which a minimum is left, and the most steps of the fit with each."""
-
-PRODUCTS = 40
-"""The most products with J in a step."""
 
 FIRST, LEAST, RISE, FALL = 1e-4, 1e-14, 4.0, 0.2
 """μ at the start, its least value, both of the trace of JᵀJ, and what it is multiplied by after a step that fails, or
@@ -77,24 +65,18 @@ def pull_of(goal: Target) -> Pull:
 
 
 class ManyFit(Fit):
-    """A fit of a tool that has `sweep`, and `push` and `pull` beyond DENSE values; `begin` (V,) are other values that
-    it may begin with.
-    """
+    """A fit of a tool that has `sweep`; `begin` (V,) are the values that it begins with."""
 
-    begin: Array | None = None
+    def __init__(self, tool: Tool, goal: Target, report: Callable[[float, int], None] | None, begin: Array) -> None:
+        super().__init__(tool, goal, report)
+        self.begin = np.clip(np.log(begin), self.lower, self.upper)
 
     def search(self, most: int) -> None:
         """Levenberg–Marquardt, with at most so many steps of each descent."""
-        if len(self.start) > DENSE and self.tool.push is None:
-            raise InvalidInput(f"{self.tool.name}: {len(self.start)} values, of at most {DENSE} that are fitted there; "
-                               "use --model G")
-        begin = self.start if self.begin is None else np.clip(np.log(self.begin), self.lower, self.upper)
-        self.descend(begin, most)
-        if len(begin) > min(SEARCHED, DENSE) or self.tool.nearby:
-            return
-        for pulls, y in ((PULLS, begin), (PULLS, self.start), (LEAVING, None)):
+        self.descend(self.begin, most)
+        for pulls, y in ((PULLS, self.begin), (PULLS, self.start), (LEAVING, None)):
             if y is None:
-                y = begin if self.best is None else np.log(self.best[1])
+                y = self.begin if self.best is None else np.log(self.best[1])
             for pull in pulls:
                 y = self.descend(y, min(most, NUDGED), pull)
             self.descend(y, most)
@@ -103,10 +85,7 @@ class ManyFit(Fit):
         """Take steps from y, of motions that are pulled so far; returns the last logarithms."""
         mu, r = FIRST, self.pulled(y, pull)
         for _ in range(most):
-            if len(y) > DENSE:
-                steps, cost = self.by_products(y, r, mu), float(r @ r)
-            else:
-                steps, cost = self.by_normal_equations(y, r, pull, mu), float(r @ r)
+            steps, cost = self.by_normal_equations(y, r, pull, mu), float(r @ r)
             for mu, step, predicted in steps:  # noqa: B007  the last one is kept
                 other = np.clip(y + step, self.lower, self.upper)
                 after = self.pulled(other, pull)
@@ -140,7 +119,6 @@ class ManyFit(Fit):
         goal, own = self.goal, self.tool.sweep(np.exp(y), along)
         self.simulations += 1
         pulls = pull_of(goal) if pull else None
-        path = self.positions(y) if self.tool.nearby else None
         x, dx, frame = own.x.copy(), own.dx.copy(), 0
         for t in range(goal.last_step + 1):
             while frame < len(goal.step) and goal.step[frame] + (goal.fraction[frame] > 0) == t:
@@ -153,8 +131,6 @@ class ManyFit(Fit):
                 return
             if pulls is not None and t:
                 nudge(own, pulls, t, pull)
-            if path is not None and t:
-                own.x[:], own.v[:] = path[t], (path[t] - path[t - 1]) / own.h
             x, dx = own.x.copy(), own.dx.copy()
             own.advance(t)
 
@@ -175,56 +151,12 @@ class ManyFit(Fit):
             yield mu, step, cost + float(2.0 * slope @ step + step @ (square @ step))
             mu = max(RISE * mu, 1e-9)
 
-    def by_products(self, y: Array, r: Array, mu: float) -> Iterator[tuple[float, Array, float]]:
-        """The same by LSMR; μ is by itself."""
-        from scipy.sparse.linalg import lsmr
-
-        operator = self.operator(y)
-        for _ in range(TRIES):
-            step = lsmr(operator, -r, damp=np.sqrt(mu), maxiter=PRODUCTS, atol=1e-8, btol=1e-8, conlim=0)[0]
-            step = np.clip(step, -LONGEST, LONGEST)
-            yield mu, step, float(((r + operator.matvec(step)) ** 2).sum())
-            mu *= RISE
-
     @property
     def scale(self) -> float:
         """What a distance counts, 1/m."""
         return float(1.0 / (self.travel * np.sqrt(max(int(self.goal.observed.sum()), 1))))
 
-    def operator(self, y: Array) -> Any:
-        """The derivative of the residuals at y."""
-        from scipy.sparse.linalg import LinearOperator
-
-        push, pull = self.tool.push, self.tool.pull
-        assert push is not None
-        assert pull is not None
-        numbers, seen, count, scale = np.exp(y), self.goal.observed, int(self.goal.observed.sum()), self.scale
-
-        def forward(d: Array) -> Array:
-            d = d.reshape(-1)
-            change = sample(self.goal, push(numbers, d))[seen]
-            return np.concatenate([scale * change.reshape(-1), WEAK * d])
-
-        def backward(r: Array) -> Array:
-            r = r.reshape(-1)
-            bars = np.zeros_like(self.goal.positions)
-            bars[seen] = scale * r[: 3 * count].reshape(-1, 3)
-            return pull(numbers, self.spread(bars)) + WEAK * r[3 * count :]
-
-        return LinearOperator((3 * count + len(y), len(y)), forward, backward, dtype=float)
-
-    def spread(self, bars: Array) -> Array:
-        """The gradient by the tool's frames up to the last that counts, of a function of the target's frames: the
-        adjoint of `sample`.
-        """
-        goal = self.goal
-        found, fraction = np.zeros((goal.last_step + 1, *bars.shape[1:])), goal.fraction[:, None, None]
-        np.add.at(found, goal.step, (1.0 - fraction) * bars)
-        np.add.at(found, np.minimum(goal.step + 1, goal.last_step), fraction * bars)
-        return found
-
-
-def nudge(own: Any, pulls: Pull, t: int, pull: float) -> None:
+def nudge(own: State, pulls: Pull, t: int, pull: float) -> None:
     """Move the state after step t a part of the way to the target, and its changes with it."""
     seen, goes = pulls.seen[t] & own.free, pulls.goes[t] & own.free
     own.x[seen] += pull * (pulls.place[t, seen] - own.x[seen])

@@ -9,15 +9,143 @@ With C and ∇C at x, the multiplier λ, the inverse masses w, the places p befo
 (M. Macklin, M. Müller, N. Chentanez, *XPBD*, 2016, eq. 26), with a relaxation ω between 0 and 2, as in successive
 over-relaxation: where the directions ∇C stay, the iterations end at the same place, sooner or later (D. Young,
 *Iterative solution of large linear systems*, 1971). Without one ω is 1. A sphere is a constraint |x − c| − r ≥ 0 of
-each vertex, whose multiplier stays at least 0. Derivatives stand under their values; H is symmetric.
+each vertex, whose multiplier stays at least 0.
+
+A constraint measures a distance between two vertices, or the angle between two faces:
+
+    distance:  C = |x₀ − x₁| − L,   n = (x₀ − x₁)/|x₀ − x₁|,   ∇₀C = n = −∇₁C
+    angle:     C = θ − θ₀ of a hinge with ends x₀, x₁ and the vertices x₂, x₃ across it; θ is 0 where it is flat
+
+With e = x₁ − x₀, a = x₂ − x₀, b = x₃ − x₀, the normals p = e × a, q = b × e, and the feet s = a·e/|e|², t = b·e/|e|²:
+
+    θ = atan2((p × q)·e/|e|, p·q)
+    ∇₂θ = −|e| p/|p|²,  ∇₃θ = −|e| q/|q|²,  ∇₀θ = −(1 − s) ∇₂θ − (1 − t) ∇₃θ,  ∇₁θ = −s ∇₂θ − t ∇₃θ
+
+(R. Bridson, S. Marino, R. Fedkiw, *Simulation of clothing with folds and wrinkles*, 2003.) The second derivative H
+is only needed times a change d (4, 3) of the vertices. Rows of `members` are the vertices of constraints; those of a
+distance end in −1, −1. Gradients are rows of (4, 3).
 """
 
 from __future__ import annotations
 
-from math import sqrt
+from math import atan2, pi, sqrt
 
 from clothfit.kernels.kernel import kernel
-from clothfit.simulators.constraint import bend, measure, size_of
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
+from clothfit.kernels.vectors import cross, dot
+
+
+@kernel
+def size_of(members, c):
+    """The number of vertices of constraint c: 2 or 4."""
+    return 2 if members[c, 2] < 0 else 4
+
+
+@kernel
+def measure(members, rest, c, x, g):
+    """Write ∇C to the rows of g; returns C, m or rad."""
+    if members[c, 2] < 0:
+        return distance(members, rest, c, x, g)
+    return angle(members, rest, c, x, g)
+
+
+@kernel
+def distance(members, rest, c, x, g):
+    """`measure` of a distance."""
+    e = sub(load3(x, members[c, 0]), load3(x, members[c, 1]))
+    length = sqrt(dot(e, e))
+    n = mul(splat(1.0 / length if length > 0.0 else 0.0), e)
+    store3(n, g, 0)
+    store3(sub(splat(0.0), n), g, 1)
+    return length - rest[c]
+
+
+@kernel
+def sides(members, c, x):
+    """e, a and b of a hinge."""
+    origin = load3(x, members[c, 0])
+    e, a = sub(load3(x, members[c, 1]), origin), sub(load3(x, members[c, 2]), origin)
+    return e, a, sub(load3(x, members[c, 3]), origin)
+
+
+@kernel
+def angle(members, rest, c, x, g):
+    """`measure` of an angle."""
+    e, a, b = sides(members, c, x)
+    p, q = cross(e, a), cross(b, e)
+    ee, pp, qq = dot(e, e), dot(p, p), dot(q, q)
+    if ee == 0.0 or pp == 0.0 or qq == 0.0:  # a face without area bends nothing
+        g[:] = 0.0
+        return 0.0
+    length = sqrt(ee)
+    by_a, by_b = mul(splat(-length / pp), p), mul(splat(-length / qq), q)
+    s, t = dot(a, e) / ee, dot(b, e) / ee
+    store3(by_a, g, 2)
+    store3(by_b, g, 3)
+    store3(fma(splat(s - 1.0), by_a, mul(splat(t - 1.0), by_b)), g, 0)
+    store3(fma(splat(-s), by_a, mul(splat(-t), by_b)), g, 1)
+    found = atan2(dot(cross(p, q), e) / length, dot(p, q)) - rest[c]
+    if found > pi:
+        return found - 2.0 * pi
+    if found < -pi:
+        return found + 2.0 * pi
+    return found
+
+
+@kernel
+def bend(members, c, x, d, out):
+    """Write H d to the rows of `out`, for changes d of the vertices, both (4, 3)."""
+    if members[c, 2] < 0:
+        bend_distance(members, c, x, d, out)
+    else:
+        bend_angle(members, c, x, d, out)
+
+
+@kernel
+def bend_distance(members, c, x, d, out):
+    """`bend` of a distance."""
+    e = sub(load3(x, members[c, 0]), load3(x, members[c, 1]))
+    length = sqrt(dot(e, e))
+    inverse = 1.0 / length if length > 0.0 else 0.0
+    n, de = mul(splat(inverse), e), sub(load3(d, 0), load3(d, 1))
+    turn = mul(splat(inverse), fma(splat(-dot(n, de)), n, de))
+    store3(turn, out, 0)
+    store3(sub(splat(0.0), turn), out, 1)
+
+
+@kernel
+def bend_angle(members, c, x, d, out):
+    """`bend` of an angle: the change of each line of `angle`."""
+    e, a, b = sides(members, c, x)
+    p, q = cross(e, a), cross(b, e)
+    ee, pp, qq = dot(e, e), dot(p, p), dot(q, q)
+    if ee == 0.0 or pp == 0.0 or qq == 0.0:
+        out[:] = 0.0
+        return
+    length = sqrt(ee)
+    origin = load3(d, 0)
+    de, da, db = sub(load3(d, 1), origin), sub(load3(d, 2), origin), sub(load3(d, 3), origin)
+    dp, dq = add(cross(de, a), cross(e, da)), add(cross(db, e), cross(b, de))
+    along = dot(e, de)
+    by_a, by_b = mul(splat(-length / pp), p), mul(splat(-length / qq), q)
+    da_by = change_of_normal(by_a, p, pp, dp, length, along / ee)
+    db_by = change_of_normal(by_b, q, qq, dq, length, along / ee)
+    s, t = dot(a, e) / ee, dot(b, e) / ee
+    ds = (dot(da, e) + dot(a, de) - 2.0 * s * along) / ee
+    dt = (dot(db, e) + dot(b, de) - 2.0 * t * along) / ee
+    store3(da_by, out, 2)
+    store3(db_by, out, 3)
+    first = fma(splat(ds), by_a, mul(splat(dt), by_b))
+    store3(fma(splat(s - 1.0), da_by, fma(splat(t - 1.0), db_by, first)), out, 0)
+    store3(sub(fma(splat(-s), da_by, mul(splat(-t), db_by)), first), out, 1)
+
+
+@kernel
+def change_of_normal(by, p, pp, dp, length, growth):
+    """The change of −|e| p/|p|², which is `by`, for a change dp of p and a relative `growth` of |e|."""
+    first = mul(splat(growth - 2.0 * dot(p, dp) / pp), by)
+    return fma(splat(-length / pp), dp, first)
+
 
 
 @kernel
@@ -57,83 +185,6 @@ def project(model, c, h, x, p, multiplier, g):
 
 
 @kernel
-def push_project(model, direction, c, h, x, p, multiplier, dx, dp, dmultiplier, work):
-    """Correct x and change dx, the change of x, in the same way; returns λ⁺ and its change."""
-    g, d, dg = work[0], work[1], work[2]
-    stiff, gamma = factors(model, c, h)
-    change, below, slide, weight = parts(model, c, h, x, p, multiplier, g)
-    if below == 0.0:
-        return multiplier, dmultiplier
-    dstiff, dgamma = direction.compliance[c] / (h * h), direction.time[c] / h
-    count = size_of(model.members, c)
-    for k in range(count):
-        i = model.members[c, k]
-        for j in range(3):
-            d[k, j] = dx[i, j]
-    bend(model.members, c, x, d, dg)
-    dvalue, dslide, dweight = -direction.rest[c], 0.0, 0.0
-    for k in range(count):
-        i = model.members[c, k]
-        for j in range(3):
-            dvalue += g[k, j] * d[k, j]
-            dslide += dg[k, j] * (x[i, j] - p[i, j]) + g[k, j] * (dx[i, j] - dp[i, j])
-            dweight += g[k, j] * (direction.inverse[i] * g[k, j] + 2.0 * model.inverse[i] * dg[k, j])
-    above = dvalue + dstiff * multiplier + stiff * dmultiplier + dgamma * slide + gamma * dslide
-    dbelow = dgamma * weight + (1.0 + gamma) * dweight + dstiff
-    omega = model.relaxation[c]
-    dchange = direction.relaxation[c] * change - omega * (above + change * dbelow) / below
-    change *= omega
-    for k in range(count):
-        i = model.members[c, k]
-        w, dw = model.inverse[i], direction.inverse[i]
-        for j in range(3):
-            x[i, j] += w * g[k, j] * change
-            dx[i, j] += dw * g[k, j] * change + w * (dg[k, j] * change + g[k, j] * dchange)
-    return multiplier + change, dmultiplier + dchange
-
-
-@kernel
-def pull_project(model, c, h, x, p, multiplier, x_bar, p_bar, multiplier_bar, grad, work):
-    """Turn x_bar, the gradient by x⁺, into that by x; x is that before the correction. Adds to p_bar and to `grad`;
-    returns the gradient by λ.
-    """
-    g, g_bar, turned = work[0], work[1], work[2]
-    stiff, gamma = factors(model, c, h)
-    change, below, slide, weight = parts(model, c, h, x, p, multiplier, g)
-    if below == 0.0:
-        return multiplier_bar
-    count, omega = size_of(model.members, c), model.relaxation[c]
-    change_bar = multiplier_bar  # by ω Δ, then by Δ
-    for k in range(count):
-        i = model.members[c, k]
-        along = 0.0
-        for j in range(3):
-            along += g[k, j] * x_bar[i, j]
-            g_bar[k, j] = model.inverse[i] * omega * change * x_bar[i, j]
-        change_bar += model.inverse[i] * along
-        grad.inverse[i] += omega * change * along
-    grad.relaxation[c] += change * change_bar
-    change_bar *= omega
-    above_bar, below_bar = -change_bar / below, -change * change_bar / below
-    grad.compliance[c] += (above_bar * multiplier + below_bar) / (h * h)
-    grad.time[c] += (above_bar * slide + below_bar * weight) / h
-    grad.rest[c] -= above_bar
-    scale = 2.0 * (1.0 + gamma) * below_bar
-    for k in range(count):
-        i = model.members[c, k]
-        for j in range(3):
-            grad.inverse[i] += (1.0 + gamma) * below_bar * g[k, j] * g[k, j]
-            g_bar[k, j] += scale * model.inverse[i] * g[k, j] + gamma * above_bar * (x[i, j] - p[i, j])
-    bend(model.members, c, x, g_bar, turned)
-    for k in range(count):
-        i = model.members[c, k]
-        for j in range(3):
-            x_bar[i, j] += (1.0 + gamma) * above_bar * g[k, j] + turned[k, j]
-            p_bar[i, j] -= gamma * above_bar * g[k, j]
-    return multiplier_bar + stiff * above_bar
-
-
-@kernel
 def gap(centre, radius, x, i, n):
     """Write the outward normal of vertex i at a sphere to n (3,); returns the gap, m, and the distance to the centre,
     infinite at the centre itself, whose normal is up.
@@ -166,40 +217,3 @@ def touch(stiff, inverse, centre, radius, x, i, multiplier, n):
     for j in range(3):
         x[i, j] += inverse * n[j] * change
     return multiplier + change
-
-
-@kernel
-def push_touch(stiff, inverse, dinverse, centre, radius, x, i, multiplier, dx, dmultiplier, n):
-    """Correct vertex i and its change; returns λ⁺ and its change."""
-    depth, distance = gap(centre, radius, x, i, n)
-    change, presses = push_out(stiff, inverse, depth, multiplier)
-    along = n[0] * dx[i, 0] + n[1] * dx[i, 1] + n[2] * dx[i, 2]
-    dchange = -dmultiplier
-    if presses:
-        dchange = -(along + stiff * dmultiplier + change * dinverse) / (inverse + stiff)
-    for j in range(3):
-        turn = (dx[i, j] - along * n[j]) / distance
-        x[i, j] += inverse * n[j] * change
-        dx[i, j] += inverse * (turn * change + n[j] * dchange) + dinverse * n[j] * change
-    return multiplier + change, dmultiplier + dchange
-
-
-@kernel
-def pull_touch(stiff, inverse, centre, radius, x, i, multiplier, x_bar, multiplier_bar, grad, n):
-    """The adjoint of `touch`; see `pull_project`."""
-    depth, distance = gap(centre, radius, x, i, n)
-    change, presses = push_out(stiff, inverse, depth, multiplier)
-    along = n[0] * x_bar[i, 0] + n[1] * x_bar[i, 1] + n[2] * x_bar[i, 2]
-    change_bar = multiplier_bar + inverse * along
-    grad.inverse[i] += change * along
-    depth_bar, out = 0.0, multiplier_bar
-    if presses:
-        depth_bar = -change_bar / (inverse + stiff)
-        grad.inverse[i] += change * depth_bar
-        out = multiplier_bar + stiff * depth_bar
-    else:
-        out = multiplier_bar - change_bar
-    for j in range(3):
-        turn = (x_bar[i, j] - along * n[j]) / distance
-        x_bar[i, j] += inverse * change * turn + depth_bar * n[j]
-    return out

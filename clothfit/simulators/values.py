@@ -1,8 +1,8 @@
 """The few values of a tool that a fit may change, and the fit: Gauss–Newton on their logarithms in a trust region.
 
 A tool is a `Tool`: its values at the start, which a mapping gives, what its cloth does with others, and, where it has
-one, the derivative of that; else finite differences of the length `difference` take its place. For tools of many values
-see `many_values`.
+one, the derivative of that; else finite differences of the length `difference` take its place. For values of each
+constraint see `many_values`.
 """
 
 from __future__ import annotations
@@ -66,13 +66,8 @@ class Tool:
     motion: Callable[[Array], Array | None]  # of values (V,): positions (frames, n, 3), m; None where it runs away
     columns: Callable[[Array], Array] | None = None  # of values: change of the positions by each logarithm (V, …)
     difference: float = 0.02  # of a logarithm, where there are no columns
-    # of values and a change of their logarithms (V,): the change of the positions
-    push: Callable[[Array, Array], Array] | None = None
-    # of values and the gradient by the positions of the first frames: the gradient by the logarithms
-    pull: Callable[[Array, Array], Array] | None = None
     # of values: the state at the start, whose changes along all logarithms come with it, or not
     sweep: Callable[[Array, bool], State] | None = None
-    nearby: bool = False  # the sweep is that of a model nearby, whose changes stand for those of the tool
 
 
 @dataclass(frozen=True)

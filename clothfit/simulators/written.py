@@ -63,16 +63,11 @@ def files(scene: Scene, found: list[Fitted], options: Options) -> dict[str, byte
 def blender(scene: Scene, found: list[Fitted]) -> dict[str, bytes]:
     """The files of the export, with the fitted values."""
     from clothfit.simulators.blender import with_values
-    from clothfit.simulators.blender_values import with_each
 
     objects = []
     for number, each in enumerate(found):
         base = mapping.one(number, scene.cloths[number], *mapping.steps_of(scene))
-        first = each.few or each
-        own = with_values(base, [value.name for value in first.tool.values], first.found)
-        if each.few:
-            own = with_each(own, {name: fitted for name, _, _, fitted in each.kinds()})
-        objects.append(own)
+        objects.append(with_values(base, [value.name for value in each.tool.values], each.found))
     return blender_files(scene, objects)
 
 

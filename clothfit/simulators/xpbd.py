@@ -23,7 +23,7 @@ from clothfit.export.blender import FOLD
 from clothfit.export.topology import roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
-from clothfit.simulators import sweeps
+from clothfit.simulators import substep
 from clothfit.simulators.substep import Model
 
 DISTANCE, ANGLE = "distance", "angle"
@@ -144,7 +144,7 @@ def pins_of(inputs: Inputs | None, frames: int) -> tuple[Indices, Array]:
 
 def simulate(model: Model, frames: int, name: str = "xpbd") -> Array:
     """Positions (frames, n, 3), m. Raises InvalidInput where the motion runs away."""
-    positions, good = sweeps.simulate(model, frames)
+    positions, good = substep.simulate(model, frames)
     if good < frames:
         raise InvalidInput(f"{name}: its cloth runs away, beyond {FARTHEST:g} m, in frame {good}; take more substeps")
     return positions

@@ -13,9 +13,9 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.scene import Scene
-from clothfit.simulators import sweeps, xpbd
+from clothfit.simulators import substep, xpbd
 from clothfit.simulators.directions import Seeds, Sweep, no_seeds
-from clothfit.simulators.substep import Model, Values, zeros
+from clothfit.simulators.substep import Model
 from clothfit.simulators.values import RANGE, Tool, Value
 
 GROUPS = ("stretch", "shear", "bending")
@@ -36,7 +36,7 @@ class Part(NamedTuple):
     """Values of one field of the model."""
 
     values: list[Value]
-    field: str  # of `Values`
+    field: str  # of the model; "drag": of its faces
     owner: Indices  # of each row of the field, the value that it has; −1: none
     kind: str = "same"  # a row is the value, its "inverse", or "times" what it is in the mapping
 
@@ -52,7 +52,7 @@ class Parts:
         for part, end in zip(parts, self.ends, strict=True):
             lane = np.where(part.owner < 0, -1, end - len(part.values) + part.owner).astype(np.int32)
             name = "mass" if part.field == "inverse" else part.field
-            seeds = seeds._replace(**{name: lane.reshape(getattr(seeds, name).shape)})
+            seeds = seeds._replace(**{name: lane})
         self.seeds: Seeds = seeds
 
     def at(self, numbers: Array) -> Model:
@@ -74,23 +74,6 @@ class Parts:
             found.append(own)
         return np.concatenate(found)
 
-    def direction(self, made: Model, change: Array) -> Values:
-        """The change of a model along changes (V,) of the logarithms."""
-        found = zeros(made)
-        for part, own in zip(self.parts, np.split(change, self.ends[:-1]), strict=True):
-            chosen, sign = part.owner >= 0, -1.0 if inverse(part) else 1.0
-            getattr(found, part.field)[chosen] = sign * field(made, part.field)[chosen] * own[part.owner[chosen]]
-        return found
-
-    def gradient(self, made: Model, by: Values) -> Array:
-        """The gradient (V,) by the logarithms, from that by the model's values."""
-        found = []
-        for part in self.parts:
-            chosen, sign = part.owner >= 0, -1.0 if inverse(part) else 1.0
-            each = sign * field(made, part.field)[chosen] * getattr(by, part.field)[chosen]
-            found.append(np.bincount(part.owner[chosen], each, len(part.values)))
-        return np.concatenate(found)
-
     def tool(self, frames: int) -> Tool:
         """The tool that has these values."""
 
@@ -99,7 +82,7 @@ class Parts:
             return Sweep(made, self.seeds, len(self.values)) if along else Sweep(made, no_seeds(made), 0)
 
         def motion(numbers: Array) -> Array | None:
-            positions, good = sweeps.simulate(self.at(numbers), frames)
+            positions, good = substep.simulate(self.at(numbers), frames)
             return positions if good == frames else None
 
         def columns(numbers: Array) -> Array:
@@ -109,15 +92,7 @@ class Parts:
                 found[:, t + 1] = np.moveaxis(own.dx, 2, 0)
             return found
 
-        def push(numbers: Array, change: Array) -> Array:
-            made = self.at(numbers)
-            return sweeps.tangent(made, self.direction(made, change), frames)
-
-        def pull(numbers: Array, bars: Array) -> Array:
-            made = self.at(numbers)
-            return self.gradient(made, sweeps.gradient(made, len(bars), lambda positions: bars))
-
-        return Tool("xpbd", self.values, motion, columns, push=push, pull=pull, sweep=sweep)
+        return Tool("xpbd", self.values, motion, columns, sweep=sweep)
 
 
 def inverse(part: Part) -> bool:
@@ -182,27 +157,30 @@ def drag(model: Model) -> list[Part]:
     return [Part([Value("air drag", "kg/(m^6 s)", own, own)], "drag", np.zeros(1, np.int32))] if own > 0 else []
 
 
-def each_of(scene: Scene, index: int, settings: xpbd.Settings, frames: int, few: Array) -> tuple[Tool, Array]:
+def each_of(scene: Scene, index: int, settings: xpbd.Settings, frames: int) -> Parts:
     """XPBD with a compliance and a damping of each constraint, a rest length of each distance, a mass and an air
-    damping of each free vertex, and the relaxations and the drag of the few values, which start at the mapped ones; and
-    these values as the few have them.
+    damping of each free vertex, and the relaxations and the drag of the few values, which start at the mapped ones.
     """
-    mapped, group = xpbd.model_of(scene, index, settings, frames), groups_of(scene, index)
-    first = few_of(mapped, group).at(few)
+    mapped = xpbd.model_of(scene, index, settings, frames)
     felt = np.maximum(mapped.time, SHARE * mapped.h / mapped.substeps)
     every = np.ones(len(mapped.rest), bool)
     long = (mapped.members[:, 2] < 0) & (mapped.rest > 0)
-    parts = [
+    return Parts(mapped, [
         rows("compliance", "m/N", "compliance", every, mapped.compliance),
         rows("damping", "s", "time", every, mapped.time, felt),
         rows("rest length", "m", "rest", long, mapped.rest, spread=SPREAD),
         rows("mass", "kg", "inverse", mapped.free, mapped.inverse),
         rows("air damping", "1/s", "damping", mapped.free, mapped.damping, np.maximum(mapped.damping, LEAST_DAMPING)),
-        relaxations(group), *drag(mapped),
-    ]
-    first = first._replace(time=np.maximum(first.time, LEAST_TIME), damping=np.maximum(first.damping, LEAST_DAMPING))
-    own = Parts(mapped, parts)
-    return own.tool(frames), own.numbers(first)
+        relaxations(groups_of(scene, index)), *drag(mapped),
+    ])  # fmt: skip
+
+
+def as_few(each: Parts, group: Array, few: Array) -> Array:
+    """The values of each constraint and vertex that are the `few` ones of constraints of such groups."""
+    first = few_of(each.model, group).at(few)
+    return each.numbers(first._replace(
+        time=np.maximum(first.time, LEAST_TIME), damping=np.maximum(first.damping, LEAST_DAMPING)
+    ))  # fmt: skip
 
 
 def rows(
@@ -215,5 +193,3 @@ def rows(
            for a, b in zip(mapped[chosen], (mapped if start is None else start)[chosen], strict=True)]
     return Part([Value(name, unit, float(b), float(a), spread) for a, b in own], of, number,
                 "inverse" if turned else "same")
-
-

@@ -1,8 +1,6 @@
 """Fits of a tool's values: XPBD finds what XPBD moved with; the command writes them."""
 
 import json
-from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,17 +8,14 @@ import pytest
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
-from clothfit.export.blender import one, steps_of
 from clothfit.export.topology import roles
 from clothfit.meshes.mesh import plane
 from clothfit.motion.motion import Motion
 from clothfit.objective.target import target
-from clothfit.simulators import blender_values, many_values, sweeps, xpbd, xpbd_values
-from clothfit.simulators.blender import left_out, values_of, with_values
-from clothfit.simulators.blender_process import program
-from clothfit.simulators.estimate import Options, each, estimate
+from clothfit.simulators import many_values, substep, xpbd, xpbd_values
+from clothfit.simulators.blender import left_out, program, values_of, with_values
+from clothfit.simulators.estimate import Options, estimate
 from clothfit.simulators.many_values import ManyFit
-from clothfit.simulators.values import Fitted, Tool, Value
 
 pytestmark = pytest.mark.slow  # compiles
 
@@ -66,7 +61,7 @@ def test_a_fit_is_never_worse_than_the_mapping(scene):
         (found,) = estimate(scene, motion, Options("xpbd", settings))
         assert found.rmse <= found.mapped_rmse
         model = xpbd.model_of(scene, 0, settings, FRAMES)
-        mapped, _ = sweeps.simulate(model, FRAMES)
+        mapped, _ = substep.simulate(model, FRAMES)
         gaps = np.linalg.norm(mapped - motion.positions, axis=2)
         assert found.mapped_rmse == pytest.approx(np.sqrt((gaps**2).mean()), rel=1e-9)
 
@@ -94,9 +89,7 @@ def test_the_command_writes_the_values(scene, tmp_path, monkeypatch, capsys):
 
 def test_xpbd_finds_the_values_of_each_constraint(scene):
     settings, rng = xpbd.Settings(1, 4), np.random.default_rng(2)
-    few = xpbd_values.tool_of(scene, 0, settings, FRAMES)
-    begin = np.array([value.start for value in few.values])
-    tool, _ = xpbd_values.each_of(scene, 0, settings, FRAMES, begin)
+    tool = xpbd_values.each_of(scene, 0, settings, FRAMES).tool(FRAMES)
     truth = np.array([value.start for value in tool.values])
     truth *= np.exp(0.1 * rng.normal(size=len(truth)))
     motion = Motion(tool.motion(truth), scene.delta * np.arange(FRAMES), scene.vertex_counts, None, "xpbd")
@@ -107,42 +100,29 @@ def test_xpbd_finds_the_values_of_each_constraint(scene):
     assert found.rmse == pytest.approx(np.sqrt((again**2).mean()), rel=1e-6)
 
 
-def test_tangent_and_adjoint_of_each_value_are_those_of_the_motion(scene):
-    settings, rng, e = xpbd.Settings(1, 3), np.random.default_rng(4), 1e-5
-    begin = np.array([value.start for value in xpbd_values.tool_of(scene, 0, settings, FRAMES).values])
-    tool, _ = xpbd_values.each_of(scene, 0, settings, FRAMES, begin)
-    values = np.array([value.start for value in tool.values])
-    change = rng.normal(size=len(values))
-    found = tool.push(values, change)
-    wanted = (tool.motion(values * np.exp(e * change)) - tool.motion(values * np.exp(-e * change))) / (2 * e)
-    assert np.abs(found - wanted).max() < 1e-7 * np.abs(wanted).max()  # of order e²
-    weights = rng.normal(size=found.shape)
-    assert tool.pull(values, weights) @ change == pytest.approx((weights * found).sum(), rel=1e-9)
-
-
-def test_the_derivative_between_frames_is_the_adjoint_of_the_samples(scene):
+def test_the_derivative_between_frames_is_that_of_the_samples(scene):
     """A target whose clock is not that of the steps."""
     motion = clothfit.simulate(scene)
     slower = Motion(motion.positions[::2], 0.83 * motion.times[::2], scene.vertex_counts, None, "slow")
     goal = target(slower, 0, scene.delta, FRAMES - 1)
     assert (goal.fraction > 0.01).any()
-    few = xpbd_values.tool_of(scene, 0, xpbd.Settings(1, 2), FRAMES)
-    tool, _ = xpbd_values.each_of(scene, 0, xpbd.Settings(1, 2), FRAMES, np.array([v.start for v in few.values]))
-    fit, rng = ManyFit(tool, goal, None), np.random.default_rng(5)
-    own = fit.operator(fit.start)
-    d, r = (rng.normal(size=size) for size in own.shape[::-1])
-    assert own.matvec(d) @ r == pytest.approx(own.rmatvec(r) @ d, rel=1e-9)
-    # and what is added up frame by frame is the same
+    fit, e = many_fit(scene, goal), 1e-5
+    d = np.random.default_rng(5).normal(size=len(fit.start))
     rows, columns = zip(*fit.frames(fit.start, 0.0, along=True), strict=True)
-    assert fit.scale * np.concatenate(columns) @ d == pytest.approx(own.matvec(d)[: -len(d)], rel=1e-9, abs=1e-12)
+    up, down = (fit.residuals(fit.start + s * e * d)[: -len(d)] for s in (1, -1))
+    assert fit.scale * np.concatenate(columns) @ d == pytest.approx((up - down) / (2 * e), rel=1e-6, abs=1e-9)  # e²
     assert fit.scale * np.concatenate(rows) == pytest.approx(fit.residuals(fit.start)[: -len(d)], rel=1e-12)
+
+
+def many_fit(scene, goal):
+    """A fit of each value, from the mapped ones."""
+    tool = xpbd_values.each_of(scene, 0, xpbd.Settings(1, 2), FRAMES).tool(FRAMES)
+    return ManyFit(tool, goal, None, np.array([value.start for value in tool.values]))
 
 
 def test_the_changes_of_a_nudged_motion_are_those_of_its_distances(scene):
     goal = target(clothfit.simulate(scene), 0, scene.delta, FRAMES - 1)
-    few = xpbd_values.tool_of(scene, 0, xpbd.Settings(1, 2), FRAMES)
-    tool, _ = xpbd_values.each_of(scene, 0, xpbd.Settings(1, 2), FRAMES, np.array([v.start for v in few.values]))
-    fit, e = ManyFit(tool, goal, None), 1e-5
+    fit, e = many_fit(scene, goal), 1e-5
     d = np.random.default_rng(6).normal(size=len(fit.start))
     found = np.concatenate([columns @ d for _, columns in fit.frames(fit.start, 0.3, along=True)])
     up, down = (fit.pulled(fit.start + s * e * d, 0.3)[: len(found)] for s in (1, -1))
@@ -151,27 +131,29 @@ def test_the_changes_of_a_nudged_motion_are_those_of_its_distances(scene):
     assert np.linalg.norm(fit.pulled(fit.start, 0.9)) < 0.5 * np.linalg.norm(fit.pulled(fit.start, 0.0))
 
 
-def test_many_more_values_are_fitted_by_products(scene, monkeypatch):
-    monkeypatch.setattr(many_values, "DENSE", 10)
-    (found,) = estimate(scene, None, Options("xpbd", xpbd.Settings(1, 3), most=3, model="L"))
-    assert found.rmse < 0.9 * found.few.rmse
+def test_more_values_than_are_fitted_one_by_one_are_refused_before_any_fit(scene, tmp_path, monkeypatch, capsys):
+    clothfit.save(scene, tmp_path / "sheet.json")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("clothfit.simulators.estimate.MOST", 300)
+    monkeypatch.delattr("clothfit.simulators.estimate.Fit")
+    assert run(["estimate", "sheet.json", "--simulator", "xpbd", "--model", "L"]) == 3
+    assert "at most 300 values in xpbd, and this cloth has 337; use --model G" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("bending", xpbd.BENDING)
 def test_rest_lengths_are_those_of_distances(scene, bending):
     settings = xpbd.Settings(1, 2, bending)
-    few = xpbd_values.tool_of(scene, 0, settings, FRAMES)
-    tool, begin = xpbd_values.each_of(scene, 0, settings, FRAMES, np.array([v.start for v in few.values]))
-    lengths = np.array([value.mapped for value in tool.values if value.name == "rest length"])
+    each = xpbd_values.each_of(scene, 0, settings, FRAMES)
+    lengths = np.array([value.mapped for value in each.values if value.name == "rest length"])
     (own,) = scene.cloths
     distances = np.ones(len(own.rest), bool) if bending == "distance" else ~roles(own).bending
     assert (lengths == own.rest[distances]).all()
-    assert len(begin) == len(tool.values)
 
 
 def test_the_command_writes_the_values_of_each(scene, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(many_values, "SEARCHED", 0)
+    monkeypatch.setattr(many_values, "PULLS", ())
+    monkeypatch.setattr(many_values, "LEAVING", ())
     clothfit.save(scene, "sheet.json")
     options = ["--simulator", "xpbd", "--iterations", "2", "--model", "L", "--json"]
     assert run(["estimate", "sheet.json", *options]) == 0
@@ -197,6 +179,7 @@ def test_the_command_writes_the_values_of_each(scene, tmp_path, monkeypatch, cap
         (["--simulator", "xpbd", "--iterations", "0"], 3, "iterations must be within"),
         (["--simulator", "xpbd", "--substeps", "auto"], 3, "must be a whole number"),
         (["--simulator", "xpbd", "--model", "M"], 3, "fitted by G and L"),
+        (["--simulator", "blender", "--model", "L"], 3, "fitted by G"),
         (["--iterations", "3"], 2, "are for --simulator xpbd"),
         (["--simulator", "xpbd", "--in-place"], 3, "need a folder"),
         (["--simulator", "blender", "--blender", "/no/such/python"], 3, "no such program"),
@@ -234,68 +217,9 @@ def test_blenders_values_are_factors_on_the_mapped_ranges():
     assert base["bending"]["stiffness_max"] == 0.3
 
 
-def test_values_of_vertices_are_ranges_and_weights():
-    group = {"stiffness": 2.0, "stiffness_max": 6.0, "weights": [0.0, 0.5, 1.0]}
-    base = {"structural": group, "bending": None, "tension": {"stiffness": 4.0, "stiffness_max": 12.0}}
-    stiffness, length = np.array([1.0, 3.0, 2.0]), np.array([0.9, 1.0, 1.2])
-    assert blender_values.at_vertices(group).tolist() == [2.0, 4.0, 6.0]
-    made = blender_values.with_each(base, {"stiffness": stiffness, "rest length": length})
-    assert blender_values.at_vertices(made["structural"]) == pytest.approx(stiffness)
-    assert made["tension"] == {"stiffness": 2.0, "stiffness_max": 6.0}  # still twice the others
-    shrink = made["shrink"]
-    spread = shrink["most"] - shrink["least"]
-    assert 1 - shrink["least"] - spread * np.array(shrink["weights"]) == pytest.approx(length)
-
-
-def test_the_model_near_blenders_changes_with_the_values_of_vertices(scene):
-    (own,) = scene.cloths
-    begin = one(0, own, *steps_of(scene))
-    few = xpbd_values.tool_of(scene, 0, xpbd.Settings(1, 1), 6)
-    tool = blender_values.each_of(scene, 0, few, begin, 6, scene.delta, None)
-    values, e = np.array([value.start for value in tool.values]), 1e-5
-    assert {value.name for value in tool.values} == {"stiffness", "bending", "rest length"}
-    d = np.random.default_rng(7).normal(size=len(values))
-
-    def last(numbers, along=False):
-        state = tool.sweep(numbers, along)
-        for t in range(5):
-            state.advance(t)
-        return state
-
-    found = last(values, True).dx @ d
-    up, down = (last(values * np.exp(s * e * d)).x for s in (1, -1))
-    assert np.abs((up - down) / (2 * e) - found).max() < 1e-7 * np.abs(found).max()  # of order e²
-
-
 def test_what_blenders_cloth_has_not_is_said(scene):
     assert left_out(scene) == ["the drag of the air"]
     mesh = plane(1, 1.0)
     windy = clothfit.new_scene(mesh, drag=0.1, wind=(1, 0, 0), spheres=[(0, -1, 0, 0.5)])
     assert left_out(windy) == ["the wind", "the drag of the air", "the spheres"]
     assert left_out(clothfit.new_scene(mesh, drag=0.0, wind=(1, 0, 0))) == []
-
-
-@pytest.mark.parametrize(("ends", "counts"), [((0.3, 0.2), 1.0), ((0.2, 0.3), 2.0)])
-def test_fits_of_each_vertex_in_blender_start_from_the_few_and_the_mapped_values(monkeypatch, ends, counts):
-    """The better end counts, with the few values that it started from; the runs of both are counted."""
-    few = Tool("blender", (Value("mass", "kg", 1.0, 1.0),), lambda numbers: None)
-    found, still = np.array([2.0]), np.zeros((2, 1, 3))
-    end = {2.0: ends[0], 1.0: ends[1]}  # by the value that a descent starts from
-
-    def tool_of(scene, index, frames, running, begin):
-        return replace(few, values=(Value("rest length", "", float(begin[0]), float(begin[0])),))
-
-    class Descent:
-        def __init__(self, tool, goal, told):
-            self.tool = tool
-
-        def run(self, most):
-            start = self.tool.values[0].start
-            return Fitted(self.tool, np.ones(1), 0.9, end[start], 1.0, 10, still)
-
-    monkeypatch.setattr("clothfit.simulators.blender.tool_of", tool_of)
-    monkeypatch.setattr("clothfit.simulators.estimate.ManyFit", Descent)
-    fitted = Fitted(few, found, 0.9, 0.5, 1.0, 7, still)
-    made = each(None, 0, SimpleNamespace(last_step=1), Options("blender", model="L"), fitted, lambda *_: None, None)
-    assert (made.rmse, made.simulations) == (0.2, 27)
-    assert (made.few.found.tolist(), made.few.rmse) == ([counts], 0.5)

@@ -14,8 +14,7 @@ from clothfit.export.blender import TIME_UNIT
 from clothfit.export.tools import exported
 from clothfit.formats.axes import to_scene
 from clothfit.meshes.mesh import plane
-from clothfit.simulators.blender import AXES, tool_of
-from clothfit.simulators.blender_process import Blender, program
+from clothfit.simulators.blender import AXES, Blender, program, tool_of
 
 pytestmark = [
     pytest.mark.slow,  # starts a process
@@ -80,35 +79,6 @@ def test_a_hinge_of_blenders_pushes_a_third_of_its_law(blender, stiffness, lengt
     force = mass * 9.81 * x[0] / reach
     # it still swings by a thousandth after 8 s
     assert force == pytest.approx(0.1 * stiffness * length * theta / 3 / TIME_UNIT**2, rel=5e-3)
-
-
-def test_values_of_vertices_are_those_of_the_script_and_the_model_nearby_changes_as_blender_does(
-    blender, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    scene = sheet()
-    clothfit.save(scene, "sheet.json")
-    few = tool_of(scene, 0, FRAMES, blender)
-    tool = tool_of(scene, 0, FRAMES, blender, np.array([value.mapped for value in few.values]))
-    values = np.array([value.start for value in tool.values])
-    assert np.abs(tool.motion(values) - few.motion(np.array([value.mapped for value in few.values]))).max() < 1e-5
-    state, rng = tool.sweep(values, True), np.random.default_rng(8)
-    for t in range(FRAMES - 1):
-        state.advance(t)
-    for name, e in (("stiffness", 0.05), ("rest length", 0.01)):
-        d = rng.normal(size=len(values)) * [value.name == name for value in tool.values]
-        up, down = (tool.motion(values * np.exp(s * e * d))[-1] for s in (1, -1))
-        there, here = ((up - down) / (2 * e)).reshape(-1), (state.dx @ d).reshape(-1)
-        # another method and a solver that ends at a hundredth: near enough to descend
-        assert there @ here > 0.9 * np.linalg.norm(there) * np.linalg.norm(here)
-    assert run(["estimate", "sheet.json", "--simulator", "blender", "--model", "L", "--json"]) == 0
-    (told,) = json.loads(capsys.readouterr().out)["objects"]
-    assert told["rmse"] <= told["few_rmse"] <= told["mapped_rmse"]
-    script = str(tmp_path / "sheet-blender" / "blender.py")
-    job = {"mesh": f"{blender.folder.name}/mesh0.npz", "script": script, "fps": 50.0, "frames": FRAMES}
-    target = clothfit.simulate(scene, tolerance=1e-10).positions
-    apart = np.sqrt(((to_scene(blender.play(job), AXES) - target) ** 2).sum(axis=2).mean())
-    assert apart == pytest.approx(told["rmse"], rel=1e-6)
 
 
 def test_what_blender_refuses_is_said(blender):

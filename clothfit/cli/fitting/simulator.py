@@ -35,7 +35,7 @@ OPTIONS = (
 )  # fmt: skip
 NAMES = ("--simulator", "--iterations", "--bends-by", "--blender")
 
-MODELS = {"xpbd": ("G", "L"), "blender": ("G", "L")}
+MODELS = {"xpbd": ("G", "L"), "blender": ("G",)}
 """The few values of a tool, or those of each constraint and vertex."""
 
 WITHOUT = ("--start", "--checkpoint", "--forces")
