@@ -11,7 +11,8 @@ from clothfit.engine.inputs.tables import later
 from clothfit.engine.rollout import rollout
 from clothfit.subspace import carrier
 from clothfit.subspace.network.windows import Motions
-from clothfit.subspace.physics.reduced import Reduced, State, decode
+from clothfit.subspace.physics.march import March, State
+from clothfit.subspace.physics.reduced import Reduced, decode
 from clothfit.subspace.recorded.recording import TOLERANCE
 
 
@@ -30,10 +31,11 @@ def projected(runs: Sequence[Reduced], test: Motions, starts: Sequence[tuple[int
     made = []
     for (e, t), z in zip(starts, test.z, strict=True):
         own = runs[e]
-        states = [State(z[1].copy(), (z[1] - z[0]) / own.h, None, t)]
-        for _ in range(test.w.shape[1]):
-            states.append(own.advance(states[-1])[0])
-        made.append(np.stack([state.q for state in states]))
+        motion, q = March(own), np.full((1 + test.w.shape[1], own.r), np.nan)
+        motion.t, motion.state = t, State(z[[1, 0]], np.stack([(z[1] - z[0]) / own.h] * 2))
+        q[0] = z[1]
+        motion.take(q[1:])
+        made.append(q)
     return np.stack(made)
 
 

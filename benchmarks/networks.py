@@ -27,7 +27,7 @@ from clothfit.engine.system import build
 from clothfit.subspace import basis as bases
 from clothfit.subspace.build import seen
 from clothfit.subspace.network import prior
-from clothfit.subspace.network.learn import ONE_OF, Lesson, lesson, limits, prepared
+from clothfit.subspace.network.learn import Lesson, lesson, limits, prepared
 from clothfit.subspace.network.recipe import OWN, PAPER, Budget, Recipe
 from clothfit.subspace.network.training import Training, begin
 from clothfit.subspace.network.unrolled import played
@@ -37,12 +37,9 @@ from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.physics.samples import Selection
 from clothfit.subspace.recorded.recording import Data
 from recurrent import Recurrent
-from trainings import Guided, Held, WithPhysics, changed
+from trainings import Held, changed
 
 TESTS = 5
-GUIDED = 8
-"""Frames of a round at which the physics is asked."""
-
 LEADING = 12
 """Coordinates whose products are features of the quadratic regression."""
 
@@ -109,18 +106,6 @@ def held(task: Task, minutes: float) -> tuple[Any, float]:
     """Our recipe with a linear part that does not grow."""
     training, size = prepared(task.lesson, OWN, 0)
     run(changed(training, Held), minutes)
-    return training.own, size
-
-
-def guided(task: Task, minutes: float) -> tuple[Any, float]:
-    """Our recipe with the projected physics in the loss, by as few elements as follow the motions to 2 %."""
-    training, size = prepared(task.lesson, OWN, 0)
-    count = len(task.lesson.motions.z)
-    taught = [e for e in range(count) if e % ONE_OF != ONE_OF - 1]
-    runs = task.runs(taught)
-    chosen, _ = cubature.find(runs, seen(task.data, 0, taught, runs, 0)[2], 0.02, 0)
-    loss = WithPhysics(training.loss, task.runs(taught, chosen), size, GUIDED)
-    run(changed(training, Guided, loss=loss), minutes)
     return training.own, size
 
 
@@ -215,7 +200,7 @@ def physics(task: Task, error: float | None) -> Array:
     chosen = None
     if error is not None:
         runs = task.runs(task.own)
-        chosen, _ = cubature.find(runs, seen(task.data, 0, task.own, runs, 0)[2], error, 0)
+        chosen = cubature.find(runs, seen(task.data, 0, task.own, runs, 0)[2], [error], 0)[0].selection
     return projected(task.tests(chosen), task.test, task.starts)
 
 
@@ -228,7 +213,6 @@ def rows(task: Task, minutes: float) -> dict[str, Callable[[], Any]]:
         "LSTM": lambda: recurrent(task, "LSTM", minutes),
         "GRU": lambda: recurrent(task, "GRU", minutes),
         "own, spectral radius held": lambda: held(task, minutes),
-        "own, physics in the loss": lambda: guided(task, minutes),
         "full": lambda: full(task.tests(), task.test, task.starts),
         "physics": lambda: physics(task, None),
         "physics with cubature": lambda: physics(task, 0.01),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import click
 from clothfit.base import interrupts
 from clothfit.base.deferred import LINEAR_ALGEBRA, defer
 from clothfit.base.errors import InvalidInput
-from clothfit.base.messages import metres, owned
+from clothfit.base.messages import owned
 from clothfit.cli.common import ending, motions, pictures, scenes, watching
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least, check_numbers, duration, standard_command
@@ -41,7 +42,7 @@ SECTIONS = {  # of the help
     ),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
     "How to fit": (
-        "--model", "--substeps", "--keep-step", "--windows", "--start", "--subspace", "--bounds", "--method", "--prior",
+        "--model", "--substeps", "--keep-step", "--windows", "--start", "--bounds", "--method", "--prior",
         "--budget", "--max-evaluations", "--rmse", "--tolerance",
     ),
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
@@ -94,8 +95,6 @@ SECTIONS = {  # of the help
               "[default: the scene's, else 1e-4 to 1e4, or more where its values lie outside]")
 @click.option("--method", default="auto", metavar="NAME",
               help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]")
-@click.option("--subspace", "in_subspace", is_flag=True,
-              help="Find the start in a subspace of the motion, with --target: for few values of large cloths.")
 @click.option("--budget", "time_budget", metavar="SECONDS",
               help="Stop after this time, such as 30, 30s, 2m or 1h, with the best so far.  "
               "[default: none; 30s where the model falls short of the target]")
@@ -140,7 +139,6 @@ def command(
     forces_path: str | None,
     objectives: tuple[str, ...],
     start: str | None,
-    in_subspace: bool,
     substeps: str | None,
     time_budget: str | None,
     bounds: tuple[str, ...],
@@ -188,8 +186,6 @@ def command(
     check_numbers(tolerance=tolerance)
     if any(as_given[name] for name in ("fit_time", "fit_placement", "fit_scale")) and not target_paths:
         raise click.UsageError("--fit-time, --fit-placement and --fit-scale are for the motion of --target; add that")
-    if in_subspace and not target_paths:
-        raise click.UsageError("--subspace is for the motion of --target; add that")
     tool.check()
     if tool.simulator:
         files = Files(target_paths, start, path, in_place, checkpoint, resume, reading, forces_path)
@@ -204,13 +200,13 @@ def command(
     page = outcomes.page_of(report_path, scene_paths, single, files)
     if not single:
         alone = {"--plot": pictures.plot, "--gif": pictures.gif, "--log": log, "--forces": forces_path}
-        refuse_recording({"--subspace": in_subspace or None, **alone})
+        refuse_recording(alone)
         from clothfit.cli.fitting import many
 
         return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
     recording = Recording(pictures, log)
     own = files.of(scene_paths[0])
-    return fit_one(scene_paths[0], own, options, recording, page, console, as_json, in_subspace)
+    return fit_one(scene_paths[0], own, options, recording, page, console, as_json)
 
 
 def fit_one(
@@ -221,7 +217,6 @@ def fit_one(
     page: outcomes.Page | None,
     console: Console,
     as_json: bool,
-    in_subspace: bool = False,
 ) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)
@@ -248,8 +243,6 @@ def fit_one(
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     warn_of_steps(scene, scene.frames, console)
     console.announce_compilation()
-    if in_subspace:
-        first = from_subspace(scene, targets, first, console)
     with interrupts.deferred():
         with progress(console) as show:
             report = page.listening(recording.report(show)) if page else recording.report(show)
@@ -283,25 +276,7 @@ def check_start(scene: Scene, start: Any) -> None:
         given_start(scene, start, parameters(scene))
 
 
-def from_subspace(scene: Scene, targets: list[Any], start: Any, console: Console) -> Scene:
-    """The values to start from that a fit in the subspace finds. Raises InvalidInput, UsageError."""
-    from clothfit.motion.motion import Motion
-    from clothfit.scene.fit_vector import parameters, with_parameters
-    from clothfit.strategy.start import given_start
-    from clothfit.subspace.fit import fit
-
-    if len(targets) != 1 or not isinstance(targets[0], Motion):
-        raise click.UsageError("--subspace takes one target, of SCENE itself")
-    number = isinstance(start, float)
-    begin = with_parameters(scene, given_start(scene, start, parameters(scene))) if number else start
-    found = fit(scene, targets[0], begin, report=console.detail)
-    times = "basis" if found.rounds == 1 else "bases"
-    console.say(f"in the subspace: {metres(found.rmse)} from the target, after {found.rounds} {times} and "
-                f"{found.evaluations} reduced simulations; the fit goes on in full")
-    return found.scene
-
-
-def refuse_recording(given: dict[str, object]) -> None:
+def refuse_recording(given: Mapping[str, object]) -> None:
     """Raise UsageError where a picture, a log or forces are asked for of several fits."""
     for name, value in given.items():
         if value is not None:

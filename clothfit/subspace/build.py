@@ -131,7 +131,7 @@ def of_object(
     chosen, errors = everything, dict.fromkeys(there, 0.0)
     if options.cubature and samples:
         report("choosing the elements of the cubature")
-        choices = cubature.find_each(runs, samples, options.cubature, options.seed)
+        choices = cubature.find(runs, samples, options.cubature, options.seed)
         chosen, errors = coarsest(runs[-1], U, choices, x)
     used = {"springs": len(chosen.springs), "faces": len(chosen.faces), "vertices": len(chosen.vertices)}
     elements = {name: (used[name], there[name]) for name in there}

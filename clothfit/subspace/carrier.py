@@ -40,6 +40,15 @@ def paths(system: System) -> tuple[Array, Array, Array]:
     return np.concatenate([inputs.path, own], axis=1), start, np.vstack([velocity, velocity.mean(axis=0)])
 
 
+def start_velocity(system: System, basis: Array) -> Array:
+    """The velocity p (r,) of the coordinates at the start, 1/s, past what carries the cloth."""
+    _, _, held = paths(system)
+    v = system.v0 - (held[-1] if len(held) else 0.0)
+    flat = basis.reshape(-1, basis.shape[2])
+    weighted = (basis * system.vertex.mass[:, None, None]).reshape(flat.shape)
+    return np.asarray(np.linalg.solve(weighted.T @ flat, weighted.T @ v.ravel()))
+
+
 def relative(x: Array, system: System) -> Array:
     """Displacements (frames, n, 3) without T, and 0 at fixed vertices."""
     moved = x - shift(system.inputs, len(x))

@@ -77,7 +77,7 @@ class Networks:
         self.own, self.systems = own, [run.system for run in runs]
         self.w = np.stack([run.w for run in runs])  # (N, steps, m)
         self.now = np.zeros((len(runs), own.r), np.float32)
-        self.before = np.stack([run.start().before for run in runs])
+        self.before = np.stack([run.before for run in runs])
 
     @property
     def q(self) -> Array:

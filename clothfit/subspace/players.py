@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.system import build
 from clothfit.scene.scene import Scene
-from clothfit.subspace.network.roll import start_velocity
+from clothfit.subspace import carrier
 
 STAYS, CARRIED = -1, 0
 """Of `way`: a vertex that is fixed, and one that the mean of the pins carries; 1 + p follows pin p."""
@@ -36,6 +36,6 @@ def still(scene: Scene, c: int, basis: Array) -> Still:
     way = np.where(system.vertex.free, CARRIED, STAYS).astype(np.int32)
     if system.inputs is not None:
         way[system.inputs.pins] = 1 + np.arange(len(system.inputs.pins))
-    before = -system.h * start_velocity(system, basis)
+    before = -system.h * carrier.start_velocity(system, basis)
     triangles = np.ascontiguousarray(scene.cloths[c].triangles, np.int32)
     return Still(system.x0.astype(np.float32), before.astype(np.float32), triangles, way)

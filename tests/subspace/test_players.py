@@ -123,7 +123,7 @@ def test_graphs_give_the_motion_of_the_model(scene, model):
     step, decode = session(files["step.onnx"]), session(files["decode.onnx"])
     played = play(model, scene, STEPS + 1)
     own = ready(model, model.parts[0], scene, 0, STEPS, {})
-    q, before = np.zeros((1, SIZE)), own.start().before[None].astype(float)
+    q, before = np.zeros((1, SIZE)), own.before[None].astype(float)
     found = [q]
     for t in range(STEPS):
         (new,) = step.run(["q"], {"q1": q, "q2": before, "w": own.w[t : t + 1]})

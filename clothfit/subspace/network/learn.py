@@ -14,7 +14,6 @@ from clothfit.subspace import carrier
 from clothfit.subspace.network import prior
 from clothfit.subspace.network.layers import Trained
 from clothfit.subspace.network.recipe import Recipe
-from clothfit.subspace.network.roll import start_velocity
 from clothfit.subspace.network.settle import settled
 from clothfit.subspace.network.signals import Signals, fitted, raw
 from clothfit.subspace.network.training import Training, begin
@@ -52,7 +51,7 @@ def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:
     z, good = [], []
     for e, system in zip(episodes, systems, strict=True):
         own, fine = coordinates(data, c, e, system, onto)
-        z.append(np.concatenate([own[:1] - system.h * start_velocity(system, basis), own]))
+        z.append(np.concatenate([own[:1] - system.h * carrier.start_velocity(system, basis), own]))
         good.append(np.concatenate([[True], fine]))
     w = np.stack([signals.of(system, data.steps) for system in systems])
     motions = Motions(np.stack(z), w, np.stack(good))

@@ -1,10 +1,6 @@
-"""Motions of a network: its states, and the memory that its steps need."""
+"""Motions of a network, and the memory that its steps need."""
 
 from __future__ import annotations
-
-from copy import copy
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,15 +15,6 @@ CHUNK = 512
 """Frames between two looks at requests to end."""
 
 
-@dataclass
-class State:
-    """Coordinates after t steps, and before the last of them."""
-
-    q: Single  # (r,)
-    before: Single  # (r,)
-    t: int = 0
-
-
 class Stepper:
     """A network that plays one cloth, as `physics.reduced.Reduced` does."""
 
@@ -39,27 +26,16 @@ class Stepper:
         self.own, self.said, self.room = own, said, Room(own)
         self.w = within(own.signals.of(system, steps), own.input_range, said)
 
-    def under(self, system: System) -> Stepper:
-        """The same network under other inputs, for as many steps; it shares memory with this one."""
-        other = copy(self)
-        other.system = system
-        other.w = within(self.own.signals.of(system, len(self.w)), self.own.input_range, self.said)
-        return other
-
-    def start(self) -> State:
-        """The state at the start."""
-        before = -self.system.h * start_velocity(self.system, self.basis)
-        return State(np.zeros(self.r, np.float32), before.astype(np.float32))
-
-    def advance(self, now: State) -> tuple[State, list[Any]]:
-        """The state after a step."""
-        return State(self.room.step(now.q, now.before, self.w[now.t]).copy(), now.q, now.t + 1), []
+    @property
+    def before(self) -> Single:
+        """The coordinates (r,) a step before the start."""
+        before = -self.system.h * carrier.start_velocity(self.system, self.basis)
+        return before.astype(np.float32)
 
     def roll(self, steps: int) -> Array:
         """The coordinates (steps + 1, r) of a motion from the start."""
         q = np.empty((steps + 1, self.r), np.float32)
-        first_state = self.start()
-        q[0], before = first_state.q, first_state.before
+        q[0], before = 0.0, self.before
         for first in range(0, steps, CHUNK):
             part = q[first : first + CHUNK + 1]
             self.room.roll(part, before, self.w[first : first + len(part) - 1])
@@ -78,15 +54,6 @@ def within(w: Array, limits: Single, said: dict[str, None]) -> Single:
     return np.ascontiguousarray(np.clip(w, low, high))
 
 
-def start_velocity(system: System, basis: Array) -> Array:
-    """The velocity p (r,) of the coordinates at the start, 1/s, past what carries the cloth."""
-    _, _, held = carrier.paths(system)
-    v = system.v0 - (held[-1] if len(held) else 0.0)
-    flat = basis.reshape(-1, basis.shape[2])
-    weighted = (basis * system.vertex.mass[:, None, None]).reshape(flat.shape)
-    return np.asarray(np.linalg.solve(weighted.T @ flat, weighted.T @ v.ravel()))
-
-
 class Room:
     """A network with memory for its steps: its layers below each other in one array."""
 
@@ -98,17 +65,7 @@ class Room:
         self.range = np.ascontiguousarray(own.range)
         self.smooth = own.activation == ACTIVATIONS[1]
         self.a, self.b = (np.empty(max(sizes), np.float32) for _ in range(2))
-        self.w = np.zeros((1, own.m), np.float32)
-        self.q = np.zeros((2, own.r), np.float32)
 
     def roll(self, q: Single, before: Single, w: Single) -> None:
         """Fill q (steps + 1, r) after its first row, for inputs w (steps, m)."""
         roll(self.sizes, self.weights, self.biases, self.range, self.smooth, w, before, q, self.a, self.b)
-
-    def step(self, q: Single, before: Single, w: Single) -> Single:
-        """The coordinates (r,) after one step; valid until the next."""
-        self.w[0] = w
-        self.q[0] = q
-        self.roll(self.q, before, self.w)
-        made: Single = self.q[1]
-        return made

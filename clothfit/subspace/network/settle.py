@@ -13,7 +13,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.system import build
-from clothfit.subspace.network.roll import start_velocity
+from clothfit.subspace import carrier
 from clothfit.subspace.network.signals import Signals
 from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics.march import roll
@@ -54,6 +54,6 @@ def pieces(data: Data, c: int, episode: int, basis: Array, signals: Signals, tim
     length = data.steps
     system = build(data.scene_of(episode), c, steps=times * length)
     q = roll(Reduced(system, basis), times * length)
-    z = np.concatenate([q[:1] - system.h * start_velocity(system, basis), q])
+    z = np.concatenate([q[:1] - system.h * carrier.start_velocity(system, basis), q])
     w = signals.of(system, times * length)
     return [(z[a : a + length + 2], w[a : a + length]) for a in range(length, (times - 1) * length + 1, length)]

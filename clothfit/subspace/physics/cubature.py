@@ -17,7 +17,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.subspace.physics import nnls, step
-from clothfit.subspace.physics.reduced import Iteration, Reduced
+from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.physics.samples import Selection
 
 EQUATIONS = 1600
@@ -41,14 +41,14 @@ class Found(NamedTuple):
     errors: dict[str, float]
 
 
-def impulses(whole: Reduced, at: Iteration, w: Array) -> Array:
+def impulses(whole: Reduced, sample: Sample) -> Array:
     """The momentum (elements, r) that each element adds in a step, springs, faces, then vertices."""
-    whole.linearise(at)
+    step.begin(whole.own, sample.t)
+    whole.linearise(sample.q, sample.p, sample.t)
     lay = whole.layout
-    velocity = np.zeros_like(whole.b)
-    whole.to_copies(w, at.pins[2], velocity, False)
+    x, _, after = whole.places(sample.t)
     given = np.empty_like(whole.b)
-    step.of_copies(whole.A, whole.b, velocity, given)
+    step.of_copies(whole.A, whole.b, whole.velocities(sample.w, (after - x) / whole.h), given)
     rows = lay.rows.reshape(-1, 3, whole.r)
     s, f = int(lay.ends[0]), int(lay.ends[1])
     by_copy = [np.einsum("ic,icr->ir", given[a:b], rows[lay.point[a:b]]) for a, b in ((1, s), (s, f), (f, len(given)))]
@@ -56,31 +56,21 @@ def impulses(whole: Reduced, at: Iteration, w: Array) -> Array:
     return np.concatenate(by_copy)
 
 
-def find(runs: Sequence[Reduced], chosen: Sequence[Sample], error: float, seed: int) -> Found:
-    """The cubature, for a fit, for samples of motions, each with all its elements as a Reduced with its inputs, within
-    an error.
+def find(runs: Sequence[Reduced], chosen: Sequence[Sample], errors: Sequence[float], seed: int) -> list[Found]:
+    """The cubature for samples of motions, each with all its elements as a Reduced with its inputs, within each of some
+    errors, the largest first.
     """
-    return find_each(runs, chosen, [error], seed, True)[0]
-
-
-def find_each(
-    runs: Sequence[Reduced], chosen: Sequence[Sample], errors: Sequence[float], seed: int, energy: bool = False
-) -> list[Found]:
-    """The same for each of some errors, the largest first; whether they count by energy."""
     whole = runs[0]
     kinds = {"springs": len(whole.chosen.springs), "faces": len(whole.chosen.faces)}
     kinds["vertices"] = len(whole.chosen.vertices)
     each = max(1, min(whole.r, EQUATIONS // len(chosen)))
     rng = np.random.default_rng(seed)
     mean = mean_matrix(runs, chosen)
-    scale = np.linalg.cholesky(mean).T if energy else mean
     table = np.empty((each * len(chosen), sum(kinds.values())))
     for k, sample in enumerate(chosen):
-        run = runs[sample.motion]
-        step.begin(run.own, sample.t)
-        given = impulses(run, run.iteration_at(sample), sample.w)
+        given = impulses(runs[sample.motion], sample)
         mix = rng.standard_normal((each, whole.r)) / np.sqrt(each) if each < whole.r else np.eye(whole.r)
-        table[k * each : (k + 1) * each] = (given @ np.linalg.solve(scale, mix.T)).T
+        table[k * each : (k + 1) * each] = (given @ np.linalg.solve(mean, mix.T)).T
     by_kind, there, first = [], [], 0
     for count in kinds.values():
         part = table[:, first : first + count]
@@ -103,10 +93,8 @@ def mean_matrix(runs: Sequence[Reduced], chosen: Sequence[Sample]) -> Array:
     for sample in some:
         run = runs[sample.motion]
         step.begin(run.own, sample.t)
-        at = run.iteration_at(sample)
-        at.cap = 1.0
-        run.linearise(at)
-        total += run.matrix(at)
+        run.linearise(sample.q, sample.p, sample.t, cap=1.0)
+        total += run.matrix()
     return total / len(some)
 
 

@@ -1,9 +1,9 @@
 """All steps of a reduced motion in one compiled loop: what plays a subspace.
 
-The steps are those of `reduced`, which says what they are and takes them one by one for derivatives. Here the sums over
-points have single precision (`dense`), and nothing else has. An iteration solves for what is to be added to a guess of
-the velocity, extrapolated from the last two: that is small, and so is what rounding does to it. Where a matrix is not
-positive definite, the iteration is taken with that of the clamped springs.
+`reduced` says what the steps are. The sums over points have single precision (`dense`), and nothing else has. An
+iteration solves for what is to be added to a guess of the velocity, extrapolated from the last two: that is small, and
+so is what rounding does to it. Where a matrix is not positive definite, the iteration is taken with that of the clamped
+springs.
 
 Conjugate gradients with the factor of an earlier step were tried instead of a new factor in every step: in gusts they
 need three to four products with the matrix, which take as long.
@@ -23,9 +23,9 @@ from clothfit.engine.solve.sparse import XX, XY, XZ, YY, YZ, ZZ
 from clothfit.engine.step import bdf2
 from clothfit.engine.system import BDF2
 from clothfit.kernels.kernel import kernel
+from clothfit.subspace import carrier
 from clothfit.subspace.physics import samples, step
 from clothfit.subspace.physics.dense import LANES, PANEL, ROOM, add_matrix, add_vectors, factorise, products, solve
-from clothfit.subspace.physics.pins import move_pins, place_pins
 from clothfit.subspace.physics.reduced import Reduced
 
 TOGETHER = 200
@@ -129,6 +129,45 @@ def advance(forces, lay, fixed, work, state, t):
 
 
 @kernel
+def place_pins(fixed, pins, t, second, h):
+    """Where a step of the pins and their mean begins, their velocities there, and that with which they go on: what
+    `Reduced.places` gives, in `pins` as `Work` has them.
+    """
+    path = fixed.path
+    for p in range(pins.shape[1]):
+        for c in range(3):
+            x, v = path[t, p, c], pin_velocity(fixed, t, p, c)
+            pins[1, p, c] = v
+            if second:
+                before = pin_velocity(fixed, t - 1, p, c)
+                pins[1, p, c] = 2.0 * v - before
+                x, v = x + (x - path[t - 1, p, c]) / 3.0, v + (v - before) / 3.0
+            pins[2, p, c] = (path[t + 1, p, c] - x) / h
+            pins[3, p, c], pins[4, p, c] = x, v
+
+
+@kernel
+def pin_velocity(fixed, t, p, c):
+    """A component of the velocity of a pin before step t."""
+    path, h = fixed.path, fixed.h
+    if t == 0:
+        return fixed.v_held[p, c]
+    if fixed.second and t > 1:
+        return (1.5 * path[t, p, c] - 2.0 * path[t - 1, p, c] + 0.5 * path[t - 2, p, c]) / h
+    return (path[t, p, c] - path[t - 1, p, c]) / h
+
+
+@kernel
+def move_pins(pins, h, ahead, again):
+    """Where an iteration is linearised: with the velocity of the step where there was one before it (`again`)."""
+    for p in range(pins.shape[1]):
+        for c in range(3):
+            if again:
+                pins[1, p, c] = pins[2, p, c]
+            pins[0, p, c] = pins[3, p, c] + h * pins[1, p, c] if ahead else pins[3, p, c]
+
+
+@kernel
 def linearise(own, lay, fixed, work, h, ahead):
     """The blocks of the points, and what the guess w of the velocity leaves of the equation, b − A w."""
     place_copies(lay, fixed, work)
@@ -220,9 +259,9 @@ class March:
             for cap, bend in ((np.inf, 0.0), (1.0, bdf2.BEND), (1.0, 0.0))
         )
         self.work: Work = workspace(own, rows.shape[1]) if beside is None else beside.work
-        start = own.start()
+        start = carrier.start_velocity(own.system, own.basis)
         self.t = 0
-        self.state = State(np.stack([start.q] * 2), np.stack([start.p] * 2))
+        self.state = State(np.zeros((2, own.r)), np.stack([start] * 2))
 
     def take(self, out: Array) -> int:
         """Take a step for each row of out (steps, r), coordinates; returns how many there were until they went too

@@ -1,4 +1,4 @@
-"""One iteration of an implicit step on the copies of `samples`, compiled: its matrix, its transpose, its tangent.
+"""One iteration of an implicit step on the copies of `samples`, compiled.
 
 On all vertices an iteration solves A w = M v + h [f(y, u) + K (x − y) − D u] (`engine.step.implicit`). With w = U ω on
 the free vertices and the velocities of the pins elsewhere, projected on U, that is
@@ -43,23 +43,6 @@ def spread(lay, points, out):
 
 
 @kernel
-def spread_weighted(lay, points, out):
-    """The same, times the weights of the copies."""
-    for i in range(1, len(out)):
-        j, w = lay.point[i], lay.weight[i]
-        out[i, 0], out[i, 1], out[i, 2] = w * points[j, 0], w * points[j, 1], w * points[j, 2]
-
-
-@kernel
-def gather(lay, copies, out):
-    """Add the values of all copies to their points."""
-    for i in range(1, len(copies)):
-        j = lay.point[i]
-        for c in range(3):
-            out[j, c] += copies[i, c]
-
-
-@kernel
 def add_pins(lay, pins, out):
     """Add the part of the pins (P, 3) to points."""
     for e in range(len(lay.pinned)):
@@ -69,18 +52,16 @@ def add_pins(lay, pins, out):
 
 
 @kernel
-def linearise(own, lay, points, h, ahead, y, u, w, A, b, out):
-    """Write y and u of the copies for R q and R p in the rows of `points` (2, 3 m), the blocks and b; and out (m, 3),
-    the weighted b − B ċ, for the velocities w (copies, 3) of the pins' part. What of y and u is the pins' is there.
+def linearise(own, lay, points, h, y, u, A, b):
+    """Write y and u of the copies for R q and R p in the rows of `points` (2, 3 m), and the blocks A and b of a step
+    from there. What of y and u is the pins' is there.
     """
     for i in range(1, len(y)):
         j = lay.point[i]
         for c in range(3):
             y[i, c] += points[0, 3 * j + c] + lay.constant[j, c]
             u[i, c] += points[1, 3 * j + c]
-    assemble(own, lay, y, u, h, ahead, A, b)
-    out[:] = 0.0
-    projected(lay, A, b, w, out)
+    assemble(own, lay, y, u, h, False, A, b)
 
 
 @kernel
@@ -109,31 +90,11 @@ def times_block(A, i, x0, x1, x2):
 
 
 @kernel
-def projected(lay, A, b, velocity, out):
-    """out (m, 3) += the weighted b − B ċ of all copies, for velocities (copies, 3)."""
-    for i in range(1, len(b)):
-        j, w = lay.point[i], lay.weight[i]
-        p0, p1, p2 = times_block(A, i, velocity[i, 0], velocity[i, 1], velocity[i, 2])
-        out[j, 0] += w * (b[i, 0] - p0)
-        out[j, 1] += w * (b[i, 1] - p1)
-        out[j, 2] += w * (b[i, 2] - p2)
-
-
-@kernel
 def of_copies(A, b, velocity, out):
     """out (copies, 3) = b − B w for velocities w."""
     for i in range(len(b)):
         p0, p1, p2 = times_block(A, i, velocity[i, 0], velocity[i, 1], velocity[i, 2])
         out[i, 0], out[i, 1], out[i, 2] = b[i, 0] - p0, b[i, 1] - p1, b[i, 2] - p2
-
-
-@kernel
-def weighted_blocks(lay, A, velocity, out):
-    """out (copies, 3) += the weights times B v for velocities v."""
-    for i in range(1, len(out)):
-        w = lay.weight[i]
-        p0, p1, p2 = times_block(A, i, velocity[i, 0], velocity[i, 1], velocity[i, 2])
-        out[i, 0], out[i, 1], out[i, 2] = out[i, 0] + w * p0, out[i, 1] + w * p1, out[i, 2] + w * p2
 
 
 @kernel
@@ -183,40 +144,3 @@ def split(D, i, f):
         a, b, c = a - pivot * l0 * l0, b - pivot * l0 * l1, c - pivot * l0 * l2
         d, e, g = d - pivot * l1 * l1, e - pivot * l1 * l2, g - pivot * l2 * l2
     return 3
-
-
-@kernel
-def pull(own, lay, h, y, u, w, s, lam, grad, gy, gu):
-    """Add the derivatives of φ = h λᵀ F(w) (`forces`), λ with weights, by y, u (copies, 3) and by what `grad` has."""
-    a, f = lay.ends[0], lay.ends[1]
-    springs.add_pullback(own.springs, y[:a], u[:a], w[:a], s[:a], lam[:a], h, grad, gy[:a], gu[:a])
-    wind.add_pullback(own.faces, y[a:f], u[a:f], w[a:f], s[a:f], lam[a:f], h, grad, gy[a:f], gu[a:f])
-    spheres.add_pullback(own.spheres, y[f:], u[f:], w[f:], s[f:], lam[f:], h, grad, gy[f:], gu[f:])
-    colliders.add_pullback(own.colliders, y[f:], u[f:], w[f:], s[f:], lam[f:], h, grad, gy[f:], gu[f:])
-
-
-@kernel
-def push(own, lay, h, y, u, w, s, dy, du, direction, out):
-    """out (copies, 3) = h dF(w) for changes dy, du and those of `direction`, times the weights."""
-    out[:] = 0.0
-    a, f = lay.ends[0], lay.ends[1]
-    springs.add_pushforward(own.springs, y[:a], u[:a], w[:a], s[:a], dy[:a], du[:a], direction, h, out[:a])
-    wind.add_pushforward(own.faces, y[a:f], u[a:f], w[a:f], s[a:f], dy[a:f], du[a:f], direction, h, out[a:f])
-    spheres.add_pushforward(own.spheres, y[f:], u[f:], w[f:], s[f:], dy[f:], du[f:], direction, h, out[f:])
-    colliders.add_pushforward(own.colliders, y[f:], u[f:], w[f:], s[f:], dy[f:], du[f:], direction, h, out[f:])
-    for i in range(len(out)):
-        for c in range(3):
-            out[i, c] *= lay.weight[i]
-
-
-@kernel
-def add_damping(own, lay, y, u, h, q, out):
-    """out (copies, 3) += h D q, times the weights, for q (copies, 3)."""
-    a, f = lay.ends[0], lay.ends[1]
-    more = np.zeros_like(out)
-    springs.add_damping(own.springs, y[:a], u[:a], h, q[:a], more[:a])
-    wind.add_damping(own.faces, y[a:f], u[a:f], h, q[a:f], more[a:f])
-    colliders.add_damping(own.colliders, y[f:], u[f:], h, q[f:], more[f:])
-    for i in range(len(out)):
-        for c in range(3):
-            out[i, c] += lay.weight[i] * more[i, c]
