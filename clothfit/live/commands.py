@@ -9,12 +9,12 @@ from typing import Any
 
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.live import sliders, wire
-from clothfit.live.asked import fitted_fields, flag, number, whole
-from clothfit.live.loading import Loading
 from clothfit.live.page import elements_of
 from clothfit.live.session import SOON, Session
-from clothfit.live.tasks.opening import FIELDS
-from clothfit.live.tasks.opening import check as check_load
+from clothfit.live.task import Loading
+from clothfit.live.wire import fitted_fields, flag, number, whole
+from clothfit.live.worker import FIELDS
+from clothfit.live.worker import check as check_load
 from clothfit.scene.scene import load as read
 
 

@@ -15,9 +15,9 @@ from tornado import web, websocket
 from clothfit.base.errors import InvalidInput
 from clothfit.live import wire
 from clothfit.live.commands import answer, answer_long, head_of
-from clothfit.live.loading import LONG, Answer, Loading
 from clothfit.live.page import live_page
 from clothfit.live.session import Session
+from clothfit.live.task import LONG, Answer, Loading
 
 MOST_CLIENTS = 16
 MOST_WAITING, MOST_BYTES = 1000, 32 << 20

@@ -14,10 +14,9 @@ from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.live import sliders, wire
 from clothfit.live.engine import Engine
-from clothfit.live.history import History, Moment
-from clothfit.live.loading import Loading
 from clothfit.live.page import described
-from clothfit.live.tasks.task import Task
+from clothfit.live.sliders import History, Moment
+from clothfit.live.task import Loading, Task
 from clothfit.motion.motion import Motion
 from clothfit.scene.scene import Scene, dumps
 

@@ -214,7 +214,7 @@ def test_what_was_open_plays_on_while_a_scene_is_loaded_and_the_load_can_be_give
         def kill(self):
             held.append("killed")
 
-    monkeypatch.setattr("clothfit.live.loading.Task", Held)
+    monkeypatch.setattr("clothfit.live.task.Task", Held)
     page.keyboard.press("Space")
     page.set_input_files("#file", {"name": "other.json", "mimeType": "application/json", "buffer": b"{}"})
     until(page, "!document.querySelector('#give-up').hidden")
