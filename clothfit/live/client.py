@@ -1,28 +1,27 @@
-"""A client of `clothfit serve` in Python, without packages beside NumPy.
+"""A client of `clothfit serve` in Python, by tornado's WebSocket.
 
-A thread reads what the server sends and keeps the newest frame, so that `latest` never waits. The frames of the
-WebSocket are those of RFC 6455.
+A thread reads what the server sends and keeps the newest frame, so that `latest` never waits.
 """
 
 from __future__ import annotations
 
-import base64
+import asyncio
 import json
-import os
-import socket
-import struct
 import threading
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 from urllib.parse import urlsplit
-
-import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.live import wire
 
-TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10
+LARGEST = 1 << 30
+"""Bytes of a message from the server, which may be a long target."""
+
+CLOSING = 1.0
+"""Seconds that a server has to take leave."""
 
 
 class Connection:
@@ -30,16 +29,22 @@ class Connection:
 
     def __init__(self, address: str, timeout: float) -> None:
         self.timeout, self._closed = timeout, False
-        self._socket = opened(address, timeout)
-        self._lock, self._news = threading.Lock(), threading.Condition()
+        self._news = threading.Condition()
         self._frame: wire.Packet | None = None
         self._answers: dict[int, dict[str, Any]] = {}
         self._last = 0
         self.target: Array | None = None  # (frames, n, 3), m
         self.scene: dict[str, Any] = {}  # as docs/serve.md describes it
         self.heard: dict[str, dict[str, Any]] = {}  # the last message of each type
-        self._thread = threading.Thread(target=self._listen, name="clothfit client", daemon=True)
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="clothfit client", daemon=True)
         self._thread.start()
+        try:
+            opening = asyncio.run_coroutine_threadsafe(opened(address, timeout, self._take), self._loop)
+            self._socket = opening.result()
+        except BaseException:
+            self._end()
+            raise
         if not self._wait(lambda: bool(self.scene) and self._frame is not None):
             self.close()
             raise InvalidInput(f"{address.partition('?')[0]}: the server sends no scene")
@@ -62,7 +67,7 @@ class Connection:
         """Send a message and wait for its answer. Raises InvalidInput with the reason where it is refused."""
         self._last += 1
         number = self._last
-        self._write(TEXT, json.dumps({"type": kind, "id": number, **fields}).encode())
+        self._write(json.dumps({"type": kind, "id": number, **fields}))
         if not self._wait(lambda: number in self._answers):
             raise ClothfitError(f"{kind}: no answer came" + (": the connection is closed" if self._closed else ""))
         answer = self._answers.pop(number)
@@ -79,90 +84,55 @@ class Connection:
 
     def close(self) -> None:
         """End the connection."""
-        if not self._closed:
-            self._write(CLOSE, struct.pack("!H", 1000))
-        self._end()
-
-    def _end(self) -> None:
-        with self._news:
-            self._closed = True
-            self._news.notify_all()
-        self._socket.close()
-
-    def _wait(self, done: Any, timeout: float | None = None) -> bool:
-        with self._news:
-            self._news.wait_for(lambda: done() or self._closed, self.timeout if timeout is None else timeout)
-            return bool(done())
-
-    def _write(self, code: int, data: bytes) -> None:
-        mask = os.urandom(4)
-        size = len(data)
-        head = bytes([0x80 | code])
-        if size < 126:
-            head += bytes([0x80 | size])
-        else:
-            head += bytes([0xFE]) + struct.pack("!H", size) if size < 1 << 16 else b"\xff" + struct.pack("!Q", size)
-        padded = np.frombuffer(data + bytes(-size % 4), np.uint32) ^ np.frombuffer(mask, np.uint32)
-        try:
-            with self._lock:
-                self._socket.sendall(head + mask + padded.tobytes()[:size])
-        except OSError:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._socket.close, 1000)
+            self._wait(lambda: self._closed, CLOSING)
             self._end()
 
-    def _listen(self) -> None:
-        parts: list[bytes] = []
-        kind = TEXT
-        try:
-            while not self._closed:
-                first, second = self._read(2)
-                size = second & 127
-                if size > 125:
-                    (size,) = struct.unpack("!H" if size == 126 else "!Q", self._read(2 if size == 126 else 8))
-                if size > 1 << 30:
-                    break
-                data, code = self._read(size), first & 15
-                if code == PING:
-                    self._write(PONG, data)
-                elif code == CLOSE:
-                    break
-                elif code != PONG:
-                    kind = code or kind
-                    parts.append(data)
-                    if first & 0x80:
-                        whole, parts = b"".join(parts), []
-                        self._take(kind, whole)
-        except (OSError, ValueError, InvalidInput):
-            pass
-        self._end()
+    def _end(self) -> None:
+        """End the thread."""
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
 
-    def _read(self, size: int) -> bytes:
-        found = bytearray()
-        while len(found) < size:
-            try:
-                more = self._socket.recv(min(size - len(found), 1 << 20))
-            except TimeoutError:
-                continue
-            if not more:
-                raise OSError("the connection has ended")
-            found += more
-        return bytes(found)
-
-    def _take(self, kind: int, data: bytes) -> None:
+    def _wait(self, done: Callable[[], bool], timeout: float | None = None) -> bool:
         with self._news:
-            if kind == BINARY:
-                packet = wire.unpacked(data)
-                if packet.kind == wire.FRAME:
-                    self._frame = packet
-                else:
-                    self.target = packet.positions
-            else:
-                message = json.loads(data)
-                self.heard[message["type"]] = message
-                if message["type"] == "scene":
-                    self.scene = message
-                elif message.get("id") is not None:
-                    self._answers[message["id"]] = message
+            self._news.wait_for(lambda: done() or self._closed, self.timeout if timeout is None else timeout)
+            return done()
+
+    def _write(self, text: str) -> None:
+        """Send a text; where the connection is closed, no answer to it comes."""
+        if not self._closed:
+            asyncio.run_coroutine_threadsafe(self._sent(text), self._loop)
+
+    async def _sent(self, text: str) -> None:
+        await self._socket.write_message(text)
+
+    def _take(self, data: str | bytes | None) -> None:
+        """Take a message of the server, in the thread; None: the connection has ended."""
+        with self._news:
+            try:
+                self._closed = self._closed or data is None
+                if isinstance(data, bytes):
+                    self._take_packet(wire.unpacked(data))
+                elif data is not None:
+                    self._take_message(json.loads(data))
+            except (ValueError, InvalidInput):  # it is no server of ours
+                self._closed = True
             self._news.notify_all()
+
+    def _take_packet(self, packet: wire.Packet) -> None:
+        if packet.kind == wire.FRAME:
+            self._frame = packet
+        else:
+            self.target = packet.positions
+
+    def _take_message(self, message: dict[str, Any]) -> None:
+        self.heard[message["type"]] = message
+        if message["type"] == "scene":
+            self.scene = message
+        elif message.get("id") is not None:
+            self._answers[message["id"]] = message
 
 
 def connect(address: str, timeout: float = 30.0) -> Connection:
@@ -170,31 +140,20 @@ def connect(address: str, timeout: float = 30.0) -> Connection:
     return Connection(address, timeout)
 
 
-def opened(address: str, timeout: float) -> socket.socket:
-    """The socket of a WebSocket at an address. Raises InvalidInput."""
-    parts = urlsplit(address)
-    host, port = parts.hostname or "", parts.port or 80
-    if parts.scheme not in ("http", "ws") or not host:
-        raise InvalidInput(f"{address[:80]!r} is no address that clothfit serve prints")
-    key = base64.b64encode(os.urandom(16)).decode()
+async def opened(address: str, timeout: float, take: Callable[[str | bytes | None], None]) -> Any:
+    """The WebSocket at an address, whose messages are given to `take`. Raises InvalidInput."""
     try:
-        made = socket.create_connection((host, port), timeout)
-        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        lines = [
-            f"GET /ws?{parts.query} HTTP/1.1", f"Host: {host}:{port}", "Upgrade: websocket", "Connection: Upgrade",
-            f"Sec-WebSocket-Key: {key}", "Sec-WebSocket-Version: 13",
-        ]  # fmt: skip
-        made.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
-        head = b""
-        while not head.endswith(b"\r\n\r\n") and len(head) < 1 << 14:
-            more = made.recv(1)
-            if not more:
-                break
-            head += more
-    except OSError as error:
-        raise InvalidInput(f"{host}:{port}: no server answers ({error})") from None
-    status = head.split(b"\r\n", 1)[0].decode(errors="replace")
-    if " 101 " not in status:
-        made.close()
-        raise InvalidInput(f"{host}:{port}: the server refuses: {status[9:90]}")
-    return made
+        from tornado import httpclient, websocket
+    except ImportError:
+        raise InvalidInput("connect needs tornado; install it with: pip install 'clothfit[serve]'") from None
+    parts = urlsplit(address)
+    if parts.scheme not in ("http", "ws") or not parts.hostname:
+        raise InvalidInput(f"{address[:80]!r} is no address that clothfit serve prints")
+    place = f"{parts.hostname}:{parts.port or 80}"
+    request = httpclient.HTTPRequest(f"ws://{place}/ws?{parts.query}", connect_timeout=timeout, request_timeout=timeout)
+    try:
+        return await websocket.websocket_connect(request, on_message_callback=take, max_message_size=LARGEST)
+    except httpclient.HTTPClientError as error:
+        raise InvalidInput(f"{place}: the server refuses: {f'{error.code} {error.message}'[:81]}") from None
+    except (OSError, websocket.WebSocketError) as error:
+        raise InvalidInput(f"{place}: no server answers ({error})") from None

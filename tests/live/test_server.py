@@ -10,12 +10,13 @@ import socket
 import struct
 import zlib
 from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
 from helpers.scenes import cloth, document, sphere
 
-from clothfit.base.errors import InvalidInput
+from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.scene.scene import dumps, load
 
 pytest.importorskip("tornado")
@@ -41,7 +42,7 @@ def serving():
 @pytest.fixture
 def client(serving):
     with connect(serving.address) as made:
-        made.token = serving.server.token
+        made.address = serving.address
         made.send("pause")
         made.send("reset")
         yield made
@@ -97,10 +98,8 @@ def test_factors_and_values_change_the_motion_and_undo_brings_it_back(client):
 
 def saved_text(client):
     """The scene as a download."""
-    host, port = client._socket.getpeername()
-    token = client.token
-    reply = asked(host, port, f"GET /scene.json?token={token} HTTP/1.0\r\nHost: {host}:{port}\r\n\r\n".encode())
-    return reply[1]
+    with urlopen(client.address.replace("/?", "/scene.json?")) as reply:
+        return reply.read()
 
 
 def test_what_is_saved_is_the_text_that_was_loaded(client):
@@ -311,10 +310,30 @@ def test_a_broken_message_costs_its_sender_only(serving, client, name):
 def test_too_many_messages_are_refused_and_others_are_answered(serving, client):
     with connect(serving.address) as flood:
         for _ in range(1500):
-            flood._write(1, b'{"type":"status"}')
+            flood._write('{"type":"status"}')
         assert flood._wait(lambda: "refused" in flood.heard, 60)
         assert "too many messages" in flood.heard["refused"]["reason"]
         assert client.send("status")["type"] == "done"
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("ftp://{host}/?token={token}", "is no address that clothfit serve prints"),
+        ("http://{host}/?token=x{token}", "the server refuses: 403 The token is missing or wrong"),
+        ("http://127.0.0.1:1/?token={token}", "127.0.0.1:1: no server answers"),
+    ],
+)
+def test_where_no_server_answers_a_client_says_why(serving, address, said):
+    with pytest.raises(InvalidInput, match=said):
+        connect(address.format(host=urlsplit(serving.address).netloc, token=serving.server.token), 5.0)
+
+
+def test_a_closed_connection_answers_nothing(serving):
+    with connect(serving.address) as made:
+        pass
+    with pytest.raises(ClothfitError, match="no answer came: the connection is closed"):
+        made.send("status")
 
 
 def test_a_taken_port_is_said(serving):
