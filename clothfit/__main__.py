@@ -9,7 +9,6 @@ from __future__ import annotations
 # what `signal` wraps: while that makes its enumerations, Ctrl-C would end with a traceback
 import _signal as signal  # type: ignore[import-not-found]
 import atexit
-import gc
 import os
 
 TYPE_CHECKING = False  # what `typing` calls so is true for type checkers only, but takes 10 ms to import
@@ -20,17 +19,10 @@ if TYPE_CHECKING:
 INTERRUPTED = 130  # the exit code
 
 
-OBJECTS = 200_000
-"""New objects after which Python looks for cycles among them: by default it would do so 500 times while libraries
-load, whose objects all stay.
-"""
-
-
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit."""
     for kind in (signal.SIGINT, signal.SIGTERM):
         signal.signal(kind, _leave)
-    gc.set_threshold(OBJECTS, 20, 20)
     interrupted: list[int] = []
     atexit.register(lambda: interrupted and os._exit(interrupted[0]))  # the first that is registered runs last
     from clothfit.cli import program
