@@ -24,7 +24,7 @@ from clothfit.base.arrays import Array
 from clothfit.derivative import adjoint, approximate
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import build, zeros
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
 
 GAMMA = 1e-3

@@ -20,7 +20,7 @@ import numpy as np
 
 import clothfit
 from clothfit.base.messages import metres
-from clothfit.formats.convention import Reading
+from clothfit.formats.axes import Reading
 from clothfit.meshes.mesh import Mesh
 from clothfit.motion.foreign import load
 from clothfit.motion.motion import Motion

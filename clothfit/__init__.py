@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from clothfit.evaluation.work_precision import work_precision as work_precision
     from clothfit.fit.estimate import estimate as estimate
     from clothfit.fit.result import Fit as Fit
-    from clothfit.formats.convention import Convention as Convention
-    from clothfit.formats.convention import Reading as Reading
+    from clothfit.formats.axes import Convention as Convention
+    from clothfit.formats.axes import Reading as Reading
     from clothfit.inspection.gradient_check import SceneCheck as SceneCheck
     from clothfit.inspection.gradient_check import check_scene as check_scene
     from clothfit.live.client import connect as connect
@@ -61,9 +61,9 @@ if TYPE_CHECKING:
     from clothfit.scene.cloth import Cloth as Cloth
     from clothfit.scene.fit_vector import parameters as parameters
     from clothfit.scene.fit_vector import with_parameters as with_parameters
-    from clothfit.scene.over_time.forces import Forces as Forces
-    from clothfit.scene.over_time.forces import load_forces as load_forces
-    from clothfit.scene.over_time.forces import save_forces as save_forces
+    from clothfit.scene.forces import Forces as Forces
+    from clothfit.scene.forces import load_forces as load_forces
+    from clothfit.scene.forces import save_forces as save_forces
     from clothfit.scene.scene import Scene as Scene
     from clothfit.scene.scene import load as load
     from clothfit.scene.scene import save as save
@@ -74,9 +74,9 @@ _HOMES = {
     "base.errors": ("ClothfitError", "InvalidInput", "InvalidMotion", "InvalidScene"),
     "scene.cloth": ("Cloth",),
     "scene.fit_vector": ("parameters", "with_parameters"),
-    "scene.over_time.forces": ("Forces", "load_forces", "save_forces"),
+    "scene.forces": ("Forces", "load_forces", "save_forces"),
     "scene.scene": ("Scene", "load", "save"),
-    "formats.convention": ("Convention", "Reading"),
+    "formats.axes": ("Convention", "Reading"),
     "meshes.mesh_file": ("read_mesh",),
     "meshes.new_scene": ("new_scene",),
     "motion.degrade": ("degrade",),

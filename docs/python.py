@@ -73,7 +73,7 @@ MODULES = {
 PARTS = {
     "Scene": ("scene.scene.Sphere",),
     "Control": ("control.control.Reached",),
-    "Forces": ("scene.over_time.regulator.Regulator",),
+    "Forces": ("scene.forces.Regulator",),
     "Fit": ("fit.result.FittedBlock", "fit.result.Scatter", "fit.holdout.HeldOut"),
     "estimate_many": ("many.estimate_many.Result",),
     "Evaluation": ("evaluation.evaluate.Distance", "evaluation.evaluate.Deviation"),

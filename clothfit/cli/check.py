@@ -15,7 +15,7 @@ from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import one_stream, read_scene, under_forces
 
 if TYPE_CHECKING:
-    from clothfit.formats.convention import Reading
+    from clothfit.formats.axes import Reading
     from clothfit.inspection.gradient_check import SceneCheck
     from clothfit.inspection.ladder import Finding
     from clothfit.scene.scene import Scene

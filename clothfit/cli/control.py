@@ -23,7 +23,7 @@ from clothfit.many.job import INTERRUPTED
 if TYPE_CHECKING:
     from clothfit.control.control import Control
     from clothfit.control.keyframes import Key
-    from clothfit.formats.convention import Convention, Reading
+    from clothfit.formats.axes import Convention, Reading
     from clothfit.scene.scene import Scene
 
 INTERVAL = 2.0
@@ -128,7 +128,7 @@ def command(
     warn_of_steps(scene, scene.frames, console)
     from clothfit.control.closed_loop import Costs
     from clothfit.control.control import find_controls
-    from clothfit.scene.over_time.forces import archive
+    from clothfit.scene.forces import archive
     from clothfit.scene.scene import dumps, folder_of
 
     console.announce_compilation()
@@ -155,7 +155,7 @@ def command(
 
 def own_axes() -> Convention:
     """The axes of each format."""
-    from clothfit.formats.convention import Convention
+    from clothfit.formats.axes import Convention
 
     return Convention()
 

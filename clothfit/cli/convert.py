@@ -16,7 +16,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import one_stream, read_scene
-from clothfit.formats.convention import Convention, Reading
+from clothfit.formats.axes import Convention, Reading
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Indices

@@ -27,7 +27,7 @@ from clothfit.many.job import INTERRUPTED
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
-    from clothfit.formats.convention import Reading
+    from clothfit.formats.axes import Reading
     from clothfit.objective.memory_needs import Needs
     from clothfit.scene.scene import Scene
 

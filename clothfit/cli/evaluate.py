@@ -17,7 +17,7 @@ from clothfit.cli.evaluating import evaluate_speed
 
 if TYPE_CHECKING:
     from clothfit.evaluation.evaluate import Evaluation
-    from clothfit.formats.convention import Reading
+    from clothfit.formats.axes import Reading
 
 
 SPEED_OPTIONS = ("--speed", "--error", "--budget")

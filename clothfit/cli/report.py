@@ -20,7 +20,7 @@ from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
 
 if TYPE_CHECKING:
-    from clothfit.formats.convention import Reading
+    from clothfit.formats.axes import Reading
     from clothfit.motion.motion import Motion
     from clothfit.report.log import Log
     from clothfit.report.showing import Shown

@@ -20,7 +20,7 @@ from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 
 if TYPE_CHECKING:
-    from clothfit.formats.convention import Reading
+    from clothfit.formats.axes import Reading
     from clothfit.live.server import Server
 
 SECTIONS = {

@@ -23,7 +23,7 @@ from clothfit.cli.common.scenes import (
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
-    from clothfit.formats.convention import Convention
+    from clothfit.formats.axes import Convention
     from clothfit.motion.divergence import Diverged
     from clothfit.motion.energy import Energy
     from clothfit.motion.motion import Motion

@@ -22,7 +22,7 @@ from clothfit.cli.common.scenes import (
 )
 
 if TYPE_CHECKING:
-    from clothfit.formats.convention import Convention
+    from clothfit.formats.axes import Convention
 
 
 SECTIONS = {

@@ -23,7 +23,7 @@ from clothfit.derivative import adjoint
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import IMPLICIT, System, build
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.optimise.status import Status
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
 
 NEAR = 1e-3

@@ -21,7 +21,7 @@ from clothfit.control.keyframes import Key
 from clothfit.engine.inputs import knots
 from clothfit.engine.inputs.interpolation import resolved
 from clothfit.meshes.new_scene import text
-from clothfit.scene.over_time.keys import Keys, Pin
+from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.scene import Scene, dumps, load
 
 

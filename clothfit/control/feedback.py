@@ -28,8 +28,7 @@ from clothfit.control.vibration import modes_of
 from clothfit.derivative.sensitivity import Carried, Columns, Point, Share
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build
-from clothfit.scene.over_time.forces import Forces
-from clothfit.scene.over_time.regulator import Regulator, state
+from clothfit.scene.forces import Forces, Regulator, state
 from clothfit.scene.scene import Scene
 
 MOST_SHAPES = 100

@@ -21,7 +21,7 @@ from clothfit.engine.inputs.splines import splined
 from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise.status import Status
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
 
 FEWEST, COARSE = 40, {IMPLICIT: 120, BDF2: 350}

@@ -16,8 +16,8 @@ from clothfit.engine import rollout
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.step import implicit
 from clothfit.engine.system import System, build
-from clothfit.motion.feedback import limited
-from clothfit.scene.over_time.forces import Forces
+from clothfit.motion.simulate import limited
+from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
 
 

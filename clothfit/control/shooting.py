@@ -23,8 +23,8 @@ from clothfit.control.unknowns import Block, blocks
 from clothfit.derivative import adjoint, sensitivity
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build, mobile, with_elements, zeros
-from clothfit.motion.feedback import limited
-from clothfit.scene.over_time.forces import Forces
+from clothfit.motion.simulate import limited
+from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:

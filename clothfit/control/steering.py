@@ -26,7 +26,7 @@ from clothfit.control.reference import path
 from clothfit.control.shooting import Shooting, Shot
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise.status import Status
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
 
 SHARES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)

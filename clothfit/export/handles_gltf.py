@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 from clothfit.export.handles import Handle, handles
-from clothfit.formats.glb_parts import Parts, glb
+from clothfit.formats.glb import Parts, glb
 from clothfit.scene.scene import Scene
 
 

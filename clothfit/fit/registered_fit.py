@@ -23,8 +23,8 @@ from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import split
 from clothfit.fit.options import FitOptions
 from clothfit.fit.result import Fit
+from clothfit.motion.degrade import rounding
 from clothfit.motion.motion import at_frames
-from clothfit.motion.rounding import rounding
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.loss import loss_named
 from clothfit.optimise.progress import Progress

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import named
-from clothfit.formats.animation import Animation, fans, increasing
+from clothfit.formats.animation import Animation, fans, increasing, known, parts_of
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
-from clothfit.formats.labels import known, parts_of
 from clothfit.formats.ogawa import Object, Ogawa, Property
 
 MESH_SCHEMAS = ("AbcGeom_PolyMesh_v1", "AbcGeom_SubD_v1")

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
+from clothfit.formats.animation import Parts, known, parts_of
 from clothfit.formats.files import check_room
 from clothfit.formats.gltf import Document
 from clothfit.formats.gltf_scene import Placed, Tracks, transform
-from clothfit.formats.labels import Parts, known, parts_of
 
 AT_REST = {"translation": [0.0] * 3, "rotation": [0.0, 0.0, 0.0, 1.0], "scale": [1.0] * 3}
 

@@ -1,4 +1,4 @@
-"""Markers in CSV files: tables with a line of names, wide or long, and those that Motive and Nexus (`vicon_table`)
+"""Markers in CSV files: tables with a line of names, wide or long, and those that Motive and Nexus
 export.
 
     wide    time,hem_x,hem_y,hem_z,…      a line for each frame
@@ -14,6 +14,12 @@ In the files that OptiTrack's Motive exports the first line has facts, name and 
 the rate. The lines above the table give each column's kind (`Marker`, `Rigid Body`, …), its name, its identity, and
 whether it is a position or a rotation; then come Frame, Time (Seconds), X, Y, Z, …. y is up and the axes are
 right-handed. Only markers are read.
+
+In those of Vicon Nexus ("Export ASCII") there are sections with blank lines between them: Devices, Joints, Model
+Outputs, Trajectories. Each has a line with its title, the rate, the names (each over the first of its columns, as
+subject:marker), the kinds of columns (Frame, Sub Frame, X, Y, Z, …), their units, and then a line for each frame. Only
+Trajectories are read, and of them positions only: X', mm/s, is a velocity. Nexus has z up and right-handed axes, unless
+a laboratory has set others.
 """
 
 from __future__ import annotations
@@ -23,9 +29,11 @@ import io
 import os
 import re
 from array import array
+from collections.abc import Iterator
 
 import numpy as np
 
+from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
 from clothfit.base.writing import Data
@@ -33,6 +41,7 @@ from clothfit.formats.animation import Animation, times_of, with_gaps
 from clothfit.formats.axes import RIGHT, Axes
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.markers import (
+    EMPTY,
     METRES_PER_UNIT,
     labels_of,
     marker_animation,
@@ -43,7 +52,6 @@ from clothfit.formats.markers import (
     unit_of,
 )
 from clothfit.formats.table import Table, animation_of, table_of
-from clothfit.formats.vicon_table import animation, is_vicon
 
 MOTIVE_FIRST_CELL = "Format Version"
 MARKER_KINDS = ("marker", "unlabeled marker")
@@ -52,6 +60,11 @@ MARKER_KINDS = ("marker", "unlabeled marker")
 TIME_COLUMNS = ("time", "t", "times", "seconds", "time_s", "timestamp")
 FRAME_COLUMNS = ("frame", "frames", "frame#", "frame number", "frame_number")
 MARKER_COLUMNS = ("marker", "name", "label", "point", "id")
+
+TITLE = re.compile(r'^"?(Trajectories|Devices|Joints|Segments|Model Outputs)"?[,;\t ]*\n', re.MULTILINE)
+"""The title of a section of Nexus, alone in its line."""
+
+WANTED = "Trajectories"
 
 COORDINATE = re.compile(r"(.*?)[\s_.:\-]?([xyzXYZ])\s*(?:[(\[]\s*([A-Za-z]+)\s*[)\]])?")
 """The name of a column: marker, axis, and the unit in brackets."""
@@ -62,8 +75,8 @@ def read(path: str | os.PathLike[str]) -> Animation:
     name, text = name_of(path), text_of(path)
     if text.startswith(MOTIVE_FIRST_CELL):
         return _motive(text, name)
-    if is_vicon(text):
-        return animation(text, name)
+    if TITLE.match(text) is not None:
+        return _vicon(text, name)
     table = table_of(text, name)
     marker, coordinates = table.column(MARKER_COLUMNS), [table.column((axis,)) for axis in "xyz"]
     time, frame = table.column(TIME_COLUMNS), table.column(FRAME_COLUMNS)
@@ -160,7 +173,7 @@ def _motive(text: str, name: str) -> Animation:
                 break
             if any(cells):
                 above.append([each.strip() for each in cells])
-        triples = _triples(above)
+        triples = _motive_triples(above)
         wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
         rows = (
             [number(cells[i] if i < len(cells) else "", f"{name}: line {reader.line_num}") for i in wanted]
@@ -177,7 +190,7 @@ def _motive(text: str, name: str) -> Animation:
     return marker_animation(positions, axes, table[:, 0], list(triples), notes, name)
 
 
-def _triples(above: list[list[str]]) -> dict[str, int]:
+def _motive_triples(above: list[list[str]]) -> dict[str, int]:
     """The first column of each marker's position, by its name, from the lines above the table."""
     if len(above) < 3:
         return {}
@@ -187,3 +200,70 @@ def _triples(above: list[list[str]]) -> dict[str, int]:
         if kinds[i].lower() in MARKER_KINDS and what[i].lower() == "position":
             found.setdefault(names[i], i)
     return found
+
+
+def _vicon(text: str, name: str) -> Animation:
+    """The markers of the trajectories in a text that Nexus exported. Raises InvalidMotion, with the line."""
+    titles = list(TITLE.finditer(text))
+    begin = next((each.start() for each in titles if each[1] == WANTED), None)
+    if begin is None:
+        there = ", ".join(dict.fromkeys(each[1] for each in titles))
+        raise InvalidMotion(f"{name}: it has no {WANTED}, only {there}; export the trajectories from Nexus")
+    above, stream = text.count("\n", 0, begin), io.StringIO(text[begin:])
+    next(stream)
+    rate_line, names, kinds, units = (next(stream, "").rstrip("\n") for _ in range(4))
+    separator = next((each for each in "\t;" if each in kinds), ",")
+    rate = number(_cells(rate_line, separator)[0], f"{name}: line {above + 2}")
+    if not rate > 0:
+        raise InvalidMotion(f"{name}: line {above + 2}: the rate must be above 0; {rate:g} was given")
+    columns = _vicon_triples(_cells(names, separator), _cells(kinds, separator))
+    wanted = [0, *(first + axis for first in columns.values() for axis in range(3))]
+    table = number_table(_rows(stream, separator, wanted, name, above + 5), len(wanted))
+    notes: list[str] = []
+    unit = _cells(units, separator)
+    first = next(iter(columns.values()), 0)
+    axes = Axes("z", "right", scale_of(unit[first] if first < len(unit) else "", notes))
+    positions = table[:, 1:].reshape(len(table), len(columns), 3)
+    return marker_animation(positions, axes, _times(table[:, 0], rate), list(columns), notes, name)
+
+
+def _times(frames: Array, rate: float) -> Array:
+    """Times, s, of frame numbers, which begin at any."""
+    return (frames - frames[0]) / rate if len(frames) else frames
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return [each.strip() for each in next(csv.reader([line], delimiter=separator), [])] or [""]
+
+
+def _vicon_triples(names: list[str], kinds: list[str]) -> dict[str, int]:
+    """The first column of each marker's position, by its name."""
+    found: dict[str, int] = {}
+    label = ""
+    for i in range(2, len(kinds) - 2):
+        label = names[i] if i < len(names) and names[i] else label
+        if [each.upper() for each in kinds[i : i + 3]] == ["X", "Y", "Z"]:
+            found.setdefault(label or f"column {i + 1}", i)
+    return found
+
+
+def _rows(stream: io.StringIO, separator: str, wanted: list[int], name: str, above: int) -> Iterator[list[float]]:
+    """The wanted numbers of each line up to the end of the section. Raises InvalidMotion."""
+    reader = csv.reader(stream, delimiter=separator)
+    try:
+        for cells in reader:
+            if not any(cells):
+                return
+            place = f"{name}: line {above + reader.line_num}"
+            row = [_value(cells[i], separator, place) if i < len(cells) else np.nan for i in wanted]
+            if row[0] != row[0]:
+                raise InvalidMotion(f"{place}: {shown(cells[0])} is no frame number")
+            yield row
+    except csv.Error as error:
+        raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
+
+
+def _value(cell: str, separator: str, place: str) -> float:
+    if cell.strip().lower() in EMPTY:
+        return np.nan
+    return number(cell if separator == "," else cell.replace(",", "."), place)

@@ -1,10 +1,12 @@
 """OBJ files, and sequences of them: a file for each frame, `name_0000.obj`, `name_0001.obj`, …, as `name_*.obj`.
 
 The reader takes the lines `v x y z` and `f a b c …`, with corners as `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 1
-or backwards from the last vertex before the line; of a single file `obj_labels` reads texture coordinates and names of
-parts. The rest is skipped. Vertices keep the order of the file, through all its objects and groups; polygons become
-fans of triangles. OBJ has neither axes nor unit nor time: y up, right-handed
-and metres are what most programs write. Numbers are written in full, so that float64 survives unchanged.
+or backwards from the last vertex before the line; of a single file it also reads texture coordinates and names of
+parts: `vt u v` lines give the coordinates that corners such as `7/12` name, from 1 or backwards; `g`, `o` and `usemtl`
+hold for the faces after them, until the next line of their kind; a `g` line may name several groups. The rest is
+skipped. Vertices keep the order of the file, through all its objects and groups; polygons become fans of triangles. OBJ
+has neither axes nor unit nor time: y up, right-handed and metres are what most programs write. Numbers are written in
+full, so that float64 survives unchanged.
 """
 
 from __future__ import annotations
@@ -18,15 +20,15 @@ from itertools import chain, pairwise
 from typing import IO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import unreadable
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import Animation, Parts, fans, known, parts_of
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import POSITION_COPIES, check_room, content, name_of
-from clothfit.formats.obj_labels import labels
 
 ANY = "*"
 """The place of the frame number in the name of a sequence."""
@@ -38,6 +40,11 @@ DIGITS = 4
 VERTEX = re.compile(rb"^[ \t]*+v[ \t]++(\S++)[ \t]++(\S++)[ \t]++(\S++)", re.MULTILINE)
 VERTEX_LINE = re.compile(rb"^[ \t]*+v(?=[ \t\n]|\Z)", re.MULTILINE)
 FACE_LINE = re.compile(rb"^[ \t]*+f(?=[ \t\n]|\Z)([^\n]*+)", re.MULTILINE)
+
+COORDINATES = re.compile(rb"^[ \t]*+vt(?=[ \t\n]|\Z)([^\n]*+)", re.MULTILINE)
+LABELLED = re.compile(rb"^[ \t]*+(f|g|o|usemtl)(?=[ \t\n]|\Z)([^\n]*+)", re.MULTILINE)
+KINDS = (b"g", b"o", b"usemtl")  # in the order of the parts
+MOST_GROUPS = 8  # of a face
 
 OBJ_COPIES = 10
 """Memory that reading a file takes at most, as a multiple of its size: three copies of the text, and three numbers from
@@ -213,3 +220,62 @@ def _corner(word: bytes, before: int) -> int:
     except ValueError:
         return -1
     return number - 1 if number > 0 else before + number if number < 0 else -1
+
+
+def labels(data: bytes, triangles: Indices) -> tuple[Array | None, Parts]:
+    """Texture coordinates (T, 3, 2), NaN where unknown, and parts, of a text whose faces make `triangles` (T, 3)."""
+    has = re.search(rb"^[ \t]*+(vt|g|o|usemtl)[ \t]", data, re.MULTILINE)
+    if has is None or not len(triangles):
+        return None, ()
+    starts = np.array([match.start() for match in COORDINATES.finditer(data)])
+    lengths, corners = array("i"), array("i")
+    current: dict[bytes, list[bytes]] = {kind: [] for kind in KINDS}
+    members: dict[tuple[bytes, bytes], list[int]] = {}
+    for line in LABELLED.finditer(data):
+        kind, text = line[1], line[2].split(b"#", 1)[0] if line[1] == b"f" else line[2]
+        if kind != b"f":
+            current[kind] = text.split()[:MOST_GROUPS] if kind == b"g" else [text.strip()]
+            continue
+        words = text.split()
+        before = int(np.searchsorted(starts, line.start())) if b"-" in text else 0
+        for key in [(each, name) for each in KINDS for name in current[each]]:
+            members.setdefault(key, []).append(len(lengths))
+        lengths.append(len(words))
+        corners.extend([_coordinate(word, before) for word in words])
+    count = np.array(lengths, np.int64)
+    face = np.repeat(np.arange(len(count)), np.maximum(count - 2, 0))  # of each triangle
+    own = [(name.decode(errors="replace"), _of_faces(members[kind, name], face))
+           for wanted in KINDS for kind, name in members if kind == wanted]
+    number = np.array(corners, np.int64)[fans(count, np.arange(len(corners)))]
+    return _texture(data, number), parts_of(own, triangles)
+
+
+def _of_faces(faces: list[int], face: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The triangles of some faces."""
+    return np.flatnonzero(np.isin(face, faces))
+
+
+def _coordinate(word: bytes, before: int) -> int:
+    """The texture coordinate, from 0, that a corner names; −1 where it names none."""
+    try:
+        number = int(word.split(b"/", 2)[1])
+    except (ValueError, IndexError):
+        return -1
+    made = number - 1 if number > 0 else before + number if number < 0 else -1
+    return made if -1 <= made < 2**31 else -1
+
+
+def _texture(data: bytes, number: NDArray[np.int64]) -> Array | None:
+    """The coordinates of the corners (T, 3) that name these numbers."""
+    rows = [_pair(line[1]) for line in COORDINATES.finditer(data)]
+    table = np.array([*rows, (np.nan, np.nan)], np.float64)
+    there = (number >= 0) & (number < len(rows))
+    return known(table[np.where(there, number, len(rows))])
+
+
+def _pair(text: bytes) -> tuple[float, float]:
+    try:
+        u, v = (float(word) for word in text.split()[:2])
+    except ValueError:
+        return np.nan, np.nan
+    return u, v

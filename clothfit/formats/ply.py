@@ -18,10 +18,9 @@ import numpy as np
 from clothfit.base import memory
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats.animation import Animation, fans
+from clothfit.formats.animation import Animation, fans, known
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
-from clothfit.formats.labels import known
 
 NUMBER_DTYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",

@@ -1,14 +1,19 @@
-"""What point caches have in common: a header, and the positions of all points in all frames as float32.
+"""Point caches, PC2 and MDD: the positions of all vertices of a mesh, frame by frame, as float32 behind a header.
 
-They have neither axes nor unit: they move the vertices of a mesh in another file, mostly an OBJ, and use the axes of
-that file. A header can promise any size, so it is compared with the size of the file before memory is taken.
+    PC2, little-endian    char[12] "POINTCACHE2\\0"   int32 version, 1   int32 points   float32 first frame
+                          float32 frames per sample   int32 samples     float32 positions (samples, points, 3)
+    MDD, big-endian       int32 frames   int32 points   float32 times (frames,), s
+                          float32 positions (frames, points, 3)
+
+PC2 counts times in frames of an unknown rate, so there are none here. Caches have neither axes nor unit: they move the
+vertices of a mesh in another file, mostly an OBJ, and use the axes of that file. A header can promise any size, so it
+is compared with the size of the file before memory is taken.
 """
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from struct import Struct
 from typing import IO, Any
 
@@ -18,10 +23,43 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data
+from clothfit.formats.animation import Animation, increasing
+from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import POSITION_COPIES, check_room, name_of, refused
 
+PC2_MAGIC = b"POINTCACHE2\0"
+PC2_HEADER, MDD_HEADER = Struct("<iiffi"), Struct(">ii")  # behind the magic bytes
+PC2_FLOAT, MDD_FLOAT = "<f4", ">f4"
 
-class Cache:
+
+def read(path: str | os.PathLike[str]) -> Animation:
+    """A point cache, of the kind that its suffix says. Raises InvalidMotion."""
+    with refused(path), unchanged(path) as file:
+        return _read_mdd(_Cache(file, path, MDD_FLOAT)) if _is_mdd(path) else _read_pc2(_Cache(file, path, PC2_FLOAT))
+
+
+def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
+    """The file: PC2 from frame 0 on, one sample per frame; MDD with times of 0 where there are none."""
+    frames, points, _ = animation.positions.shape
+    if _is_mdd(path):
+        times = np.zeros(frames) if animation.times is None else animation.times
+        header, dtype = MDD_HEADER.pack(frames, points) + times.astype(MDD_FLOAT).tobytes(), MDD_FLOAT
+    else:
+        header, dtype = PC2_MAGIC + PC2_HEADER.pack(1, points, 0.0, 1.0, frames), PC2_FLOAT
+
+    def write(file: IO[bytes]) -> None:
+        file.write(header)
+        for each in animation.positions:
+            file.write(each.astype(dtype).tobytes())
+
+    return {os.fspath(path): write}
+
+
+def _is_mdd(path: str | os.PathLike[str]) -> bool:
+    return os.fspath(path).lower().endswith(".mdd")
+
+
+class _Cache:
     """An open point cache, whose numbers have the type `dtype`."""
 
     def __init__(self, file: IO[bytes], path: str | os.PathLike[str], dtype: str) -> None:
@@ -63,19 +101,24 @@ class Cache:
         return positions
 
 
-@contextmanager
-def opened(path: str | os.PathLike[str], dtype: str) -> Iterator[Cache]:
-    """Open a cache to read it in the block. Raises InvalidMotion on whatever goes wrong with the file."""
-    with refused(path), unchanged(path) as file:
-        yield Cache(file, path, dtype)
+def _read_pc2(cache: _Cache) -> Animation:
+    if cache.file.read(len(PC2_MAGIC)) != PC2_MAGIC:
+        raise InvalidMotion(f"{cache.name}: does not begin as a PC2 point cache does (POINTCACHE2)")
+    version, points, _, spacing, samples = cache.header(PC2_HEADER)
+    if version != 1:
+        raise InvalidMotion(f"{cache.name}: is of version {version} of PC2, 1 can be read")
+    cache.check(samples, points)
+    positions = cache.positions(samples, points)
+    if math.isfinite(spacing) and spacing > 0 and spacing != 1:
+        return Animation(positions, RIGHT, notes=(f"its samples are {spacing:g} frames apart",), spacing=spacing)
+    return Animation(positions, RIGHT)
 
 
-def encoded(path: str | os.PathLike[str], header: bytes, positions: Array, dtype: str) -> dict[str, Data]:
-    """The file of a header and all positions."""
-
-    def write(file: IO[bytes]) -> None:
-        file.write(header)
-        for points in positions:
-            file.write(points.astype(dtype).tobytes())
-
-    return {os.fspath(path): write}
+def _read_mdd(cache: _Cache) -> Animation:
+    frames, points = cache.header(MDD_HEADER)
+    cache.check(frames, points, 4)
+    times = cache.numbers(frames)
+    known = frames == 1 or times.any()  # some programs leave them 0
+    if known and not increasing(times):
+        raise InvalidMotion(f"{cache.name}: its times are not finite and increasing")
+    return Animation(cache.positions(frames, points), RIGHT, times if known else None)

@@ -40,8 +40,8 @@ class Format(NamedTuple):
 
 FORMATS = (
     Format("OBJ sequence", (".obj",), "obj", RIGHT, times=False),
-    Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False, faces=False, single=True),
-    Format("MDD point cache", (".mdd",), "mdd", RIGHT, faces=False, single=True),
+    Format("PC2 point cache", (".pc2",), "point_cache", RIGHT, times=False, faces=False, single=True),
+    Format("MDD point cache", (".mdd",), "point_cache", RIGHT, faces=False, single=True),
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr", single=True),
     Format("glTF", (".glb", ".gltf"), "glb", RIGHT, single=True),
     Format("Alembic", (".abc",), "alembic", RIGHT, writes=False),

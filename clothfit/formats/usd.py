@@ -43,18 +43,18 @@ PART = "part "
 
 def read(path: str | os.PathLike[str]) -> Animation:
     """The animated mesh of a file, one frame when nothing moves. Raises InvalidMotion."""
-    return _animation(arrays_of(path, READER))
+    return _animation(arrays_of(path))
 
 
-def arrays_of(path: str | os.PathLike[str], reader: str, *asked: str) -> dict[str, Any]:
-    """The arrays that a reader, a module that runs as a process, finds in a file. Raises InvalidMotion."""
+def arrays_of(path: str | os.PathLike[str], *asked: str) -> dict[str, Any]:
+    """The arrays that the reader finds in a file, of what is `asked` of it. Raises InvalidMotion."""
     name, data = name_of(path), content(path)
     with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:  # the library's crash reports go there as well
         copy = os.path.join(folder, "motion" + os.path.splitext(os.fspath(path))[1].lower())
         with open(copy, "wb") as file:
             file.write(data)
         arrays = os.path.join(folder, "arrays.npz")
-        command = [sys.executable, "-P", "-m", reader, copy, arrays, name, *asked]
+        command = [sys.executable, "-P", "-m", READER, copy, arrays, name, *asked]
         around = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "TMPDIR": folder}
         code, reason = _run(command, {**around, **ALONE}, SHORTEST_TIMEOUT + len(data) / READ_SPEED)
         if code == 3 and reason:

@@ -1,9 +1,12 @@
-"""What is in a USD file, read by a process of its own: `python -m clothfit.formats.usd_reader FILE ARRAYS NAME`.
+"""What is in a USD file, read by a process of its own: `python -m clothfit.formats.usd_reader FILE OUT NAME [JOINT]`.
 
 Pixar's library trusts its files: a damaged one can abort the process that reads it, or take all memory. So the user's
 process does not read them. This process writes the arrays that it finds to a file, or prints, as JSON, why there are
 none. It reads only the file's own layer: it first removes the references, so that the library opens no other file, here
 or on a network.
+
+Texture coordinates are a primvar of each vertex, or of each corner of a face. Each mesh is a part with the name of its
+prim, and so is each of its subsets of faces, which tools make for materials.
 """
 
 from __future__ import annotations
@@ -22,10 +25,10 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import named, shown
-from clothfit.formats.animation import Animation, fans
+from clothfit.formats.animation import Animation, Parts, fans, known, parts_of
 from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.files import check_room
-from clothfit.formats.usd_labels import labels
+from clothfit.formats.joints import of_stage
 
 CUT = ("clips", "clipSets")
 """Fields of a prim, beside its references, that name other files: those that hold values of attributes."""
@@ -33,17 +36,18 @@ CUT = ("clips", "clipSets")
 BOUND = ("skel:blendShapes", "skel:skeleton", "primvars:skel:jointIndices")
 """What binds a mesh to a skeleton."""
 
+TEXTURE_NAME = "st"
+"""The usual name of the primvar with texture coordinates; else the first with pairs of numbers counts."""
+
 OPENING_BYTES, OPENING_RATIO = 1 << 29, 100
 """Bytes that opening a file may take: a fixed number, and some for each byte of the file, whose arrays are packed."""
 
 
 def parsed(path: str, name: str) -> Animation:
     """The meshes of a file, or its points where it has none. Raises InvalidMotion, and what the library raises."""
-    from pxr import Sdf, Usd, UsdGeom
+    from pxr import Usd, UsdGeom
 
-    layer = Sdf.Layer.OpenAsAnonymous(path)
-    notes = alone(layer)
-    stage = Usd.Stage.Open(layer, Usd.Stage.LoadNone)
+    stage, notes = _opened(path)
     every = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     shapes = [prim for prim in every if prim.IsA(UsdGeom.Mesh)] or [prim for prim in every if prim.IsA(UsdGeom.Points)]
     if not shapes:
@@ -66,6 +70,23 @@ def parsed(path: str, name: str) -> Animation:
     return Animation(
         positions, axes, times, triangles if len(triangles) else None, notes=tuple(notes), texture=texture, parts=parts
     )
+
+
+def joint(path: str, name: str, wanted: str) -> dict[str, Any]:
+    """Times, matrices and axes, as text, of a joint of a skeleton, as `joints` has them. Raises InvalidMotion."""
+    stage, notes = _opened(path)
+    axes, rate = units(stage, True, name, notes)
+    times, matrices = of_stage(stage, rate, name, wanted)
+    return {"times": times, "matrices": matrices, "axes": np.array([*map(str, axes)])}
+
+
+def _opened(path: str) -> tuple[Any, list[str]]:
+    """The stage of a file's own layer, and notes on what it left out."""
+    from pxr import Sdf, Usd
+
+    layer = Sdf.Layer.OpenAsAnonymous(path)
+    notes = alone(layer)
+    return Usd.Stage.Open(layer, Usd.Stage.LoadNone), notes
 
 
 def alone(layer: Any) -> list[str]:
@@ -205,6 +226,59 @@ def _whole(attribute: Any, code: Any) -> NDArray[np.int64]:
     return np.zeros(0, np.int64) if value is None else np.array(value, np.int64)
 
 
+def labels(
+    shapes: Sequence[Any], mirrored: Sequence[bool], code: Any, triangles: Indices
+) -> tuple[Array | None, Parts]:
+    """Texture coordinates (T, 3, 2), NaN where unknown, and parts, of all shapes, whose triangles are these (T, 3)."""
+    from pxr import UsdGeom
+
+    textures: list[Array] = [np.zeros((0, 3, 2))]
+    whole: list[tuple[str, NDArray[np.intp]]] = []
+    subsets: list[tuple[str, NDArray[np.intp]]] = []
+    begin = 0
+    for prim, mirror in zip(shapes, mirrored, strict=True):
+        mesh = UsdGeom.Mesh(prim)
+        if not mesh:
+            continue
+        sizes, corners = (np.array(attribute.Get(code) or [], np.int64)
+                          for attribute in (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()))
+        texture = _texture(mesh, sizes, corners, code)
+        left = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+        textures.append(texture[:, ::-1] if left != mirror else texture)
+        face = np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))  # of each triangle
+        whole.append((prim.GetName(), begin + np.arange(len(face))))
+        for subset in UsdGeom.Subset.GetAllGeomSubsets(mesh):
+            if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
+                own = np.isin(face, np.array(subset.GetIndicesAttr().Get(code) or [], np.int64))
+                subsets.append((subset.GetPrim().GetName(), begin + np.flatnonzero(own)))
+        begin += len(face)
+    return known(np.concatenate(textures)), parts_of([*whole, *subsets], triangles)
+
+
+def _texture(mesh: Any, sizes: NDArray[np.int64], corners: NDArray[np.int64], code: Any) -> Array:
+    """Texture coordinates (T, 3, 2) of a mesh, NaN where it has none."""
+    from pxr import UsdGeom
+
+    count = int(np.maximum(sizes - 2, 0).sum())
+    nothing = np.full((count, 3, 2), np.nan)
+    every = [each for each in UsdGeom.PrimvarsAPI(mesh).GetPrimvarsWithValues() if _has_pairs(each)]
+    if not every:
+        return nothing
+    chosen = next((each for each in every if each.GetPrimvarName() == TEXTURE_NAME), every[0])
+    values = np.array(chosen.ComputeFlattened(code) or [], np.float64)
+    if values.ndim != 2 or values.shape[1] != 2:
+        return nothing
+    at_corners = chosen.GetInterpolation() == UsdGeom.Tokens.faceVarying
+    owner = fans(sizes, np.arange(len(corners)) if at_corners else corners)
+    needed = len(corners) if at_corners else int(corners.max(initial=-1)) + 1
+    return values[owner] if len(values) >= needed else nothing
+
+
+def _has_pairs(primvar: Any) -> bool:
+    """Whether the values of a primvar are pairs of numbers, as texture coordinates are."""
+    return str(primvar.GetTypeName()) in ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]")
+
+
 def units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, float]:
     """Axes and time codes per second. Raises InvalidMotion where they make no sense."""
     from pxr import UsdGeom
@@ -238,21 +312,28 @@ def limit_memory(room: int, only_if_limited: bool = False) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
-def main(path: str, arrays: str, name: str) -> int:
-    """Read a file into an `.npz` of arrays; returns 3, with the reason on standard output, when that fails."""
-    from pxr import Usd, UsdGeom  # noqa: F401  they take some hundred MB of addresses before they read anything
+def main(path: str, arrays: str, name: str, *wanted: str) -> int:
+    """Read a file, or the joint `wanted` of it, into an `.npz` of arrays; returns 3, with the reason on standard
+    output, when that fails.
+    """
+    from pxr import Usd, UsdGeom, UsdSkel  # noqa: F401  they take some hundred MB of addresses before they read anything
 
     limit_memory(OPENING_BYTES + OPENING_RATIO * os.path.getsize(path))
     try:
-        found = parsed(path, name)
+        made = joint(path, name, *wanted) if wanted else _arrays(parsed(path, name))
     except InvalidMotion as error:
         print(json.dumps(str(error)))
         return 3
+    np.savez(arrays, **made)
+    return 0
+
+
+def _arrays(found: Animation) -> dict[str, Any]:
+    """What an animation has, for `usd.read`."""
     made = {name: getattr(found, name) for name in ("positions", "times", "triangles", "texture")}
     present: dict[str, Any] = {key: array for key, array in made.items() if array is not None}
     present |= {f"part {name}": own for name, own in found.parts}
-    np.savez(arrays, axes_and_notes=json.dumps([*found.axes, *found.notes]), **present)
-    return 0
+    return {"axes_and_notes": json.dumps([*found.axes, *found.notes]), **present}
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import numpy as np
 from clothfit.base.messages import counted
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.families import Groups, spring_groups, vertex_groups
-from clothfit.scene.weave.layout import Layout
+from clothfit.scene.layout import Layout
 
 PLAIN = frozenset({"edges", "bending", "other"})
 """Families of a mesh without directions."""

@@ -10,7 +10,7 @@ import numpy as np
 from clothfit.engine import system
 from clothfit.engine.inputs import interpolation, sampling
 from clothfit.engine.inputs.sources import keyed
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 from clothfit.scene.scene import Scene
 
 

@@ -1,6 +1,6 @@
 """Scenes without the editor: a triangle mesh becomes the cloth that the editor would build.
 
-mesh_file (read) → problems and weld (clean) → topology (edges, bending) → mesh (masses, stiffnesses) → fixing (fixed
-vertices) → weave (families, regions) → new_scene (the document).
+mesh_file (read) → problems and weld (clean) → topology (edges, bending) → mesh (masses, stiffnesses) → new_scene (fixed
+vertices, families, regions, the document).
 To add a shape: a function in mesh that returns a Mesh, and an argument of the command `new`.
 """

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
-from clothfit.formats.labels import Parts
+from clothfit.formats.animation import Parts
 from clothfit.scene.kinds import AIR_DENSITY
 
 BENDING_SHARE = 0.25  # a bending spring's share of the object's stiffness

@@ -10,8 +10,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.formats import obj
-from clothfit.formats.axes import facing, to_scene
-from clothfit.formats.convention import Convention
+from clothfit.formats.axes import Convention, facing, to_scene
 from clothfit.formats.registry import foreign, read, suffix_of
 from clothfit.formats.signatures import mistaken
 from clothfit.meshes.mesh import Mesh

@@ -1,4 +1,13 @@
-"""From a mesh to a whole scene, without the editor: one cloth, spheres, wind, how to simulate it and what to fit."""
+"""From a mesh to a whole scene, without the editor: one cloth, spheres, wind, how to simulate it and what to fit.
+
+First the scene and its text; then how the cloth is woven and divided, from what the mesh and the user say; then which
+vertices are meant, those that do not move or a region: in a box, at a side of the scene's axes (right, top and front
+are where x, y and z are largest), or by numbers.
+
+Families of springs follow the texture coordinates where the mesh has some: u along the cloth, v across it. Garments are
+unfolded into their patterns for that, so these are the directions of the cloth. The families are written only where
+they are not those that the scene would show anyway.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +22,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clothfit.base.arrays import Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
-from clothfit.meshes import weave
+from clothfit.formats.animation import unused
 from clothfit.meshes.mesh import Mesh, object_document
 from clothfit.scene.cloth import SPHERE
+from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS
+from clothfit.scene.layout import ELSEWHERE
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene, load
 
@@ -70,7 +81,7 @@ def new_scene(
     cloth = object_document(
         mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings=fit, bending=bending
     )
-    cloth |= weave.fields(mesh, np.array(cloth["springs"], np.int32).reshape(-1, 2), warp, regions or {})
+    cloth |= fields(mesh, np.array(cloth["springs"], np.int32).reshape(-1, 2), warp, regions or {})
     if own:
         cloth["fit"] = own
     if numbering is not None:
@@ -140,3 +151,110 @@ def _field(item: tuple[str, Any]) -> str:
 
 def _compact(value: Any) -> str:
     return json.dumps(value, separators=(",", ":"))
+
+
+SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1), "back": (2, -1), "front": (2, 1)}
+"""Axis and direction of each side."""
+
+SIDE_DEPTH = 1e-3
+"""The depth of a side, as a share of the mesh's extent."""
+
+
+def in_box(positions: Array, corner: Sequence[float], opposite: Sequence[float]) -> Flags:
+    """Which of the positions (n, 3) lie in the box between two corners, m, or on its surface."""
+    low, high = np.minimum(corner, opposite), np.maximum(corner, opposite)
+    inside: Flags = np.all((positions >= low) & (positions <= high), axis=1)
+    return inside
+
+
+def at_side(positions: Array, side: str, reach: float | None = None, option: str = "fix side") -> Flags:
+    """Which of the positions (n, 3) lie at a side of all of them, one of SIDES, within `reach`, m (default: a
+    thousandth of their extent). Raises InvalidInput when there is no such side; `option` is its name in messages.
+    """
+    if side not in SIDES:
+        raise InvalidInput(f"{option}: there is no {side!r}; use {', '.join(SIDES)}")
+    axis, sign = SIDES[side]
+    depth = sign * positions[:, axis]
+    extent = float(np.ptp(depth))
+    if not extent:
+        raise InvalidInput(f"{option}: the mesh is flat along {'xyz'[axis]}, so its {side} is all of it; name another")
+    if reach is not None and not 0 <= reach < np.inf:
+        raise InvalidInput(f"{option}: the reach must be at least 0 and finite; {reach:g} m was given")
+    near: Flags = depth >= depth.max() - (SIDE_DEPTH * extent if reach is None else reach)
+    return near
+
+
+def listed(count: int, ranges: Sequence[tuple[int, int]], option: str = "fix vertices") -> Flags:
+    """Which of `count` vertices are in the ranges, both ends included. Raises InvalidInput when one does not exist."""
+    chosen = np.zeros(count, bool)
+    for first, last in ranges:
+        if not 0 <= first <= last < count:
+            wrong = last if last >= count else first
+            raise InvalidInput(f"{option}: vertex {wrong} does not exist (the mesh has vertices 0 to {count - 1})")
+        chosen[first : last + 1] = True
+    return chosen
+
+
+FLAT = 1e-9
+"""Sine of the angle at a corner of a triangle in the texture below which it has no area there."""
+
+
+def fields(
+    mesh: Mesh, springs: Indices, warp: Sequence[float] | None, regions: Mapping[str, npt.ArrayLike]
+) -> dict[str, Any]:
+    """The fields `warp`, `regions` and `families` of the object of a mesh, those that are needed. Raises InvalidInput.
+    """
+    made: dict[str, Any] = {}
+    if warp is not None:
+        made["warp"] = _direction(warp)
+    named = _regions(mesh, regions)
+    if named:
+        made["regions"] = [{"name": name, "vertices": own.tolist()} for name, own in named.items()]
+    if warp is None and mesh.texture is not None:
+        own, shown = (families_of(mesh.positions, mesh.triangles, springs, given) for given in (along(mesh), None))
+        used, family = np.unique(own, return_inverse=True)
+        if not np.array_equal(own, shown):
+            made["families"] = {"names": [FAMILIES[k] for k in used], "springs": family.tolist()}
+    return made
+
+
+def along(mesh: Mesh) -> Array:
+    """The direction (T, 3) in which u grows in each triangle, 0 where nobody knows."""
+    if mesh.texture is None:
+        return np.zeros((len(mesh.triangles), 3))
+    at = mesh.positions[mesh.triangles]
+    first, second = at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]
+    (a, b), (c, d) = (mesh.texture[:, 1] - mesh.texture[:, 0]).T, (mesh.texture[:, 2] - mesh.texture[:, 0]).T
+    area = a * d - b * c
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.hypot(a, b) * np.hypot(c, d)
+        good = np.isfinite(area) & (np.abs(area) > FLAT * size)
+        u = (first * d[:, None] - second * b[:, None]) * np.sign(area)[:, None]  # dP/du · |area|
+    return np.where((good & np.isfinite(u).all(axis=1))[:, None], u, 0.0)
+
+
+def _direction(warp: Sequence[float]) -> dict[str, float]:
+    """The field of a direction. Raises InvalidInput."""
+    vector = np.asarray(warp, float)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise InvalidInput(f"warp: {list(warp)} is not a direction; give three finite numbers that are not all 0")
+    return dict(zip("xyz", vector.tolist(), strict=True))
+
+
+def _regions(mesh: Mesh, given: Mapping[str, npt.ArrayLike]) -> dict[str, Indices]:
+    """The vertices of each region: those that are given, then the parts of the mesh. Raises InvalidInput."""
+    made: dict[str, Indices] = {}
+    for name, vertices in given.items():
+        own = np.unique(np.asarray(vertices)).astype(np.int64)
+        if not name.strip() or name == ELSEWHERE:
+            raise InvalidInput(f"region: {name!r} cannot be a name; give another one")
+        if not len(own):
+            raise InvalidInput(f"region: {name!r} has no vertices")
+        if not 0 <= own[0] <= own[-1] < len(mesh.positions):
+            wrong = int(own[0] if own[0] < 0 else own[-1])
+            raise InvalidInput(f"region: {name!r}: there is no vertex {wrong}; there are {len(mesh.positions)}")
+        made[name] = own.astype(np.int32)
+    for name, vertices in mesh.parts:
+        if name not in given and len(vertices) < len(mesh.positions):  # one may have come to be all of it
+            made[unused(name, [*made, ELSEWHERE])] = vertices
+    return made

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Indices
-from clothfit.formats.labels import Parts
+from clothfit.formats.animation import Parts
 from clothfit.meshes.mesh import Mesh
 from clothfit.meshes.problems import tiny
 from clothfit.meshes.topology import first_of_each, together

@@ -37,9 +37,8 @@ from clothfit.engine.inputs.tables import send_pins, set_frame, set_inputs
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
 from clothfit.kernels.kernel import kernel
-from clothfit.motion.motion import Motion, check_counts, check_loaded
-from clothfit.motion.simulate import with_feedback
-from clothfit.motion.world import in_world
+from clothfit.motion.motion import Motion, check_counts, check_loaded, in_world
+from clothfit.motion.simulate import answered
 from clothfit.scene.scene import Scene, check_is_scene
 
 KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG = ENERGY_COLUMNS = range(7)
@@ -131,7 +130,7 @@ def energies(scene: Scene, motion: Motion) -> Energy:
         )
     motion = in_world(motion, scene)
     cloths, last = range(len(scene.cloths)), len(steps) - 1
-    scene = with_feedback(scene, last, scene.tolerance)
+    scene = answered(scene, last, scene.tolerance)
     parts = [balances(build(scene, index, steps=last), motion.of(index)) for index in cloths]
     kinetic, elastic, gravity, contact, *given = np.sum(parts, axis=0).T
     blown, damped, dragged = np.cumsum(given, axis=1)

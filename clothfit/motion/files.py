@@ -20,8 +20,7 @@ from clothfit.base.notebook import belongs
 from clothfit.base.writing import Data, write_atomically
 from clothfit.formats import obj
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import SCENE, Axes, facing, from_scene
-from clothfit.formats.convention import Convention, Reading
+from clothfit.formats.axes import SCENE, Axes, Convention, Reading, facing, from_scene
 from clothfit.formats.registry import FORMATS, Format, foreign, module_of
 from clothfit.motion import motion as own
 from clothfit.motion.foreign import load

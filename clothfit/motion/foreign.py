@@ -22,8 +22,7 @@ from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted
 from clothfit.base.reading import unchanged
 from clothfit.formats.animation import ASSUMED_RATE, Animation
-from clothfit.formats.axes import SCENE, Axes, facing, to_scene
-from clothfit.formats.convention import Reading
+from clothfit.formats.axes import SCENE, Axes, Reading, facing, to_scene
 from clothfit.formats.files import name_of, refused
 from clothfit.formats.registry import Format, foreign, format_of, read
 from clothfit.motion.alignment import Alignment, alignment

@@ -28,6 +28,7 @@ from clothfit.base.notebook import shown
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, put, write_atomically
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
+from clothfit.engine.inputs.sampling import axes
 from clothfit.formats.animation import increasing
 from clothfit.formats.files import check_room
 from clothfit.scene.scene import Scene
@@ -251,3 +252,18 @@ def _arrays(file: IO[bytes], scene: Scene, name: str) -> dict[str, NDArray[Any]]
 def _short(error: BaseException) -> str:
     text = getattr(error, "strerror", None) or str(error).split("\n")[0] or type(error).__name__
     return text if len(text) <= LONGEST_REASON else f"{text[: LONGEST_REASON - 1]}…"
+
+
+
+def in_world(motion: Motion, scene: Scene) -> Motion:
+    """A motion in the scene's axes, in those of the world; the same object where these do not move."""
+    if scene.frame is None:
+        return motion
+    return replace(motion, positions=axes(scene.frame, motion.times).world(motion.positions))
+
+
+def in_scene(motion: Motion, scene: Scene) -> Motion:
+    """The inverse of `in_world`."""
+    if scene.frame is None:
+        return motion
+    return replace(motion, positions=axes(scene.frame, motion.times).own(motion.positions))

@@ -1,4 +1,9 @@
-"""Simulating: a scene → the motion of its cloths."""
+"""Simulating: a scene → the motion of its cloths; and the forces of a feedback in a reduced basis (`scene.forces`).
+
+Before each step the feedback looks at the state and adds its answer to the planned forces, explicitly. What it does is
+found by one simulation, and is then an ordinary table of forces: a second one with that table takes the same steps to
+the last bit, and what is computed from a motion under forces needs to know nothing of feedbacks.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +12,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import check_memory
 from clothfit.base.notebook import belongs
+from clothfit.engine import rollout
 from clothfit.engine.fallbacks import NO_FALLBACKS
+from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Fault, last_states, outcome, with_bad
-from clothfit.motion.motion import Motion
-from clothfit.motion.world import in_scene
+from clothfit.motion.motion import Motion, in_scene
+from clothfit.scene.forces import Forces, Regulator
 from clothfit.scene.scene import Scene, check_is_scene
 
 
@@ -29,15 +38,6 @@ def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = 
     """
     check_is_scene(scene)
     return simulate_cloths(scene, range(len(scene.cloths)), frames, tolerance)
-
-
-def with_feedback(scene: Scene, steps: int, tolerance: float) -> Scene:
-    """The scene with the forces of its feedback in so many steps, where it has one that acts on the state of steps."""
-    if scene.forces is None or scene.forces.regulator is None:
-        return scene
-    from clothfit.motion.feedback import answered  # which few scenes need
-
-    return answered(scene, steps, tolerance)
 
 
 def simulate_cloths(
@@ -53,7 +53,7 @@ def simulate_cloths(
     if not scene.delta * (count - 1) < np.inf:
         raise InvalidInput(f"{scene.name}: delta: {count - 1} steps of {scene.delta:g} s do not end at a finite time")
     positions = np.full((count, sum(counts), 3), np.nan)
-    scene = with_feedback(scene, count - 1, accuracy)
+    scene = answered(scene, count - 1, accuracy)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     remedies, good, fault = NO_FALLBACKS, count - 1, None
     for index in cloths:
@@ -73,3 +73,61 @@ def simulate_cloths(
     if fault is not None:
         raise outcome(scene, motion, fault)
     return motion
+
+
+
+def answered(scene: Scene, steps: int, tolerance: float) -> Scene:
+    """The scene with the forces that its feedback makes of the planned ones in so many steps; the same scene where it
+    has no such feedback. Springs of a feedback stay. Raises InvalidInput where it does not fit the scene.
+    """
+    plan = scene.forces
+    if plan is None or not plan.pulls or plan.regulator is None:
+        return scene
+    if len(plan.regulator.gains) != len(scene.cloths):
+        have = len(plan.regulator.gains)
+        raise InvalidInput(f"{plan.name}: gains are for {have} objects; the scene has {len(scene.cloths)}")
+    if scene.frame:
+        raise InvalidInput(f"{scene.name}: frame: a feedback needs axes that do not move")
+    times = scene.delta * np.arange(steps, dtype=float)
+    values, gain, places = plan.at(times)
+    springs = replace(plan, times=times, values=values, gain=gain, places=places, regulator=None)
+    found = values.copy()
+    for index in range(len(scene.cloths)):
+        if np.any(plan.regulator.gains[index]):
+            found[:, scene.vertices(index)] = acting(scene, index, plan, plan.regulator, springs, tolerance)
+    return scene.with_forces(replace(springs, values=found))
+
+
+def acting(scene: Scene, index: int, plan: Forces, feedback: Regulator, springs: Forces, tolerance: float) -> Array:
+    """The forces (T, n, 3), N, on one cloth; planned ones from where its motion diverges."""
+    part, steps = scene.vertices(index), len(springs.times)
+    system = build(scene.with_forces(springs), index, steps=steps)
+    assert system.inputs is not None
+    table, (rows, acts) = system.inputs.force, plan.rows(springs.times)
+    where = places(plan, feedback.reference[index], springs.times)
+    whole, work = rollout.empty(system, steps), implicit.workspace(system)
+    for t in range(steps):
+        one = whole.part(t, t + 1)
+        if acts[t]:
+            more = feedback.answer(index, part, rows[t], where[t], one.x[0], one.v)
+            table[t] = limited(table[t] + more, feedback.bound)
+        if rollout.fill(system, tolerance, work, one) < 1:
+            break
+        interrupts.check()
+    return table[:steps].copy()
+
+
+def places(plan: Forces, reference: Array, times: Array) -> Array:
+    """Where the coordinates should be at times (T,), s, between those at the beginning of rows, (T, 6 k)."""
+    row, _ = plan.rows(times)
+    after = np.minimum(row + 1, len(reference) - 1)
+    length = np.maximum(plan.times[after] - plan.times[row], 1e-300)
+    share = np.clip((times - plan.times[row]) / length, 0.0, 1.0)
+    share[share < 1e-6] = 0.0  # a step that begins with a row, but for rounding
+    return np.asarray(reference[row] + share[:, None] * (reference[after] - reference[row]))
+
+
+def limited(u: Array, most: float) -> Array:
+    """Forces (n, 3), none above `most`, N."""
+    size = np.sqrt((u * u).sum(axis=1, keepdims=True))
+    return np.asarray(np.where(size > most, u * (most / np.maximum(size, 1e-300)), u)) if np.isfinite(most) else u

@@ -27,9 +27,9 @@ from clothfit.engine.rollout import Rollout, work_of
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, build
 from clothfit.engine.tape import Tape
+from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.rounding import rounding
-from clothfit.motion.world import in_world
+from clothfit.motion.motion import in_world
 from clothfit.objective import memory_needs as storage
 from clothfit.objective.comparison import OWN, Comparison, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments

@@ -15,9 +15,9 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.bounds import Bounds
+from clothfit.scene.keys import Keys, Pin, keys, scales
 from clothfit.scene.kinds import AIR_DENSITY, LETTERED, Kind
-from clothfit.scene.over_time.keys import Keys, Pin, keys, scales
-from clothfit.scene.weave.layout import NOTHING, Layout
+from clothfit.scene.layout import NOTHING, Layout
 
 SMALLEST_SQUARE = 1e-100
 """m⁴, of the area of a face that is none."""

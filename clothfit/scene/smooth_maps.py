@@ -24,7 +24,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.weave.directions import Slots, angles, connected, edges_of, keys
+from clothfit.scene.directions import Slots, angles, connected, edges_of, keys
 
 LEAST_WEIGHT, MOST_COTANGENT = 1e-9, 1e3
 """Bounds of the weights: the least beside that of 1 of an equilateral mesh, and the cotangent of an angle of 1e-3."""

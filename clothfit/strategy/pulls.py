@@ -8,7 +8,7 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
-from clothfit.scene.over_time.forces import STRONGEST, Forces
+from clothfit.scene.forces import STRONGEST, Forces
 from clothfit.scene.scene import Scene
 
 TOLERANCE = 1e-7

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.engine.inputs.tables import Inputs
-from clothfit.motion.motion import Motion
-from clothfit.motion.world import in_scene
+from clothfit.motion.motion import Motion, in_scene
 from clothfit.scene.scene import Scene
 from clothfit.subspace import carrier
 from clothfit.subspace.frames import Decoder

@@ -11,9 +11,8 @@ from clothfit.base import threads
 from clothfit.base.arrays import Array
 from clothfit.engine.system import build
 from clothfit.motion.energy import Energy, energies
-from clothfit.motion.motion import Motion
+from clothfit.motion.motion import Motion, in_world
 from clothfit.motion.simulate import simulate
-from clothfit.motion.world import in_world
 from clothfit.scene.scene import Scene
 from clothfit.subspace import carrier
 from clothfit.subspace.cost import cost, whole

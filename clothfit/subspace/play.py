@@ -16,8 +16,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import check_memory
 from clothfit.engine.system import System, build
-from clothfit.motion.motion import Motion
-from clothfit.motion.world import in_scene
+from clothfit.motion.motion import Motion, in_scene
 from clothfit.scene.scene import Scene
 from clothfit.subspace import proxies
 from clothfit.subspace.model import Model, Part, reduced

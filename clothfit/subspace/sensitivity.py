@@ -18,8 +18,7 @@ from clothfit.base.arrays import Array
 from clothfit.engine.inputs.tables import later
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import System, build
-from clothfit.motion.motion import Motion
-from clothfit.motion.world import in_world
+from clothfit.motion.motion import Motion, in_world
 from clothfit.scene.scene import Scene
 from clothfit.subspace import carrier
 from clothfit.subspace.recorded.recording import TOLERANCE, Data

@@ -100,8 +100,8 @@ def test_values_complete(line, found):
 
 def test_the_values_are_those_that_commands_take():
     from clothfit.fit.options import HOLDOUTS, MODELS, OWN_METHODS
-    from clothfit.meshes.fixing import SIDES
     from clothfit.meshes.mesh_file import MESHES
+    from clothfit.meshes.new_scene import SIDES
     from clothfit.objective.comparison import OBJECTIVES
     from clothfit.objective.loss import LOSSES
     from clothfit.optimise.scipy_methods import METHODS

@@ -68,7 +68,7 @@ def test_where_one_file_cannot_be_written_the_others_are(place, capsys, monkeypa
         """A writer of data."""
         raise InvalidInput("cannot write scene.forces.npz: No space left on device")
 
-    monkeypatch.setattr("clothfit.scene.over_time.forces.archive", lambda _: full)
+    monkeypatch.setattr("clothfit.scene.forces.archive", lambda _: full)
     assert run(["control", "scene.json", "--keyframes", "keys.json"]) == 3
     assert "No space left" in capsys.readouterr().err
     assert (place / "scene.controlled.npz").exists()

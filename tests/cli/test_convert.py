@@ -19,7 +19,7 @@ from clothfit.cli.fitting.files import Files
 from clothfit.cli.fitting.plan import planned
 from clothfit.cli.program import gathered, run
 from clothfit.formats import obj
-from clothfit.formats.convention import Reading
+from clothfit.formats.axes import Reading
 from clothfit.many.estimate_many import packed_targets
 
 pytestmark = pytest.mark.slow  # compiles a fit

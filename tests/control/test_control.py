@@ -11,7 +11,7 @@ from clothfit.control.closed_loop import ClosedLoop, Costs
 from clothfit.control.control import find_forces
 from clothfit.control.keyframes import Key
 from clothfit.motion.simulate import simulate
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 

@@ -15,9 +15,8 @@ from clothfit.control.vibration import modes_of
 from clothfit.engine.rollout import fill, rollout
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
-from clothfit.motion.feedback import answered
-from clothfit.motion.simulate import simulate
-from clothfit.scene.over_time.forces import Forces, load_forces, save_forces
+from clothfit.motion.simulate import answered, simulate
+from clothfit.scene.forces import Forces, load_forces, save_forces
 
 NONE = xyz((0, 0, 0))
 ALL = np.arange(12)

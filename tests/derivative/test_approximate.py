@@ -9,7 +9,7 @@ from clothfit.base.arrays import Elements
 from clothfit.derivative import adjoint, approximate
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

@@ -10,7 +10,7 @@ from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build, with_elements, zeros
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 

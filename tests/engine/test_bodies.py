@@ -15,7 +15,7 @@ from clothfit.engine.inputs.body_files import body_of
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.system import build
 from clothfit.motion.simulate import simulate
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 
 TIGHT = 1e-13
 RUB = {"friction": 0.6, "thickness": 0.1, "stiffness": 700.0}

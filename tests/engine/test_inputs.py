@@ -10,13 +10,13 @@ from clothfit.engine.inputs import sampling
 from clothfit.engine.system import build
 from clothfit.evaluation.reference import converged
 from clothfit.fit.estimate import estimate
-from clothfit.formats import pc2
+from clothfit.formats import point_cache
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT, from_scene
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
 from clothfit.optimise.balances.balances import Track, balances
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 from clothfit.scene.scene import load, save
 
 TIGHT = 1e-13
@@ -238,7 +238,8 @@ def test_keys_from_files(tmp_path, kind):
             np.savez(tmp_path / name, times=TIMES, positions=body)
         else:
             said["fps"] = 10
-            for path, data in pc2.encoded(str(tmp_path / name), Animation(from_scene(body, RIGHT), RIGHT)).items():
+            made = Animation(from_scene(body, RIGHT), RIGHT)
+            for path, data in point_cache.encoded(str(tmp_path / name), made).items():
                 with open(path, "wb") as file:
                     data(file) if callable(data) else file.write(data)
     inline = {"vertices": [0], "posKeys": keys(TIMES, PATH)}

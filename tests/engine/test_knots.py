@@ -5,7 +5,7 @@ import pytest
 
 from clothfit.engine.inputs import knots
 from clothfit.engine.inputs.interpolation import interpolated
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 
 STEPS = 0.02 * np.arange(201)
 AT = knots.times(2.0, 0.02, 0.25)

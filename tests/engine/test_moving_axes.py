@@ -11,8 +11,8 @@ from clothfit.engine.inputs.sampling import winds
 from clothfit.fit.estimate import estimate
 from clothfit.inspection.inputs import inputs_of
 from clothfit.motion.energy import energies
+from clothfit.motion.motion import in_scene, in_world
 from clothfit.motion.simulate import simulate
-from clothfit.motion.world import in_scene, in_world
 from clothfit.objective.objective import Objective
 from clothfit.pictures.solids import solids
 from clothfit.scene.fit_vector import parameters

@@ -10,7 +10,7 @@ from helpers.scenes import even
 import clothfit
 from clothfit.cli import estimate as command
 from clothfit.fit.options import BUDGET, FitOptions, Keywords, options_of
-from clothfit.formats.convention import Reading
+from clothfit.formats.axes import Reading
 
 ARGUMENTS = inspect.signature(clothfit.estimate).parameters
 

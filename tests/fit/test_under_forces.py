@@ -6,7 +6,7 @@ from helpers.physics import METHODS, scene, xyz
 from helpers.scenes import cloth
 
 import clothfit
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 
 pytestmark = pytest.mark.slow  # compiles fits with inputs
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.scene_files import wave
 
-from clothfit.formats.morphs import reduced
+from clothfit.formats.glb import reduced
 
 
 # Displacements from the first frame of a motion of rank 3 have rank 3 at most; the rest is rounding to float32, whose

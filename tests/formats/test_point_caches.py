@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats import mdd, pc2
+from clothfit.formats import point_cache
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes
 
 RIGHT = Axes("y", "right", 1.0)
-FORMATS = {"pc2": pc2, "mdd": mdd}
+FORMATS = ("pc2", "mdd")
 POINTS = np.arange(12.0).reshape(2, 2, 3)  # whole numbers, exact in float32
 TIMES = np.array([0.0, 0.25])
 PC2 = struct.pack("<12siiffi12f", b"POINTCACHE2\0", 1, 2, 0, 1, 2, *POINTS.ravel())
@@ -22,7 +22,7 @@ EACH = pytest.mark.parametrize("suffix", FORMATS)
 
 
 def encoded(suffix, animation):
-    ((name, data),) = FORMATS[suffix].encoded(f"a.{suffix}", animation).items()
+    ((name, data),) = point_cache.encoded(f"a.{suffix}", animation).items()
     assert name == f"a.{suffix}"
     file = io.BytesIO()
     data(file)
@@ -32,7 +32,7 @@ def encoded(suffix, animation):
 def read(folder, suffix, data):
     path = folder / f"a.{suffix}"
     path.write_bytes(data)
-    return FORMATS[suffix].read(path)
+    return point_cache.read(path)
 
 
 @EACH
@@ -114,6 +114,6 @@ def test_other_versions_and_other_files_are_refused(tmp_path):
 def test_a_folder_and_nothing_are_refused(tmp_path, suffix):
     (tmp_path / f"b.{suffix}").mkdir()
     with pytest.raises(InvalidMotion, match="is a folder"):
-        FORMATS[suffix].read(tmp_path / f"b.{suffix}")
+        point_cache.read(tmp_path / f"b.{suffix}")
     with pytest.raises(InvalidMotion, match="there is no such file"):
-        FORMATS[suffix].read(tmp_path / f"c.{suffix}")
+        point_cache.read(tmp_path / f"c.{suffix}")

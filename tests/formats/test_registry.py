@@ -13,8 +13,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
 from clothfit.cli.program import run
 from clothfit.formats import glb
-from clothfit.formats.axes import Axes
-from clothfit.formats.convention import Convention, Reading
+from clothfit.formats.axes import Axes, Convention, Reading
 from clothfit.formats.registry import FORMATS
 
 pytestmark = pytest.mark.slow  # compiles a fit

@@ -9,7 +9,7 @@ import pytest
 from helpers.paths import TESTS
 
 from clothfit.base.errors import InvalidInput, InvalidMotion
-from clothfit.formats.convention import Reading
+from clothfit.formats.axes import Reading
 from clothfit.formats.registry import FORMATS, foreign, read
 from clothfit.meshes.mesh_file import read_mesh
 from clothfit.motion.foreign import load

@@ -186,7 +186,7 @@ FORMATS = {
     "… weights do not match the … targets of a mesh": targets([1.0, 2.0, 3.0, 4.0]),
     "a target has … vertices, its mesh …": targets(TWO, 3),
     "… are more than a GLB file can have; keep fewer frames": patched(
-        "convert good.npz out.glb", "clothfit.formats.glb_parts.MOST_GLB_BYTES", 100
+        "convert good.npz out.glb", "clothfit.formats.glb.MOST_GLB_BYTES", 100
     ),
     # Alembic, STL
     "it is not an Alembic file, which begins with Ogawa": read("abc", b"hello"),

@@ -5,7 +5,7 @@ import pytest
 
 from clothfit import InvalidInput
 from clothfit.meshes import mesh
-from clothfit.meshes.fixing import SIDES, at_side, in_box, listed
+from clothfit.meshes.new_scene import SIDES, at_side, in_box, listed
 
 SHEET = mesh.plane(2, 3.0).positions  # 4 x 4 vertices, 1 m apart, from -1.5 to 1.5 in x and z
 

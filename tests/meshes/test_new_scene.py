@@ -11,8 +11,7 @@ from clothfit import InvalidInput, InvalidScene
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 from clothfit.meshes.new_scene import new_scene, text
-from clothfit.scene.conforms import conforms
-from clothfit.scene.schema import schema_path
+from clothfit.scene.schema import conforms, schema_path
 
 DIGITS = 1e-11  # the examples are written with 12 digits
 

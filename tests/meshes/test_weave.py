@@ -6,8 +6,7 @@ import pytest
 from clothfit.base.errors import InvalidInput
 from clothfit.meshes.mesh import Mesh, plane
 from clothfit.meshes.mesh_file import read_mesh
-from clothfit.meshes.new_scene import new_scene
-from clothfit.meshes.weave import along
+from clothfit.meshes.new_scene import along, new_scene
 from clothfit.meshes.weld import weld
 from clothfit.scene.families import spring_groups, vertex_groups
 

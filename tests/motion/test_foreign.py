@@ -10,8 +10,7 @@ from helpers.scenes import cloth, document, trial
 import clothfit
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import Axes, from_scene
-from clothfit.formats.convention import Convention, Reading
+from clothfit.formats.axes import Axes, Convention, Reading, from_scene
 from clothfit.motion import files as motion_files
 from clothfit.motion import foreign
 

@@ -7,8 +7,7 @@ from helpers.scenes import cloth, document
 import clothfit
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import Axes
-from clothfit.formats.convention import Reading
+from clothfit.formats.axes import Axes, Reading
 from clothfit.motion import foreign
 from clothfit.motion.markers import initial
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from clothfit.motion.degrade import rounding
 from clothfit.motion.motion import Motion
-from clothfit.motion.rounding import rounding
 
 FRAMES, VERTICES = 12, 30
 

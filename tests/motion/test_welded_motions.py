@@ -8,7 +8,7 @@ import trimesh
 
 from clothfit import InvalidMotion, load, load_motion, save_motion, simulate
 from clothfit.cli.program import run
-from clothfit.formats import pc2
+from clothfit.formats import point_cache
 from clothfit.formats.registry import foreign, module_of
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh_file import read_mesh
@@ -65,7 +65,7 @@ def test_each_vertex_of_the_mesh_goes_with_the_one_it_became(scene):
 
 def test_a_fit_to_a_motion_of_the_mesh(scene, capsys):
     assert run(["target", "sheet.json", "-o", "t.pc2", "-q"]) == 0
-    assert pc2.read("t.pc2").positions.shape == (6, 55, 3)
+    assert point_cache.read("t.pc2").positions.shape == (6, 55, 3)
     assert run(["estimate", "sheet.json", "--target", "t.pc2", "--start", "20", "--json"]) == 0
     err = capsys.readouterr().err
     assert "its vertices are those of the mesh before welding to 16" in err

@@ -15,7 +15,7 @@ from clothfit.pictures import gif
 from clothfit.pictures.filmstrip import chosen
 from clothfit.pictures.marks import LONGEST, MOST_ARROWS, arrows, marks
 from clothfit.pictures.polygons import stage
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed; no animation is drawn")
 

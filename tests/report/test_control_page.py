@@ -19,7 +19,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.optimise.status import Status
 from clothfit.report import control_contents
 from clothfit.report.page import control_page
-from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.forces import Forces
 
 pytestmark = [
     pytest.mark.slow,  # starts processes

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clothfit.scene import schema as structure
-from clothfit.scene.conforms import conforms
+from clothfit.scene.schema import conforms
 
 SCHEMA = json.loads(structure.schema_path().read_text("utf-8"))
 JUDGE = jsonschema.Draft202012Validator(SCHEMA)

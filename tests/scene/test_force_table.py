@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from clothfit.base.errors import InvalidInput
-from clothfit.scene.over_time import force_table
-from clothfit.scene.over_time.forces import load_forces
+from clothfit.scene import forces
+from clothfit.scene.forces import load_forces
 
 pytestmark = pytest.mark.quick
 
@@ -28,7 +28,7 @@ def some():
 def test_it_reads_back_bit_by_bit(tmp_path):
     times, values = some()
     path = tmp_path / "f.csv"
-    path.write_bytes(force_table.encoded(times, values))
+    path.write_bytes(forces.table(times, values))
     found = load_forces(path, 7)
     np.testing.assert_array_equal(found.values, values)
     np.testing.assert_array_equal(found.times, times)
@@ -36,7 +36,7 @@ def test_it_reads_back_bit_by_bit(tmp_path):
 
 def test_another_reader_finds_the_same_numbers():
     times, values = some()
-    rows = list(csv.DictReader(io.StringIO(force_table.encoded(times, values).decode())))
+    rows = list(csv.DictReader(io.StringIO(forces.table(times, values).decode())))
     assert len(rows) == 9 * 5  # what no force acts on is left out
     for row in rows:
         n = int(np.searchsorted(times, float(row["time"])))
@@ -45,7 +45,7 @@ def test_another_reader_finds_the_same_numbers():
 
 def test_no_force_at_all_keeps_the_times(tmp_path):
     path = tmp_path / "f.CSV"
-    path.write_bytes(force_table.encoded(np.array([0.0, 0.5]), np.zeros((2, 3, 3))))
+    path.write_bytes(forces.table(np.array([0.0, 0.5]), np.zeros((2, 3, 3))))
     found = load_forces(path, 3)
     assert found.times.tolist() == [0.0, 0.5]
     assert not found.values.any()
@@ -83,7 +83,7 @@ def test_what_is_damaged_is_refused(tmp_path, text, said):
 
 def test_a_table_has_no_feedback(tmp_path):
     path = tmp_path / "f.csv"
-    path.write_bytes(force_table.encoded(*some()))
+    path.write_bytes(forces.table(*some()))
     with pytest.raises(InvalidInput, match="has no gains and places"):
         load_forces(path, 7, pulls=True)
 

@@ -6,7 +6,7 @@ import pytest
 from clothfit.base import npz
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
-from clothfit.scene.over_time.forces import Forces, load_forces, save_forces
+from clothfit.scene.forces import Forces, load_forces, save_forces
 
 
 def three():

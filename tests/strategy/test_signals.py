@@ -11,7 +11,7 @@ import clothfit
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 from clothfit.strategy import signals
 from clothfit.strategy.start import with_air
 

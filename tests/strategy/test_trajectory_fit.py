@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 import clothfit
-from clothfit.meshes.fixing import at_side
 from clothfit.meshes.mesh import plane
-from clothfit.meshes.new_scene import new_scene
+from clothfit.meshes.new_scene import at_side, new_scene
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective

@@ -13,7 +13,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import Action, F
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
-from clothfit.formats.convention import CHOICES, Convention, Reading
+from clothfit.formats.axes import HANDS, UPS, Convention, Reading
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Indices
@@ -42,7 +42,7 @@ READ_BY = ("target_path", "target_paths", "in_path", "keys_path")
 
 def axes(function: F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> F:
     """Add the options that say how a file's coordinates are meant, else as `whose` are."""
-    up, hands = (click.Choice(CHOICES[name]) for name in ("up", "handedness"))
+    up, hands = (click.Choice(choices) for choices in (UPS, HANDS))
     own = f"[default: {whose}]"
     for option in (
         click.option(f"--{prefix}handedness", type=hands, help=f"Handedness of the axes of {what}.  {own}"),

@@ -55,7 +55,7 @@ def under_forces(scene: Scene, path: str | None, feedback: bool = False) -> Scen
     """The scene with the forces of a file, where there is one, and their feedback. Raises InvalidInput."""
     if path is None:
         return scene
-    from clothfit.scene.over_time.forces import load_forces
+    from clothfit.scene.forces import load_forces
 
     return scene.with_forces(load_forces(path, sum(scene.vertex_counts), feedback))
 

@@ -125,7 +125,7 @@ def named(option: str, text: str, own: Cloth) -> Flags:
     import numpy as np
 
     from clothfit.cli.making.asked import ranges
-    from clothfit.meshes.fixing import listed
+    from clothfit.meshes.new_scene import listed
 
     for region in own.layout.regions:
         if text.strip() == region.name:
@@ -138,7 +138,7 @@ def handles_of(text: str, cloth: int, scene: Scene) -> tuple[Handle, ...]:
     import numpy as np
 
     from clothfit.control.controls import Handle
-    from clothfit.scene.over_time.keys import Pin
+    from clothfit.scene.keys import Pin
 
     own, found = scene.cloths[cloth], []
     taken = np.zeros(len(own.mass), bool)

@@ -18,7 +18,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import is_number
 from clothfit.cli.common.output import STREAM, Output, output_for
 from clothfit.cli.common.scenes import one_stream, read_scene
-from clothfit.formats.convention import Reading
+from clothfit.formats.axes import Reading
 
 if TYPE_CHECKING:
     from clothfit.motion.motion import Motion

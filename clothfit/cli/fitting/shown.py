@@ -44,9 +44,9 @@ class Shows:
         scene went, `files` are what was read beside the scene.
         """
         if self.table is not None and found.forces is not None:
-            from clothfit.scene.over_time import force_table
+            from clothfit.scene.forces import table
 
-            self.table.put(force_table.encoded(found.forces.times, found.forces.values))
+            self.table.put(table(found.forces.times, found.forces.values))
             console.say(f"table → {self.table.name}")
         if self.page is None and not any(pictures.files):
             return

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.formats.convention import Reading
+from clothfit.formats.axes import Reading
 from clothfit.inspection.doubts import doubts
 
 
@@ -93,7 +93,7 @@ def either(path: str) -> dict[str, Any]:
 
 def forces(path: str) -> dict[str, Any]:
     """The facts of a file of forces; N, s, N/m. Raises InvalidInput."""
-    from clothfit.scene.over_time.forces import load_forces
+    from clothfit.scene.forces import load_forces
 
     own = load_forces(path, None)
     size = np.linalg.norm(own.values, axis=2)

@@ -83,7 +83,7 @@ def held(cloth: Cloth, asked: Asked) -> Flags:
     """Which vertices do not move. Raises InvalidInput."""
     import numpy as np
 
-    from clothfit.meshes.fixing import at_side, in_box
+    from clothfit.meshes.new_scene import at_side, in_box
 
     positions = cloth.mesh.positions
     fixed = np.zeros(len(positions), bool)
@@ -99,7 +99,7 @@ def numbered(cloth: Cloth, chosen: list[tuple[int, int]], option: str) -> Indice
     """The vertices in ranges of those of the file. Raises InvalidInput."""
     import numpy as np
 
-    from clothfit.meshes.fixing import listed
+    from clothfit.meshes.new_scene import listed
 
     own = np.arange(len(cloth.mesh.positions), dtype=np.int32) if cloth.numbering is None else cloth.numbering
     named = own[listed(len(own), chosen, option)]
@@ -121,7 +121,7 @@ def place(cloth: Cloth, where: str, option: str) -> Indices:
     """The vertices in a box, at a side, or with these numbers in the mesh. Raises InvalidInput."""
     import numpy as np
 
-    from clothfit.meshes.fixing import at_side, in_box
+    from clothfit.meshes.new_scene import at_side, in_box
 
     positions = cloth.mesh.positions
     if ":" in where:

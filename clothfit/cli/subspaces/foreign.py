@@ -23,7 +23,7 @@ def collected(scene: Scene, path: str, given: dict[str, Any], console: Console) 
     """
     from clothfit.cli.common.motions import read
     from clothfit.cli.fitting.files import motion_and_scene
-    from clothfit.formats.convention import Reading
+    from clothfit.formats.axes import Reading
     from clothfit.subspace.recorded.foreign import collect, episode
 
     asked = [f"--{name}" for name in RANDOM if given[name] is not None]

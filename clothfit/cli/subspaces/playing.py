@@ -15,7 +15,7 @@ from clothfit.cli.subspaces.inputs import with_inputs
 from clothfit.cli.subspaces.lengths import length
 
 if TYPE_CHECKING:
-    from clothfit.formats.convention import Convention
+    from clothfit.formats.axes import Convention
     from clothfit.scene.scene import Scene
     from clothfit.subspace.crowd import Crowded
     from clothfit.subspace.model import Model
@@ -118,6 +118,6 @@ def show_many(found: Crowded, count: int, frames: int, console: Console) -> None
 
 def own_axes() -> Convention:
     """The axes of each format."""
-    from clothfit.formats.convention import Convention
+    from clothfit.formats.axes import Convention
 
     return Convention()

@@ -24,7 +24,7 @@ from clothfit.meshes.mesh_file import read_mesh
 from clothfit.meshes.problems import THIN, tiny
 from clothfit.meshes.topology import edges, together
 from clothfit.scene.cloth import Body, Collider
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 
 
 class Moving(NamedTuple):

@@ -19,11 +19,10 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput, InvalidMotion, InvalidScene
 from clothfit.base.reading import unchanged
 from clothfit.formats.animation import ASSUMED_RATE, with_gaps
-from clothfit.formats.axes import to_scene
-from clothfit.formats.convention import Reading
+from clothfit.formats.axes import Reading, to_scene
 from clothfit.formats.files import content, name_of, refused
 from clothfit.formats.registry import foreign, read
-from clothfit.scene.over_time.keys import Keys, times_problem
+from clothfit.scene.keys import Keys, times_problem
 
 MOST_TEXT = 1 << 28
 """Bytes of a table, at most."""

@@ -17,7 +17,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.kernels.kernel import kernel
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 
 
 class FittedPaths(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.inputs.splines import splined
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 
 
 def resolved(keys: Keys) -> Keys:

@@ -12,7 +12,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.inputs.interpolation import interpolated
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 
 SPACING, MOST_KNOTS = 0.1, 60
 """s between two knots of a path or of the wind where nothing is said, and how many there are at most."""

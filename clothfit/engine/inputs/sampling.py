@@ -17,7 +17,7 @@ from clothfit.engine.inputs.interpolation import growth, interpolated, resolved
 from clothfit.engine.inputs.moving_axes import Axes
 from clothfit.engine.inputs.tables import Inputs, constant
 from clothfit.scene.cloth import AXIS_OF_SIZE, CAPSULE, MESH, SPHERE, Cloth, Collider
-from clothfit.scene.over_time.keys import Frame, Keys, Pin
+from clothfit.scene.keys import Frame, Keys, Pin
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:

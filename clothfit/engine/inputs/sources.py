@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from clothfit.base.arrays import Array
 from clothfit.engine.inputs.interpolation import resolved
-from clothfit.scene.over_time.keys import Keys
+from clothfit.scene.keys import Keys
 from clothfit.scene.scene import Scene
 
 

@@ -23,7 +23,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import unreadable
 from clothfit.base.reading import MOST_TEXT, unchanged, whole
-from clothfit.scene.over_time.keys import INTERPOLATIONS, Frame, Keys, Pin, times_problem
+from clothfit.scene.keys import INTERPOLATIONS, Frame, Keys, Pin, times_problem
 from clothfit.scene.scene import Scene
 
 NUMBERS = {"wind": ("values",), "gravity": ("values",), "pins": ("offsets", "pos", "rot"), "collider": ("pos", "rot"),

@@ -17,7 +17,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.interpolation import resolved
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.over_time.keys import Frame, Keys
+from clothfit.scene.keys import Frame, Keys
 from clothfit.scene.scene import Scene
 from clothfit.subspace.recorded.inputs import applied
 

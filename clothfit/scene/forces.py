@@ -4,7 +4,14 @@ The file is an `.npz` archive: `forces` (steps, vertices, 3) N, in the axes of t
 file order; and `times` (steps,) s, when each row begins to act. A row acts until the next, the last one as long as the
 one before it; before the first and after the last there is no force. For a feedback it also has `gain` (steps,
 vertices) N/m and `places` (steps, vertices, 3) m: springs of that stiffness pull to where the vertices should be; or
-the arrays of a `regulator`.
+the arrays of a `Regulator`.
+
+Or it is a table (CSV) for spreadsheets, scripts and engines, a line for each step and vertex:
+
+    time,vertex,fx,fy,fz
+
+Its numbers are written so that they read back as the same. Vertices without any force are left out; what is left out
+is 0.
 """
 
 from __future__ import annotations
@@ -12,7 +19,7 @@ from __future__ import annotations
 import io
 import os
 from dataclasses import dataclass, replace
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -22,10 +29,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import human, missing
 from clothfit.base.messages import unreadable
-from clothfit.base.reading import unchanged
+from clothfit.base.reading import unchanged, whole
 from clothfit.base.writing import Data, write_atomically
-from clothfit.scene.over_time import force_table
-from clothfit.scene.over_time.regulator import NAMES, Regulator, regulator
 
 ARRAYS, FEEDBACK = ("forces", "times"), ("gain", "places")
 
@@ -127,7 +132,7 @@ def load_forces(path: str | os.PathLike[str], vertices: int | None, pulls: bool 
     try:
         with unchanged(path) as file:
             if tabular:
-                arrays = force_table.arrays(file, vertices)
+                arrays = table_arrays(file, vertices)
             else:
                 arrays = read_arrays(file if file.seekable() else io.BytesIO(npz.content(file)))
     except (FileNotFoundError, IsADirectoryError) as error:
@@ -145,7 +150,7 @@ def load_forces(path: str | os.PathLike[str], vertices: int | None, pulls: bool 
 
 def read_arrays(file: IO[bytes]) -> dict[str, Array]:
     """The arrays of an open file. Raises one of `npz.FAULTS`."""
-    found = npz.stored(file, (*ARRAYS, *FEEDBACK, *NAMES), "forces")
+    found = npz.stored(file, (*ARRAYS, *FEEDBACK, *REGULATOR), "forces")
     for name in ARRAYS:
         if name not in found:
             raise ValueError(f"there is no array {name}")
@@ -171,3 +176,120 @@ def archive(forces: Forces) -> Data:
     if forces.regulator is not None:
         arrays |= forces.regulator.arrays()
     return npz.archive(arrays)
+
+
+COLUMNS = ("time", "vertex", "fx", "fy", "fz")
+"""Of a table."""
+
+MOST_BYTES = 2_000_000_000
+"""Largest table that is read."""
+
+
+def table(times: Array, forces: Array) -> bytes:
+    """The table of forces (R, n, 3), N, in rows that begin to act at `times` (R,), s."""
+    pushed = np.flatnonzero(forces.any(axis=(0, 2)))
+    pushed = pushed if len(pushed) else np.zeros(1, int)  # so that the times are known
+    numbers = [str(vertex) for vertex in pushed.tolist()]
+    lines = [",".join(COLUMNS)]
+    for time, row in zip(times.tolist(), forces[:, pushed].tolist(), strict=True):
+        lines += [f"{time},{vertex},{x},{y},{z}" for vertex, (x, y, z) in zip(numbers, row, strict=True)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def table_arrays(file: IO[bytes], vertices: int | None) -> dict[str, Array]:
+    """`times` (R,) and `forces` (R, n, 3) of a table for so many vertices, None: up to the last that it names. Raises
+    OSError and ValueError.
+    """
+    text = whole(file, MOST_BYTES).decode("utf-8-sig")
+    head, _, body = text.partition("\n")
+    if tuple(part.strip() for part in head.split(",")) != COLUMNS:
+        raise ValueError(f"its first line must be {','.join(COLUMNS)}")
+    if not body.strip():
+        raise ValueError("it has no line of forces")
+    rows = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
+    if rows.shape[1] != len(COLUMNS):
+        raise ValueError(f"its lines have {rows.shape[1]} numbers; {len(COLUMNS)} are needed")
+    times, row = np.unique(rows[:, 0], return_inverse=True)
+    vertex = rows[:, 1]
+    if vertices is None:
+        vertices = int(np.clip(np.nan_to_num(vertex.max()), 0.0, 1e9)) + 1
+    wrong = np.flatnonzero(~((vertex >= 0) & (vertex < vertices) & (vertex == np.floor(vertex))))
+    if len(wrong):
+        raise ValueError(f"line {wrong[0] + 2}: {vertex[wrong[0]]:g} is no vertex; there are {vertices}, from 0")
+    place = row * vertices + vertex.astype(np.int64)
+    if len(np.unique(place)) < len(place):
+        raise ValueError("a vertex has two forces at one time")
+    free = missing(8 * 3 * len(times) * vertices)
+    if free is not None:
+        raise ValueError(f"it takes more memory than the {human(free)} that are free")
+    forces = np.zeros((len(times) * vertices, 3))
+    forces[place] = rows[:, 2:]
+    return {"times": times, "forces": forces.reshape(len(times), vertices, 3)}
+
+
+REGULATOR = ("measure", "push", "gains", "reference", "bound")
+"""The arrays of a feedback in a reduced basis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regulator:
+    """A feedback of C objects with n vertices in all, over R rows of forces, in a reduced basis: what forces answer a
+    cloth that is not where it should be.
+
+    Each object with n vertices is seen through k shapes. Weights W (n, k) make coordinates of positions and velocities,
+    q = Wᵀ x and p = Wᵀ v, each (k, 3). In a row of the forces with gains K and reference z₀ the answer is
+
+        u = E g,    g = −K (z − z₀),    z = (q, p) as one vector (6 k,), g (3 m,) that of (m, 3)
+
+    with E (n, m) the m shapes of forces on the vertices that forces act on. Numbers are 0 in objects without a
+    feedback.
+    """
+
+    measure: Array  # W, (n, k), kg^½
+    push: Array  # E, (n, m)
+    gains: Array  # K, (C, R, 3 m, 6 k), N and N s for each kg^½ m
+    reference: Array  # z₀, (C, R, 6 k), kg^½ m and kg^½ m/s, at the beginning of each row
+    bound: float = np.inf  # N, largest force on a vertex, that of the plan included
+
+    def arrays(self) -> dict[str, Array]:
+        """What a file has of it: the gains with 7 digits, which are more than a feedback needs."""
+        gains: Any = self.gains.astype(np.float32)
+        return dict(zip(REGULATOR, (self.measure, self.push, gains, self.reference, np.array(self.bound)), strict=True))
+
+    def answer(self, cloth: int, part: slice, row: int, place: Array, x: Array, v: Array) -> Array:
+        """The forces (n, 3), N, at x and v (n, 3) on the cloth that is this part of all vertices, the coordinates of
+        which should be `place` (6 k,).
+        """
+        away = state(self.measure[part], x, v) - place
+        return np.asarray(self.push[part] @ -(self.gains[cloth, row] @ away).reshape(-1, 3))
+
+
+def state(measure: Array, x: Array, v: Array) -> Array:
+    """The coordinates (6 k,) of positions and velocities (n, 3) by weights (n, k)."""
+    return np.concatenate([(measure.T @ x).reshape(-1), (measure.T @ v).reshape(-1)])
+
+
+def regulator(arrays: dict[str, Array], rows: int, vertices: int, name: str) -> Regulator | None:
+    """The feedback in the arrays of a file, None where it has none. Raises InvalidInput where they do not fit so many
+    rows of forces on so many vertices.
+    """
+    lacking = [each for each in REGULATOR if each not in arrays]
+    if len(lacking) == len(REGULATOR):
+        return None
+    if lacking:
+        raise InvalidInput(f"{name}: {', '.join(REGULATOR)} belong together; missing: {', '.join(lacking)}")
+    measure, push, gains, reference, bound = (arrays[each] for each in REGULATOR)
+    if measure.ndim != 2 or push.ndim != 2 or not len(measure) == len(push) == vertices:
+        shapes = f"measure {measure.shape} and push {push.shape}"
+        raise InvalidInput(f"{name}: {shapes} do not fit {vertices} vertices; (vertices, shapes) is needed")
+    k, m = measure.shape[1], push.shape[1]
+    if gains.ndim != 4 or gains.shape[1:] != (rows, 3 * m, 6 * k) or reference.shape != (*gains.shape[:2], 6 * k):
+        shapes = f"gains {gains.shape} and reference {reference.shape}"
+        needed = f"(objects, {rows}, {3 * m}, {6 * k}) and (objects, {rows}, {6 * k}) are needed"
+        raise InvalidInput(f"{name}: {shapes} do not fit forces, measure and push; {needed}")
+    for each, array in zip(REGULATOR[:4], (measure, push, gains, reference), strict=True):
+        if not np.isfinite(array).all():
+            raise InvalidInput(f"{name}: {each}: is not finite everywhere")
+    if bound.shape != () or not bound > 0:
+        raise InvalidInput(f"{name}: bound: must be one number above 0, N")
+    return Regulator(measure, push, gains, reference, float(bound))
