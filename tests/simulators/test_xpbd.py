@@ -10,7 +10,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.reference import converged
 from clothfit.export.blender import FOLD
 from clothfit.meshes.mesh import plane
-from clothfit.scene.over_time.keys import Keys, Pin
+from clothfit.scene.keys import Keys, Pin
 from clothfit.simulators import directions, substep, xpbd
 from clothfit.simulators.projection import bend, measure
 
