@@ -12,7 +12,7 @@ from pathlib import Path
 
 import click
 
-from clothfit.cli.common.help import parts, sections, wrapped
+from clothfit.cli.common.options import parts, sections, wrapped
 from clothfit.cli.program import COMMANDS, group
 
 PAGE = Path(__file__).with_name("commands.md")

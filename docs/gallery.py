@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from PIL import Image, ImageDraw, ImageFont, ImageSequence
 
-from clothfit.cli.common.help import wrapped
+from clothfit.cli.common.options import wrapped
 from clothfit.cli.program import run
 from clothfit.pictures.gif import GIF_INK, palette
 from clothfit.pictures.palette import GROUND

@@ -17,7 +17,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import duration, standard_command
 from clothfit.cli.common.output import STREAM, Output, is_among, output_for, print_json, same_file
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
-from clothfit.cli.fitting import controlled, shown
+from clothfit.cli.parts import control_moves, control_results
 from clothfit.many.job import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ SECTIONS = {
 @click.option("--keyframes", "keys_path", metavar="KEYS", required=True,
               help="Where the cloth is to be, and when: JSON, or a motion with few frames.")
 @motions.reads
-@controlled.options
+@control_moves.options
 @click.option("--most", type=float, metavar="N", help="Largest force on a vertex, N.  [default: none]")
 @click.option("--smooth", type=float, metavar="SECONDS",
               help="Prefer forces that change slowly: a change within this time costs as much as the force itself.  "
@@ -77,7 +77,7 @@ def command(
     scene_path: str,
     keys_path: str,
     reading: Reading,
-    moves: controlled.Moves,
+    moves: control_moves.Moves,
     most: float | None,
     smooth: float | None,
     even: float | None,
@@ -118,9 +118,9 @@ def command(
     saved = scene_output(save_path, scene_path, keys_path, (out, kept)) if moves.others else None
     motions.check(out, own_axes(), (scene_path, keys_path))
     used = scene_path, keys_path, out.path, *(each.path for each in (kept, saved) if each)
-    shows = shown.asked(table_path, report_path, used)
+    shows = control_results.asked(table_path, report_path, used)
     pictures.check(*used, *shows.files)
-    file = controlled.checkpoint(checkpoint_path, resume, out, used, console)
+    file = control_moves.checkpoint(checkpoint_path, resume, out, used, console)
     refuse_unused(moves, forces_path, save_path, table_path)
     seconds = duration(time_budget, "--budget")
     keys = read_keys(keys_path, reading, scene, console)
@@ -137,13 +137,13 @@ def command(
         found = find_controls(
             scene, keys, controls, budget=seconds, costs=costs, report=Lines(console), checkpoint=file
         )
-        with controlled.all_tried() as writing:
+        with control_moves.all_tried() as writing:
             if kept and found.forces:
                 writing(kept.write, archive(found.forces))
             if saved:
                 writing(saved.write, dumps(found.scene, folder_of(saved.path)))
             writing(motions.write, found.motion, out, scene, own_axes(), console)
-        controlled.closed(file, checkpoint_path is not None, str(found.status), console)
+        control_moves.closed(file, checkpoint_path is not None, str(found.status), console)
     good = report(found, kept, saved, out, console)
     if adjoint == "approximate":
         console.say("the gradient was approximate: the effort may be above the least, whatever the status says")
@@ -193,7 +193,7 @@ def scene_output(path: str | None, scene_path: str, keys_path: str, others: Sequ
     return saved
 
 
-def refuse_unused(moves: controlled.Moves, forces: str | None, saved: str | None, table: str | None) -> None:
+def refuse_unused(moves: control_moves.Moves, forces: str | None, saved: str | None, table: str | None) -> None:
     """Raise InvalidInput where a file is asked for that nothing goes into."""
     for option, path in (("--forces", forces), ("--table", table)):
         if path is not None and not moves.pushes:
@@ -234,7 +234,7 @@ def report(found: Control, kept: Output | None, saved: Output | None, out: Outpu
         rows.append([f"{key.time:.4g} s", metres(far), metres(key.rmse) + speed + ("" if key.near else "  missed")])
     console.table(rows)
     files = ", ".join(each.name for each in (kept, saved, out) if each)
-    console.say(f"{shown.ended(found)} → {files}")
+    console.say(f"{control_results.ended(found)} → {files}")
     if found.at_bound:
         console.warn(f"{found.at_bound} forces are at their bound (--most)")
     for key in found.keys:

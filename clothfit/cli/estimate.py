@@ -13,15 +13,15 @@ from clothfit.base import interrupts
 from clothfit.base.deferred import LINEAR_ALGEBRA, defer
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
-from clothfit.cli.common import ending, motions, pictures, scenes, watching
+from clothfit.cli.common import motions, pictures, running, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least, check_numbers, duration, standard_command
 from clothfit.cli.common.output import keep_scene, uninterrupted
 from clothfit.cli.common.progress import progress
 from clothfit.cli.common.scenes import read_scene, under_forces, warn_of_steps
-from clothfit.cli.fitting import outcomes, simulator
-from clothfit.cli.fitting.files import Files, bounds_of, read_start, read_target, weights
-from clothfit.cli.fitting.recording import Recording
+from clothfit.cli.parts import estimate_results, estimate_simulator
+from clothfit.cli.parts.estimate_files import Files, bounds_of, read_start, read_target, weights
+from clothfit.cli.parts.estimate_records import Recording
 from clothfit.fit.options import FitOptions
 from clothfit.many.job import INTERRUPTED
 from clothfit.optimise.status import Status
@@ -48,7 +48,7 @@ SECTIONS = {  # of the help
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
     "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
     "Long and large fits": ("--checkpoint", "--resume", "--memory", "--watch", "--end-with-input"),
-    "In another tool": simulator.NAMES,
+    "In another tool": estimate_simulator.NAMES,
     "Many fits": ("--starts", "--seed", "--jobs", "--cluster"),
 }  # fmt: skip
 
@@ -128,9 +128,9 @@ SECTIONS = {  # of the help
 @click.option("--jobs", type=int, metavar="N", help="Run N fits at a time.  [default: one per core]")
 @click.option("--cluster", metavar="ADDRESS", help="Run the fits on a Dask cluster; tcp://host:port of its scheduler.")
 @click.option("--log", metavar="FILE", help="Write a line of JSON for each iteration, and the summary.")
-@simulator.options
-@watching.option("Fit again, from the last result,", start=True)
-@ending.option
+@estimate_simulator.options
+@running.option("Fit again, from the last result,", start=True)
+@running.ends_with_input
 @pictures.options
 def command(
     scene_paths: tuple[str, ...],
@@ -157,7 +157,7 @@ def command(
     cluster: str | None,
     log: str | None,
     pictures: pictures.Pictures,
-    tool: simulator.Asked,
+    tool: estimate_simulator.Asked,
     as_json: bool,
     console: Console,
     **as_given: Any,
@@ -189,7 +189,7 @@ def command(
     tool.check()
     if tool.simulator:
         files = Files(target_paths, start, path, in_place, checkpoint, resume, reading, forces_path)
-        return simulator.fit(scene_paths, files, tool, substeps, console, as_json)
+        return estimate_simulator.fit(scene_paths, files, tool, substeps, console, as_json)
     options = FitOptions(
         max_evaluations=max_evaluations, rmse=rmse, tolerance=tolerance, objective=weights(objectives),
         intervals=not no_intervals, bounds=bounds_of(bounds), substeps=substeps_of(substeps),
@@ -197,13 +197,14 @@ def command(
     )  # fmt: skip
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading, forces_path)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
-    page = outcomes.page_of(report_path, scene_paths, single, files)
+    page = estimate_results.page_of(report_path, scene_paths, single, files)
     if not single:
         alone = {"--plot": pictures.plot, "--gif": pictures.gif, "--log": log, "--forces": forces_path}
         refuse_recording(alone)
-        from clothfit.cli.fitting import many
+        from clothfit.cli.parts import estimate_many
 
-        return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
+        effort = estimate_many.Effort(starts, seed, jobs, cluster)
+        return estimate_many.fit(scene_paths, files, options, effort, console, as_json)
     recording = Recording(pictures, log)
     own = files.of(scene_paths[0])
     return fit_one(scene_paths[0], own, options, recording, page, console, as_json)
@@ -214,7 +215,7 @@ def fit_one(
     files: Files,
     options: FitOptions,
     recording: Recording,
-    page: outcomes.Page | None,
+    page: estimate_results.Page | None,
     console: Console,
     as_json: bool,
 ) -> int:
@@ -225,7 +226,7 @@ def fit_one(
     if page:
         page.output(scene_path, files, out)
     defer(LINEAR_ALGEBRA)
-    from clothfit.cli.fitting import checkpoints
+    from clothfit.cli.parts import checkpoints
     from clothfit.fit import estimate as fitting
     from clothfit.optimise.checkpoint import Checkpoint
 
@@ -254,12 +255,12 @@ def fit_one(
             found = fitting.fit(scene, targets or None, first, own)
         with uninterrupted(), checkpoints.named_if_lost(kept):
             more = motions.readings_summary(readings)
-            code = outcomes.finish(scene, found, out, console, as_json, more, recording.log)
+            code = estimate_results.finish(scene, found, out, console, as_json, more, recording.log)
             checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
         late = interrupts.requested() and found.status != Status.INTERRUPTED
     if late:
         return INTERRUPTED
-    targets = outcomes.as_compared(targets, found, scene)
+    targets = estimate_results.as_compared(targets, found, scene)
     recording.draw(found, scene, targets, console)
     if page:
         page.write(scene_path, scene, found, files, out, targets, console)

@@ -13,7 +13,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
-from clothfit.cli.evaluating import evaluate_speed
+from clothfit.cli.parts import evaluate_speed
 
 if TYPE_CHECKING:
     from clothfit.evaluation.evaluate import Evaluation
@@ -92,7 +92,7 @@ def command(
     if of_subspace(fitted_path):
         others: dict[str, object] = {"--target": target_path, "--forces": forces_path}
         refuse(others, "{} does not go with a subspace")
-        from clothfit.cli.evaluating import evaluate_subspace
+        from clothfit.cli.parts import evaluate_subspace
 
         evaluate_subspace.measure(
             scene_path, fitted_path, inputs_path, steps, pictures, page_path, as_json, console

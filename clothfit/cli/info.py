@@ -61,13 +61,13 @@ def command(path_given: str, as_json: bool, console: Console) -> None:
 
 def show_record(path: str, kind: str, as_json: bool, console: Console) -> None:
     """Print what a file holds that is no scene."""
-    from clothfit.cli.looking import lines, records
+    from clothfit.cli.parts import info_records
 
     named = {EITHER: "either", FORCES: "forces"}.get(kind, kind)
-    own = getattr(records, named)(path)
+    own = getattr(info_records, named)(path)
     for sentence in own["warnings"]:
         console.warn(f"{os.path.basename(path)}: {sentence}")
-    rows = getattr(lines, own["kind"])(own)
+    rows = getattr(info_records, f"{own['kind']}_rows")(own)
     console.result(f"{os.path.basename(path)}: {own['kind']}")
     console.result("\n".join(f"{name:<13}  {cell}" for name, cell in rows.items()))
     if as_json:

@@ -14,8 +14,8 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
-from clothfit.cli.making.asked import PLANE, Asked, numbers, understood
-from clothfit.cli.making.cloth import Cloth, held, mesh, placed, plane, regions
+from clothfit.cli.parts.new_cloth import Cloth, held, mesh, placed, plane, regions
+from clothfit.cli.parts.new_options import PLANE, Asked, numbers, understood
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags

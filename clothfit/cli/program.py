@@ -27,11 +27,10 @@ from clothfit.base import interrupts
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.base.version import __version__
+from clothfit.cli.common.console import results_apart
 from clothfit.cli.common.failures import failed, refused
-from clothfit.cli.common.help import ExamplesFirst
-from clothfit.cli.common.options import as_object, loudness
+from clothfit.cli.common.options import ExamplesFirst, as_object, loudness
 from clothfit.cli.common.output import Printed
-from clothfit.cli.common.streams import results_apart
 
 _last_request = -SAME_REQUEST
 
@@ -71,9 +70,6 @@ load all of their modules.
 
 COMMANDS = tuple(SUMMARIES)
 
-OF_THE_MACHINE = ("completion", "warmup")
-"""The commands in a folder of their own."""
-
 
 class LazyGroup(click.Group, ExamplesFirst):
     """A group whose commands are modules of this package, in the order of a working day."""
@@ -84,8 +80,7 @@ class LazyGroup(click.Group, ExamplesFirst):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
-        place = f"machine.{name}" if name in OF_THE_MACHINE else name
-        command: click.Command = import_module(f"clothfit.cli.{place}").command
+        command: click.Command = import_module(f"clothfit.cli.{name}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

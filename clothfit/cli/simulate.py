@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import motions, pictures, scenes, watching
+from clothfit.cli.common import motions, pictures, running, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json, same_file
@@ -58,7 +58,7 @@ SECTIONS = {
 @click.option("--dump", "dump_path", metavar="FILE", help="If the motion diverges, write its last states here (.npz).")
 @click.option("-o", "--output", "path", metavar="MOTION",
               help="File of the motion, in any format.  [default: <stem>.motion.npz]")
-@watching.option("Simulate again")
+@running.option("Simulate again")
 @motions.writes
 @pictures.options
 def command(

@@ -124,7 +124,7 @@ def command(
     check_least(0, modes=given["modes"], seed=given["seed"])
     one_stream(subspace_path, given["inputs_path"])
     check_there(subspace_path)
-    from clothfit.cli.subspaces.playing import play
+    from clothfit.cli.parts.subspace_playing import play
 
     actions: dict[str, Callable[..., int | None]] = {"record": record, "build": build, "play": play}
     return actions[action](subspace_path, path, given, as_json, console)
@@ -183,7 +183,6 @@ def record(scene_path: str, path: str | None, given: dict[str, Any], as_json: bo
     if out.is_stream:
         raise InvalidInput("-o must be a file; - was given")
     if given["motions"]:
-        from clothfit.cli.subspaces.foreign import collected
 
         found = collected(scene, out.path, given, console)
     else:
@@ -195,7 +194,7 @@ def record(scene_path: str, path: str | None, given: dict[str, Any], as_json: bo
 
 def build(given_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> int | None:
     """Build a model of recorded motions, or of a scene."""
-    from clothfit.cli.subspaces.building import built, options_of, school_of
+    from clothfit.cli.parts.subspace_building import built, options_of, school_of
     from clothfit.formats.beginnings import RECORDED, SUBSPACE
     from clothfit.formats.recognition import kind_of
 
@@ -218,3 +217,36 @@ def build(given_path: str, path: str | None, given: dict[str, Any], as_json: boo
         data = f"{place}/data.npz"
         about = recorded(scene, data, given, console)
         return built(Data(data), options, school, out, about, as_json, console)
+
+
+# ---- `clothfit subspace record --motion`: motions of other programs as what a subspace is built of.
+
+RANDOM = ("episodes", "frames", "wind", "pins", "pace", "seed")
+"""What says how motions are made at random."""
+
+
+def collected(scene: Scene, path: str, given: dict[str, Any], console: Console) -> dict[str, Any]:
+    """Write the motions that are named to a file, and say what they are; the summary. Raises InvalidInput, UsageError.
+    """
+    from clothfit.cli.common.motions import read
+    from clothfit.cli.parts.estimate_files import motion_and_scene
+    from clothfit.formats.axes import Reading
+    from clothfit.subspace.recorded.foreign import collect, episode
+
+    asked = [f"--{name}" for name in RANDOM if given[name] is not None]
+    if asked:
+        raise click.UsageError(f"{asked[0]} makes motions at random; it does not go with --motion")
+    if len(given["motions"]) < 2:
+        raise InvalidInput("--motion: name two motions at least; the last one is not learned from, but judges")
+    reading, motions = Reading(fps=given["fps"]), []
+    for name, inputs in map(motion_and_scene, given["motions"]):
+        for each in (name, inputs):
+            if each is not None:
+                check_there(each)
+        own = episode(scene, inputs)
+        motions.append((read(name, scene, reading, console), own))
+    found = collect(scene, motions, path)
+    console.say(f"{len(motions)} motions: {found.frames} frames are kept")
+    if found.left_out:
+        console.warn(f"{found.left_out} frames are left out, which do not show all vertices")
+    return asdict(found) | {"episodes": len(motions)}

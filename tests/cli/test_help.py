@@ -7,7 +7,7 @@ import pytest
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import meant
-from clothfit.cli.common.help import parts, sections, wrapped
+from clothfit.cli.common.options import parts, sections, wrapped
 from clothfit.cli.program import COMMANDS, group, run
 from clothfit.fit.options import check_method
 from clothfit.objective.comparison import objective_weights

@@ -12,8 +12,8 @@ import numba
 import pytest
 from helpers.scenes import environment, even, trial, write_scene
 
-from clothfit.cli.fitting import many
-from clothfit.cli.fitting.files import filled
+from clothfit.cli.parts import estimate_many
+from clothfit.cli.parts.estimate_files import filled
 from clothfit.cli.program import run
 from clothfit.fit.estimate import record_target
 from clothfit.many.job import run as do
@@ -65,7 +65,7 @@ class Here:
 @pytest.fixture
 def in_this_process(monkeypatch):
     """No processes, which take seconds to start: only what is written and told is looked at."""
-    monkeypatch.setattr("clothfit.cli.fitting.many.chosen_pool", lambda *arguments: Here())
+    monkeypatch.setattr("clothfit.cli.parts.estimate_many.chosen_pool", lambda *arguments: Here())
 
 
 def files(folder):
@@ -215,19 +215,19 @@ def test_ctrl_c_ends_with_the_best_so_far_and_begins_no_more(here):
 
 def test_scenes_that_were_written_over_before_a_kill_do_not_stop_those_that_go_on(here, monkeypatch, capsys):
     """The second scene is killed when the first is already the result of its fit."""
-    monkeypatch.setattr("clothfit.cli.fitting.many.chosen_pool", lambda *_: Here())
+    monkeypatch.setattr("clothfit.cli.parts.estimate_many.chosen_pool", lambda *_: Here())
     call = ["estimate", "a.json", "b.json", "--in-place", "--checkpoint", "{stem}.kept", "--start", "2", *FEW]
-    write = many.write_scene
+    write = estimate_many.write_scene
 
     def killed(scene, out):
         if out.path == "b.json":
             raise SystemExit(9)  # nothing is tidied up
         write(scene, out)
 
-    monkeypatch.setattr(many, "write_scene", killed)
+    monkeypatch.setattr(estimate_many, "write_scene", killed)
     with pytest.raises(SystemExit):
         run([*call, "-q"])
-    monkeypatch.setattr(many, "write_scene", write)
+    monkeypatch.setattr(estimate_many, "write_scene", write)
     first = Path("a.json").read_bytes()
     before = Path("b.json").read_bytes()
     capsys.readouterr()

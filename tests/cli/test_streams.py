@@ -8,7 +8,7 @@ import sys
 import pytest
 from helpers.scenes import environment, started, trial, write_scene
 
-from clothfit.cli.common.streams import results_apart
+from clothfit.cli.common.console import results_apart
 
 pytestmark = pytest.mark.slow  # starts processes
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such paths")

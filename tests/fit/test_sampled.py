@@ -8,7 +8,7 @@ import pytest
 from helpers.scenes import trial
 from scipy import stats
 
-from clothfit.cli.fitting.outcomes import certainty
+from clothfit.cli.parts.estimate_results import certainty
 from clothfit.fit import sampled
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.posterior import half_width

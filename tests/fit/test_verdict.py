@@ -11,7 +11,7 @@ from helpers.scenes import even, load_text, trial
 
 from clothfit.base import interrupts
 from clothfit.cli.common.output import Output
-from clothfit.cli.fitting.outcomes import certainty, summary
+from clothfit.cli.parts.estimate_results import certainty, summary
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged

@@ -13,7 +13,7 @@ import pytest
 from helpers.scenes import environment, even, load_text, needs_full_disk, started, trial, write_scene
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.fitting import checkpoints
+from clothfit.cli.parts import checkpoints
 from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.degrade import degrade

@@ -97,8 +97,7 @@ def test_the_page_of_a_folder_says_what_is_there_and_imports_nothing(path):
 
 
 def test_the_files_of_the_command_line_are_the_commands():
-    places = (PACKAGE / "cli", PACKAGE / "cli" / "machine")
-    files = [path.stem for place in places for path in place.glob("*.py") if path.stem not in ("__init__", "program")]
+    files = [path.stem for path in (PACKAGE / "cli").glob("*.py") if path.stem not in ("__init__", "program")]
     assert sorted(files) == sorted(COMMANDS)
 
 

@@ -19,7 +19,7 @@ import click
 
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.messages import harmless, spelled
-from clothfit.cli.common.help import slip
+from clothfit.cli.common.options import slip
 from clothfit.cli.common.output import Printed, document, plain
 
 PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+): (.*)", re.DOTALL)

@@ -1,10 +1,12 @@
-"""The options that all commands have, and the checks of numbers that several take."""
+"""How a command is declared and explains itself: the options that all have, its help, checks of what several take."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator, Mapping
 from functools import wraps
-from typing import Any, TypeVar
+from inspect import cleandoc
+from typing import Any, NamedTuple, TypeVar
 
 import click
 
@@ -12,11 +14,12 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.limits import duration as duration
 from clothfit.base.limits import is_number as is_number
+from clothfit.base.messages import meant
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.help import ExamplesFirst, Sections, complete_values
 from clothfit.cli.common.output import Printed, streams
 from clothfit.cli.common.places import check_places
+from clothfit.cli.common.values import SUFFIXES, VALUES, Known
 
 F = TypeVar("F", bound=Callable[..., object])
 Action = Callable[..., int | None]
@@ -74,3 +77,137 @@ def check_least(least: int, **options: int | None) -> None:
     for name, value in options.items():
         if value is not None and value < least:
             raise InvalidInput(f"--{name.replace('_', '-')} must be at least {least}; {value} was given")
+
+
+# ---- What `--help` shows, and in which order: what the command does, examples to copy, then the rest.
+#
+# A command's docstring is its help text: paragraphs between empty lines, the first a plain sentence or two, one of them
+# the examples, lines of a shell under a `\b`. Options stand in sections, those that all commands have at the end.
+#
+# Here too: what was probably meant by a word that no command or option has, and which arguments are files to complete.
+
+COMMON = ("as_json", "quiet", "verbose", "version")
+"""Parameters that every command has, besides the help itself."""
+EXAMPLE_WIDTH = 78  # columns of an example: 80 and the indentation of two
+
+Sections = Mapping[str, tuple[str, ...]]
+"""Titles of sections to the options in them, by their long names."""
+
+FILE_NAMES = {"SCENE", "FITTED", "MOTION", "FILE", "FOLDER", "MESH", "IN", "OUT", "PATH"}
+"""Words in the name of a value that make it the name of a file."""
+
+
+class Text(NamedTuple):
+    """A help text in parts."""
+
+    summary: str  # what the command does
+    examples: tuple[str, ...]  # lines of a shell
+    rest: tuple[str, ...]  # further paragraphs, as click takes them
+
+
+def parts(text: str | None) -> Text:
+    """Split a help text."""
+    paragraphs = cleandoc(text or "").split("\n\n")
+    examples = next((p for p in paragraphs if p.startswith("\b") and re.search(r"^(\S+=\S+ )?clothfit ", p, re.M)), "")
+    summary, *rest = (p for p in paragraphs if p != examples)
+    return Text(summary, tuple(examples.split("\n")[1:]), tuple(rest))
+
+
+def wrapped(example: str, width: int = EXAMPLE_WIDTH) -> Iterator[str]:
+    """Break a long line of a shell so that a shell still takes it: before an option where possible."""
+    while len(example) > width:
+        breaks = [found.start() for found in re.finditer(r" (?=\S)", example) if 4 < found.start() <= width - 2]
+        before_options = [at for at in breaks if example[at + 1] == "-"]
+        if not breaks:
+            break
+        at = (before_options or breaks)[-1]
+        yield f"{example[:at]} \\"
+        example = f"    {example[at + 1 :]}"
+    yield example
+
+
+def sections(command: click.Command, context: click.Context) -> dict[str, list[click.Parameter]]:
+    """Titles of sections to the options in them, in the order in which they are shown; empty ones are left out."""
+    wanted: Sections = getattr(command, "sections", {})
+    of = {name: title for title, names in wanted.items() for name in names}
+    found: dict[str, list[click.Parameter]] = {"Options": [], **{title: [] for title in wanted}, "Common options": []}
+    for option in command.get_params(context):
+        if option.param_type_name == "option":
+            title = next((of[name] for name in option.opts if name in of), "Options")
+            common = option.name in COMMON or "--help" in option.opts
+            found["Common options" if common else title].append(option)
+    return {title: options for title, options in found.items() if options}
+
+
+class ExamplesFirst(click.Command):
+    """A command whose help shows its examples first, and its options in sections."""
+
+    def __init__(self, *arguments: Any, sections: Sections | None = None, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.sections = sections or {}
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the text: summary, examples, rest."""
+        text = parts(self.help)
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(text.summary)
+        if text.examples:
+            with formatter.section("Examples"):
+                for line in text.examples:
+                    for piece in wrapped(line):
+                        formatter.write(f"{'':{formatter.current_indent}}{piece}\n")
+        if text.rest:
+            formatter.write_paragraph()
+            with formatter.indentation():
+                formatter.write_text("\n\n".join(text.rest))
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, a section each."""
+        for title, options in sections(self, ctx).items():
+            records = [record for option in options if (record := option.get_help_record(ctx)) is not None]
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
+def complete_values(command: click.Command) -> click.Command:
+    """The command, with what its options know completed, and files where a value's name says that it is one."""
+    for parameter in command.params:
+        words = set(re.findall(r"[A-Z]+", parameter.metavar or ""))
+        keys = [*parameter.opts, *sorted(words)]
+        values = next((VALUES[key] for key in keys if key in VALUES), ())
+        suffixes = next((SUFFIXES[key] for key in keys if key in SUFFIXES), None)
+        if suffixes is None and FILE_NAMES & words and not values:
+            suffixes = ()
+        if parameter.type is click.STRING and (values or suffixes is not None):
+            parameter.type = Known(values, suffixes)
+    return command
+
+
+def slip(error: click.UsageError) -> str:
+    """The error's sentence, without its full stop, on one line; with what was probably meant, where something was."""
+    context, message = error.ctx, error.format_message()
+    if context is not None and isinstance(error, click.NoSuchOption):
+        options = [name for option in context.command.get_params(context) for name in option.opts]
+        known = [name for name in options if name.startswith("-")]
+        message = error.message.rstrip(".") + meant(error.option_name, known)
+    elif context is not None and isinstance(error, click.exceptions.NoSuchCommand):
+        known = context.command.list_commands(context) if isinstance(context.command, click.Group) else []
+        message = error.message.rstrip(".") + meant(error.command_name, known)
+    message = " ".join(message.split()).rstrip(".")
+    return f"{message[:1].lower()}{message[1:]}"
+
+
+# ---- Lengths with their units, as options have them.
+
+def length(text: str | None, option: str) -> float | None:
+    """A length in m from a text such as 5mm, 0.5cm, 0.005 or 0.005m. Raises InvalidInput."""
+    if text is None:
+        return None
+    for unit, size in (("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("", 1.0)):
+        if text.strip().endswith(unit):
+            try:
+                return float(text.strip().removesuffix(unit)) * size
+            except ValueError:
+                break
+    raise InvalidInput(f"{option}: {text!r} is no length; write it as 5mm, 0.5cm or 0.005")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -130,3 +131,15 @@ def warn_of_stretch(scene: Scene, motion: Motion, console: Console) -> None:
         begins = overstretched_from(scene, index, motion.of(index))
         if begins is not None:
             console.warn(f"{scene.name}: objects[{index}]: {overstretched(begins)}; {STRETCH_ADVICE}")
+
+
+# ---- Inputs over time from a file, in place of those of a scene.
+
+def with_inputs(scene: Scene, path: str | None) -> Scene:
+    """The scene with the inputs of a file. Raises InvalidInput."""
+    if path is None:
+        return scene
+    from clothfit.subspace.recorded.inputs import applied, load
+
+    check_there(path)
+    return applied(scene, load(path), str(Path(path).parent), path)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
-from clothfit.cli.making.asked import Asked, box, numbers, ranges, side
+from clothfit.cli.parts.new_options import Asked, box, numbers, ranges, side
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags, Indices

@@ -1,7 +1,8 @@
-"""`--watch`: a command that runs again whenever its scene, or its target, is saved.
+"""How long a command runs. `--watch`: again whenever its scene, or its target, is saved; `--end-with-input`: until its
+standard input ends.
 
-Each run is a process of its own with the same options, so that a version that is overtaken can be ended at once, and
-one that is broken costs a message.
+With --watch each run is a process of its own with the same options, so that a version that is overtaken can be ended at
+once, and one that is broken costs a message.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -154,3 +157,40 @@ def ended(process: subprocess.Popen[bytes]) -> int:
         if process.poll() is None:
             process.kill()
     return process.wait()
+
+
+# ---- `--end-with-input`: a command that ends when its standard input does.
+#
+# A program that starts this one has one way to end it that is the same on all systems: it keeps the input open and
+# closes it. Windows has no Ctrl-C for a process without a window; and where the other program itself ends, so does this
+# one.
+
+END_OPTION = "--end-with-input"
+INPUT = 0
+"""The descriptor of standard input."""
+
+SOME = 4096
+"""Bytes that are read, and ignored, at a time."""
+
+
+def ends_with_input(function: Callable[..., int | None]) -> Callable[..., int | None]:
+    """Add --end-with-input to a command that keeps its best result when it is interrupted."""
+
+    @wraps(function)
+    def run(end_with_input: bool, **arguments: Any) -> int | None:
+        if end_with_input:
+            if STREAM in arguments["scene_paths"]:
+                raise click.UsageError(f"{END_OPTION} watches standard input, which cannot be the scene as well")
+            threading.Thread(target=wait, name=END_OPTION, daemon=True).start()
+        return function(**arguments)
+
+    text = "End as with Ctrl-C when standard input is closed: for programs that start this one."
+    return click.option(END_OPTION, is_flag=True, help=text)(run)
+
+
+def wait() -> None:
+    """Read standard input to its end, then ask the main thread to end."""
+    with suppress(OSError):
+        while os.read(INPUT, SOME):
+            pass
+    interrupts.ask()

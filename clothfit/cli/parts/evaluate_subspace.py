@@ -31,7 +31,7 @@ def measure(
     page_path: str | None, as_json: bool, console: Console,
 ) -> None:  # fmt: skip
     """Compare a model with the scene's own simulation."""
-    from clothfit.cli.subspaces.inputs import with_inputs
+    from clothfit.cli.common.scenes import with_inputs
     from clothfit.subspace.judge import compare
     from clothfit.subspace.model import load_model
 

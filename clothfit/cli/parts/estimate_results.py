@@ -15,13 +15,13 @@ from clothfit.base.messages import counted, metres, owned
 from clothfit.cli import report
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, Output, document, output_for, print_json, write_scene
-from clothfit.cli.fitting.files import Files, filled
+from clothfit.cli.parts.estimate_files import Files, filled
 from clothfit.many.job import EXIT_CODES, NEVER_FINITE
 from clothfit.optimise.status import Status
 from clothfit.scene.kinds import INTEGRATORS, MODEL_NAMES
 
 if TYPE_CHECKING:
-    from clothfit.cli.fitting.recording import FitLog
+    from clothfit.cli.parts.estimate_records import FitLog
     from clothfit.fit.model_choice import Judged
     from clothfit.fit.result import Fit, FittedBlock
     from clothfit.fit.sampled import Samples

@@ -15,8 +15,8 @@ from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import is_number
 from clothfit.cli.common.output import STREAM, Output, make_folder
-from clothfit.cli.fitting import checkpoints
-from clothfit.cli.fitting.files import Files, default_name
+from clothfit.cli.parts import checkpoints
+from clothfit.cli.parts.estimate_files import Files, default_name
 from clothfit.fit.options import FitOptions
 from clothfit.many.job import File, Job, JobTarget, loaded, read
 from clothfit.optimise.checkpoint import Checkpoint

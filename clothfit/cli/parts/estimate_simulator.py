@@ -14,7 +14,7 @@ from clothfit.base.messages import metres
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, make_folder, output_for, print_json, uninterrupted
 from clothfit.cli.common.scenes import read_scene
-from clothfit.cli.fitting.files import Files, read_target
+from clothfit.cli.parts.estimate_files import Files, read_target
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene

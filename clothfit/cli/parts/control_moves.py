@@ -14,7 +14,7 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import Output
-from clothfit.cli.fitting import checkpoints
+from clothfit.cli.parts import checkpoints
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags
@@ -124,7 +124,7 @@ def named(option: str, text: str, own: Cloth) -> Flags:
     """The vertices of a region, or of a list of numbers. Raises InvalidInput."""
     import numpy as np
 
-    from clothfit.cli.making.asked import ranges
+    from clothfit.cli.parts.new_options import ranges
     from clothfit.meshes.new_scene import listed
 
     for region in own.layout.regions:

@@ -23,7 +23,7 @@ from clothfit.base.writing import is_output
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, is_among, plain
 from clothfit.cli.common.pictures import Goal, Pictures
-from clothfit.cli.fitting.files import filled
+from clothfit.cli.parts.estimate_files import filled
 
 if TYPE_CHECKING:
     from clothfit.fit.result import Fit

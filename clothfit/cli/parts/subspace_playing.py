@@ -10,9 +10,9 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.options import length
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
-from clothfit.cli.subspaces.inputs import with_inputs
-from clothfit.cli.subspaces.lengths import length
+from clothfit.cli.common.scenes import with_inputs
 
 if TYPE_CHECKING:
     from clothfit.formats.axes import Convention

@@ -11,8 +11,8 @@ from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.options import length
 from clothfit.cli.common.output import Output, print_json
-from clothfit.cli.subspaces.lengths import length
 from clothfit.many.job import INTERRUPTED
 
 if TYPE_CHECKING:

@@ -19,9 +19,9 @@ from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import print_json, uninterrupted, write_scene
 from clothfit.cli.common.scenes import warn_of_steps
-from clothfit.cli.fitting import checkpoints, outcomes
-from clothfit.cli.fitting.files import Files
-from clothfit.cli.fitting.plan import Item, planned
+from clothfit.cli.parts import checkpoints, estimate_results
+from clothfit.cli.parts.estimate_files import Files
+from clothfit.cli.parts.estimate_plan import Item, planned
 from clothfit.fit.options import FitOptions
 from clothfit.many.estimate_many import Result, chosen_pool, fit_all, limited
 from clothfit.many.job import INTERRUPTED, NOT_STARTED, Job, Outcome
@@ -171,7 +171,7 @@ def finish_one(item: Item, result: Result, console: Console, as_json: bool) -> i
     warn_of_steps(found.scene, found.frames, console)
     (own,) = summaries([item], [result], {})
     more: dict[str, Any] = {key: own[key] for key in ("start", "starts", "reading") if key in own}
-    outcomes.finish(found.scene, found, out, console, as_json, more)
+    estimate_results.finish(found.scene, found, out, console, as_json, more)
     Writer([item], console).close(item, result)
     return result.exit_code
 
@@ -213,7 +213,7 @@ def summaries(
         written = item.out is not None and (outcome.usable or before) and error is None
         own: dict[str, Any] = {"status": outcome.status}
         if result.fit is not None and item.out is not None:
-            own = outcomes.summary(result.fit.scene, result.fit, item.out)
+            own = estimate_results.summary(result.fit.scene, result.fit, item.out)
         own |= {
             "scene": item.path,
             "output": item.out.path if written and item.out else None,
