@@ -104,8 +104,7 @@ def command(
 
 def of_subspace(path: str) -> bool:
     """Whether a file is a subspace."""
-    from clothfit.formats.beginnings import SUBSPACE
-    from clothfit.formats.recognition import kind_of
+    from clothfit.formats.registry import SUBSPACE, kind_of
 
     return kind_of(path) == SUBSPACE
 

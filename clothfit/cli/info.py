@@ -15,8 +15,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import read_scene
-from clothfit.formats.beginnings import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE
-from clothfit.formats.recognition import kind_of
+from clothfit.formats.registry import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, kind_of
 
 if TYPE_CHECKING:
     from clothfit.inspection.forecast import Forecast

@@ -46,6 +46,8 @@ SCENE = Axes("y", "left", 1.0)
 RIGHT = Axes("y", "right", 1.0)
 """The axes of most other programs."""
 
+Z_UP = Axes("z", "right", 1.0)
+
 
 def to_scene(points: Array, axes: Axes) -> Array:
     """Points (…, 3) of a file in the scene's axes, m."""

@@ -18,10 +18,8 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import counted
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import Axes
+from clothfit.formats.axes import Z_UP
 from clothfit.formats.files import check_room, content, name_of
-
-AXES = Axes("z", "right", 1.0)
 
 HEADER, TRIANGLE = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -50,7 +48,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
     notes = [f"its {len(corners)} corners are {len(found)} different points, which are its vertices"]
     if flat.any():
         notes.append(f"{counted(int(flat.sum()), 'triangle', 'triangles')} with two equal corners left out")
-    return Animation(found[order][None], AXES, triangles=triangles[~flat], notes=tuple(notes))
+    return Animation(found[order][None], Z_UP, triangles=triangles[~flat], notes=tuple(notes))
 
 
 def is_text(data: bytes) -> bool:

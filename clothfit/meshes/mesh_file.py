@@ -11,8 +11,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.formats import obj
 from clothfit.formats.axes import Convention, facing, to_scene
-from clothfit.formats.registry import foreign, read, suffix_of
-from clothfit.formats.signatures import mistaken
+from clothfit.formats.registry import foreign, mistaken, read, suffix_of
 from clothfit.meshes.mesh import Mesh
 
 FARTHEST_VERTEX = 1e9

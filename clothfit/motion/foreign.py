@@ -9,27 +9,25 @@ animation was cut.
 
 from __future__ import annotations
 
-import io
 import os
+import zipfile
 from dataclasses import dataclass, field, replace
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base import npz
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted
-from clothfit.base.reading import unchanged
 from clothfit.formats.animation import ASSUMED_RATE, Animation
 from clothfit.formats.axes import SCENE, Axes, Reading, facing, to_scene
-from clothfit.formats.files import name_of, refused
-from clothfit.formats.registry import Format, foreign, format_of, read
+from clothfit.formats.files import name_of
+from clothfit.formats.registry import NATIVE, Format, foreign, format_of, read, suffix_of
 from clothfit.motion.alignment import Alignment, alignment
 from clothfit.motion.markers import Matches, initial, matched
-from clothfit.motion.motion import Motion, at_frames, check_motion
-from clothfit.motion.motion import load_motion as load_native
-from clothfit.motion.native import described, is_strange
+from clothfit.motion.motion import Motion, at_frames, check_motion, opened, read_motion
 from clothfit.scene.mesh_numbering import mesh_counts, picks
 from clothfit.scene.scene import Scene
 
@@ -97,6 +95,14 @@ class Loaded:
     timed: bool = True  # whether the file or the user gave the times
 
 
+class Described(NamedTuple):
+    """A motion file of this program by its headers, and its small arrays."""
+
+    counts: tuple[int, ...]  # points of each object
+    timed: bool  # whether it has times
+    triangles: Indices | None  # (T, 3), points of all objects; None: no faces
+
+
 @dataclass(frozen=True)
 class Points:
     """Takes the place of the scene where there is none: the points of a file."""
@@ -117,15 +123,10 @@ def load(
     if reading.markers is not None and scene is None:
         raise InvalidInput("--map: it names vertices of a scene; add --scene")
     if not isinstance(path_or_file, (str, os.PathLike)):
-        return _native(io.BytesIO(npz.content(path_or_file)), scene, reading, name or "motion")
+        return _native(path_or_file, scene, reading, name or "motion")
     name = name_of(path_or_file) if name is None else name
     found = foreign(path_or_file)
-    if found is None and scene is None and os.path.exists(path_or_file) and not os.path.isfile(path_or_file):
-        with refused(path_or_file), unchanged(path_or_file) as file:  # a pipe, which can be read only once
-            return _native(io.BytesIO(npz.content(file)), scene, reading, name)
     if found is None:
-        if is_strange(path_or_file):
-            format_of(path_or_file)  # which refuses its suffix
         return _native(path_or_file, scene, reading, name)
     return _foreign(read(found, path_or_file), found, scene, reading, name)
 
@@ -171,13 +172,18 @@ def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading)
     return found.markers and read.positions.shape[1] not in totals
 
 
-def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, reading: Reading, name: str) -> Loaded:
+def _native(
+    path: str | os.PathLike[str] | IO[bytes], scene: Scene | None, reading: Reading, name: str
+) -> Loaded:
     """A motion of this program, in the scene's axes unless the user says otherwise."""
     if reading.markers is not None:
         raise InvalidInput(f"--map: {name} has all vertices, in their order; leave it out")
-    counts, timed, triangles = described(path)
-    own: Any = scene or Points(counts, name)
-    motion = load_native(path, own, name)
+    with opened(path, name) as file:
+        if isinstance(path, (str, os.PathLike)) and suffix_of(path) not in ("", *NATIVE) and _is_strange(file):
+            format_of(path)  # which refuses its suffix
+        counts, timed, triangles = _described(file)
+        own: Any = scene or Points(counts, name)
+        motion = read_motion(file, own, name)
     rate = f"{_rate(motion.times)} by its own times" if timed else _per_step(scene)
     if reading.fps is not None:
         motion = replace(motion, times=np.arange(len(motion.times)) / reading.fps)
@@ -190,6 +196,45 @@ def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, read
     extent = _extent(motion, motion.positions.shape[1])
     taken = Interpretation(name, "npz", axes, *extent, rate, start=_start(motion, scene, axes))
     return Loaded(motion, taken, None if triangles is None else facing(triangles, axes), timed=timed)
+
+
+def _is_strange(file: IO[bytes]) -> bool:
+    """Whether the content of a file is neither an archive with positions nor an array: to name what is missing in it as
+    an archive would blame the wrong thing.
+    """
+    try:
+        if file.read(len(npz.NPY_MAGIC)) == npz.NPY_MAGIC:
+            return False
+        with zipfile.ZipFile(file) as archive:
+            return "positions.npy" not in archive.namelist()
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return True
+    finally:
+        file.seek(0)
+
+
+def _described(file: IO[bytes]) -> Described:
+    """What a file says before the scene is known; nothing of a damaged one, as reading it raises the error."""
+    try:
+        stored = npz.stored(file, ("positions", "times", "vertex_counts", "triangles"), "positions")
+        total = stored["positions"].shape[1]
+        counts, triangles = _whole(stored.get("vertex_counts"), 1), _whole(stored.get("triangles"), 2)
+    except (*npz.FAULTS, KeyError, IndexError, TypeError):
+        return Described((0,), True, None)
+    finally:
+        file.seek(0)
+    fits = counts is not None and (counts >= 0).all() and counts.sum() == total
+    if triangles is not None and not (triangles.shape[1] == 3 and ((triangles >= 0) & (triangles < total)).all()):
+        triangles = None
+    own = tuple(counts.tolist()) if counts is not None and fits else (total,)
+    return Described(own, "times" in stored, None if triangles is None else triangles.astype(np.int32))
+
+
+def _whole(stored: npz.Stored | None, dimensions: int) -> NDArray[Any] | None:
+    """An array of whole numbers; None for other types or another number of dimensions."""
+    if stored is None or stored.dtype.kind not in "iu" or len(stored.shape) != dimensions:
+        return None
+    return stored.read()
 
 
 def _times(read: Animation, scene: Scene | None, reading: Reading) -> tuple[Array, str, bool]:

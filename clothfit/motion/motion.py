@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import IO, Any
 
@@ -224,29 +225,36 @@ def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, 
     """Read a motion of `scene` and check it. `name`: in messages (default: the file's). Raises InvalidMotion."""
     if name is None:
         name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
+    with opened(path_or_file, name) as file:
+        return read_motion(file, scene, name)
+
+
+@contextmanager
+def opened(path_or_file: str | os.PathLike[str] | IO[bytes], name: str) -> Iterator[IO[bytes]]:
+    """Open a motion file of this program to read it in the block, whose failures become an InvalidMotion."""
     try:
         if isinstance(path_or_file, (str, os.PathLike)):
             with unchanged(path_or_file) as file:
-                arrays = _arrays(file if file.seekable() else io.BytesIO(npz.content(file)), scene, name)
+                yield file if file.seekable() else io.BytesIO(npz.content(file))
         else:  # an archive is read by seeking, which a stream cannot
-            arrays = _arrays(io.BytesIO(npz.content(path_or_file)), scene, name)
+            yield io.BytesIO(npz.content(path_or_file))
     except FileNotFoundError as error:
         raise InvalidMotion(f"{name}: {unreadable(error)}") from None
     except IsADirectoryError:
         raise InvalidMotion(f"{name}: is a folder; a motion file (.npz) is needed") from None
-    except InvalidMotion:
+    except InvalidInput:
         raise
     except npz.FAULTS as error:
         raise InvalidMotion(f"{name}: cannot be read as .npz or .npy ({_short(error)})") from None
-    return check_motion(arrays, scene, name)
 
 
-def _arrays(file: IO[bytes], scene: Scene, name: str) -> dict[str, NDArray[Any]]:
-    """The arrays of an open file, read once their headers fit the scene and their sizes the memory."""
+def read_motion(file: IO[bytes], scene: Scene, name: str) -> Motion:
+    """The motion in an open file, read once its headers fit the scene and its sizes the memory. Raises InvalidMotion.
+    """
     stored = npz.stored(file, ARRAYS, "positions")
     check_shapes(stored, scene, name)
     check_room(sum(array.nbytes for array in stored.values()), name)
-    return {key: array.read() for key, array in stored.items()}
+    return check_motion({key: array.read() for key, array in stored.items()}, scene, name)
 
 
 def _short(error: BaseException) -> str:

@@ -8,7 +8,7 @@ from helpers.scenes import even, trial, write_scene
 
 from clothfit.cli.program import run
 from clothfit.export.tools import exported
-from clothfit.formats.recognition import kind_of
+from clothfit.formats.registry import kind_of
 from clothfit.motion.files import save_motion
 from clothfit.motion.motion import Motion
 from clothfit.scene.scene import load

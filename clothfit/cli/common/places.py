@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.formats.beginnings import (
+from clothfit.formats.registry import (
     CHECKPOINT,
     EITHER,
     EXPORT,
@@ -19,8 +19,8 @@ from clothfit.formats.beginnings import (
     RECORDED,
     SCENE,
     SUBSPACE,
+    kind_of,
 )
-from clothfit.formats.recognition import kind_of
 
 PLACES = {
     "scene_path": (SCENE,), "scene_paths": (SCENE,), "fitted_path": (SCENE, SUBSPACE), "start": (SCENE,),

@@ -63,8 +63,7 @@ def under_forces(scene: Scene, path: str | None, feedback: bool = False) -> Scen
 
 def better(error: InvalidScene, path: str) -> InvalidScene:
     """The error of a file that was read as a scene, or what the file is where it cannot be meant as one."""
-    from clothfit.formats.registry import suffix_of
-    from clothfit.formats.signatures import no_scene
+    from clothfit.formats.registry import no_scene, suffix_of
 
     found = None if path == STREAM else no_scene(path, suffix_of(path))
     return error if found is None else InvalidScene(found, error.name)
