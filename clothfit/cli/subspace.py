@@ -195,8 +195,7 @@ def record(scene_path: str, path: str | None, given: dict[str, Any], as_json: bo
 def build(given_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> int | None:
     """Build a model of recorded motions, or of a scene."""
     from clothfit.cli.parts.subspace_building import built, options_of, school_of
-    from clothfit.formats.beginnings import RECORDED, SUBSPACE
-    from clothfit.formats.recognition import kind_of
+    from clothfit.formats.registry import RECORDED, SUBSPACE, kind_of
 
     kind = None if given_path == STREAM else kind_of(given_path)
     if kind == SUBSPACE:
