@@ -15,11 +15,14 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, make_folder, output_for, print_json, uninterrupted
 from clothfit.cli.common.scenes import read_scene
-from clothfit.export.tools import MODELS, TOOLS
+from clothfit.export.tools import TOOLS
 
 if TYPE_CHECKING:
     from clothfit.scene.cloth import Cloth
     from clothfit.scene.scene import Scene
+
+ONNX = "onnx"
+"""What a subspace can be exported to."""
 
 MOST_NAMES = 5
 """Of files in the line that says where they are."""
@@ -27,7 +30,7 @@ MOST_NAMES = 5
 
 @standard_command("export", {"What is written": ("--to", "--output")})
 @click.argument("fitted_path", metavar="FITTED")
-@click.option("--to", "tool", type=click.Choice([*TOOLS, *MODELS]), required=True, metavar="TOOL",
+@click.option("--to", "tool", type=click.Choice([*TOOLS, ONNX]), required=True, metavar="TOOL",
               help="Tool: csv, obi, blender, vellum, gltf or usd; of a subspace onnx.")
 @click.option("-o", "--output", "path", metavar="FOLDER", help="Folder of the files.  [default: <stem>-<tool>]")
 def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> None:
@@ -46,8 +49,8 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     clothfit export scene.json --to gltf
     clothfit export scene.model.npz --to onnx
     """
-    if tool in MODELS:
-        of_model(fitted_path, tool, path, as_json, console)
+    if tool == ONNX:
+        of_model(fitted_path, path, as_json, console)
         return
     scene = read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)
@@ -78,16 +81,16 @@ def write(made: Mapping[str, bytes], folder: str, given_path: str) -> None:
             out.put(data)
 
 
-def of_model(model_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> None:
+def of_model(model_path: str, path: str | None, as_json: bool, console: Console) -> None:
     """Export a subspace."""
-    from clothfit.export.tools import exported_model
+    from clothfit.subspace import onnx
     from clothfit.subspace.model import NETWORK, load_model
 
     if model_path == STREAM:
         raise InvalidInput("MODEL must be a file; - was given")
     model = load_model(model_path)
-    folder = folder_of(path, model_path, tool)
-    made = exported_model(model, tool)
+    folder = folder_of(path, model_path, ONNX)
+    made = onnx.files(model)
     write(made, folder, model_path)
     name = os.path.basename(model_path)
     if model.method != NETWORK:
@@ -95,7 +98,7 @@ def of_model(model_path: str, tool: str, path: str | None, as_json: bool, consol
     sizes = ", ".join(f"{each} ({len(data) / 1e6:.2g} MB)" for each, data in made.items())
     console.say(f"{name}: {model.method} → {folder}: {sizes}")
     if as_json:
-        print_json("export", {"model": name, "method": model.method, "to": tool, "output": folder, "files": list(made)})
+        print_json("export", {"model": name, "method": model.method, "to": ONNX, "output": folder, "files": list(made)})
 
 
 def folder_of(path: str | None, fitted_path: str, tool: str) -> str:

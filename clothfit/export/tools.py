@@ -1,4 +1,4 @@
-"""The tools that a scene, or a subspace, can be exported to: a module each, whose `files` give names and contents.
+"""The tools that a scene can be exported to: a module each, whose `files` give names and contents.
 
 `docs/export.md` explains what the numbers mean in each tool, and what of a scene has no counterpart there. Numbers have
 full precision, so they read back unchanged; the same scene gives the same bytes.
@@ -12,16 +12,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
-    from clothfit.subspace.model import Model
 
 TOOLS = {
     "csv": "tables", "obi": "obi", "blender": "blender", "vellum": "vellum",
     "gltf": "handles_gltf", "usd": "handles_usd",
 }  # fmt: skip
 """The module for each tool."""
-
-MODELS = {"onnx": "onnx"}
-"""The same for a subspace, whose `files` take a model."""
 
 PATHS = ("gltf", "usd")
 """Those that take the paths of pins and nothing else."""
@@ -41,12 +37,6 @@ def own_step(scene: Scene, tool: str) -> str | None:
         f"its values go with {name} steps of {scene.delta:.4g} s (integrationMethod {scene.method}), which {tool} does "
         "not have; the steps of its own may damp more, and the motion differs"
     )
-
-
-def exported_model(model: Model, tool: str) -> dict[str, bytes]:
-    """The files of a subspace for a tool of `MODELS`: contents by name."""
-    files: Callable[[Model], dict[str, bytes]] = import_module(f"clothfit.export.{MODELS[tool]}").files
-    return files(model)
 
 
 def exported(scene: Scene, tool: str) -> dict[str, bytes]:

@@ -3,6 +3,7 @@
 import dataclasses
 import shutil
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from helpers.subspaces import keys, scene_of
 
 from clothfit.cli.program import run
 from clothfit.engine.system import build
-from clothfit.export import onnx
+from clothfit.subspace import onnx
 from clothfit.subspace.model import load_model, save
 from clothfit.subspace.network.signals import raw
 from clothfit.subspace.play import play, ready
@@ -111,6 +112,12 @@ def off(x, true):
     return np.sqrt(((x - true) ** 2).mean() / ((true - true[0]) ** 2).mean())
 
 
+def graphs(model):
+    """The files of a model; the test is skipped where the package onnx is not installed."""
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    return onnx.files(model)
+
+
 def session(data):
     """A session of ONNX Runtime, which checks the graph; the test is skipped where that is not installed."""
     runtime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
@@ -118,7 +125,7 @@ def session(data):
 
 
 def test_graphs_give_the_motion_of_the_model(scene, model):
-    files = onnx.files(model)
+    files = graphs(model)
     assert set(files) == {"step.onnx", "decode.onnx"}
     step, decode = session(files["step.onnx"]), session(files["decode.onnx"])
     played = play(model, scene, STEPS + 1)
@@ -138,7 +145,7 @@ def test_graphs_give_the_motion_of_the_model(scene, model):
 
 
 def test_instances_are_rows_of_a_graph(scene, model):
-    step = session(onnx.files(model)["step.onnx"])
+    step = session(graphs(model)["step.onnx"])
     rng = np.random.default_rng(0)
     shapes = (("q1", SIZE), ("q2", SIZE), ("w", model.parts[0].network.m))
     given = {name: rng.standard_normal((7, size)) for name, size in shapes}
@@ -151,7 +158,7 @@ def test_instances_are_rows_of_a_graph(scene, model):
 
 def test_onnx_itself_finds_nothing_wrong(model):
     checker = pytest.importorskip("onnx.checker", reason="onnx is not installed")
-    for data in onnx.files(model).values():
+    for data in graphs(model).values():
         checker.check_model(data, full_check=True)
 
 
@@ -161,6 +168,11 @@ def test_physics_has_a_decoder_and_says_so(tmp_path, monkeypatch, capsys):
     own = subspaces.model_of(still, 6)
     own = dataclasses.replace(own, parts=(dataclasses.replace(own.parts[0], half=True),))
     save(own, tmp_path / "m.npz")
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "onnx", None)  # as if it were not installed
+        assert run(["export", "m.npz", "--to", "onnx"]) == 3
+    assert "pip install 'clothfit[onnx]'" in capsys.readouterr().err
+    pytest.importorskip("onnx", reason="onnx is not installed")
     assert run(["export", "m.npz", "--to", "onnx"]) == 0
     assert "its steps are physics, which is no graph" in capsys.readouterr().err
     assert [each.name for each in (tmp_path / "m-onnx").iterdir()] == ["decode.onnx"]

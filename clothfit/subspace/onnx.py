@@ -17,17 +17,70 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.export.onnx_file import DOUBLE, FLOAT, Graph
+from clothfit.base.errors import InvalidInput
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.network.weights import Network
 from clothfit.subspace.players import Still, still
+
+IR, OPERATORS = 7, 13
+"""Versions of the format and of the operators: those of 2020, which every runtime knows."""
+
+FLOAT, DOUBLE = 1, 11
+"""Types of numbers, as `onnx.TensorProto` has them."""
+
+BATCH = "instances"
+"""The name of the first dimension of what goes in and out: any number of instances."""
 
 TINY = 1e-12
 """Below the length of any normal; a vertex without faces has one of 0."""
 
 
+class Graph:
+    """A graph that grows node by node; each node gives the name of its output."""
+
+    def __init__(self, name: str) -> None:
+        """Raises InvalidInput where the package onnx is not installed."""
+        try:
+            from onnx import helper, numpy_helper
+        except ImportError:
+            raise InvalidInput("ONNX needs the package onnx; install it with: pip install 'clothfit[onnx]'") from None
+        self.helper, self.from_array, self.name = helper, numpy_helper.from_array, name
+        self.nodes, self.arrays, self.inputs, self.outputs = (list[Any]() for _ in range(4))
+
+    def array(self, values: NDArray[Any]) -> str:
+        """An array that belongs to the graph."""
+        name = f"a{len(self.arrays)}"
+        self.arrays.append(self.from_array(values, name))
+        return name
+
+    def node(self, kind: str, *inputs: str, output: str = "", **attributes: Any) -> str:
+        """A node of an operator; its output."""
+        output = output or f"n{len(self.nodes)}"
+        self.nodes.append(self.helper.make_node(kind, inputs, [output], **attributes))
+        return output
+
+    def input(self, name: str, *shape: int, kind: int = FLOAT) -> str:
+        """Numbers that go in: of any number of instances, (…, *shape) each."""
+        self.inputs.append(self.helper.make_tensor_value_info(name, kind, [BATCH, *shape]))
+        return name
+
+    def output(self, name: str, *shape: int, kind: int = FLOAT) -> None:
+        """Numbers that come out."""
+        self.outputs.append(self.helper.make_tensor_value_info(name, kind, [BATCH, *shape]))
+
+    def encoded(self, about: dict[str, str]) -> bytes:
+        """The file, with what there is to know about it."""
+        graph = self.helper.make_graph(self.nodes, self.name, self.inputs, self.outputs, self.arrays)
+        operators = [self.helper.make_opsetid("", OPERATORS)]
+        made = self.helper.make_model(graph, ir_version=IR, opset_imports=operators, producer_name="clothfit")
+        self.helper.set_model_props(made, about)
+        return bytes(made.SerializeToString(deterministic=True))
+
+
 def files(model: Model) -> dict[str, bytes]:
-    """Names and contents; with a number before the suffix where there are several objects."""
+    """Names and contents; with a number before the suffix where there are several objects. Raises InvalidInput where
+    the package onnx is not installed.
+    """
     found, scene = {}, model.scene()
     for c, part in enumerate(model.parts):
         number = "" if len(model.parts) == 1 else str(c)
