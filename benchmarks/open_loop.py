@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
+import approximate
 from clothfit.base.arrays import Array
-from clothfit.derivative import adjoint, approximate
+from clothfit.derivative import adjoint
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import build, zeros
 from clothfit.scene.forces import Forces

@@ -1,6 +1,6 @@
 """What a gradient keeps in memory, for `adjoints.py`: beside this program, one that keeps the matrix of every step.
 
-That one is written down in SciPy from the equations of `clothfit.derivative.approximate`, on which it is a check: each
+That one is written down in SciPy from the equations of `approximate.py`, on which it is a check: each
 matrix is kept as compressed sparse rows, and factorised when the sweep back comes to it. Run as a script, this is one
 gradient in a process of its own: `python benchmarks/stored_matrices.py VERTICES STEPS exact|approximate|matrices OUT`.
 """

@@ -33,7 +33,7 @@ WIDEST = 1e6
 """The longest time of --smooth, s, and distance of --even, m."""
 
 SECTIONS = {
-    "What to do": ("--keyframes", "--most", "--smooth", "--even", "--budget", "--adjoint"),
+    "What to do": ("--keyframes", "--most", "--smooth", "--even", "--budget"),
     "What may move": ("--actuate", "--handles", "--wind", "--velocity", "--every", "--modes"),
     "Long searches": ("--checkpoint", "--resume"),
     "The file of the keyframes": motions.FILE_OPTIONS,
@@ -56,9 +56,6 @@ SECTIONS = {
               "itself.  [default: 0]")
 @click.option("--budget", "time_budget", metavar="SECONDS",
               help="Stop after this time, such as 30, 30s or 2m, with the best so far.  [default: none]")
-@click.option("--adjoint", type=click.Choice(["exact", "approximate"]), default="exact", show_default=True,
-              help="exact: the gradient of the steps that are taken. approximate, to compare: that of textbooks, in "
-              "the closed loop of the search too; the effort then ends above the least.")
 @click.option("--checkpoint", "checkpoint_path", metavar="FILE",
               help="Save the state of the search here.  [default: <output>.checkpoint, after a minute]")
 @click.option("--resume", is_flag=True, help="Go on with a search that was ended early, from its checkpoint.")
@@ -82,7 +79,6 @@ def command(
     smooth: float | None,
     even: float | None,
     time_budget: str | None,
-    adjoint: str,
     checkpoint_path: str | None,
     resume: bool,
     path: str | None,
@@ -110,8 +106,6 @@ def command(
     one_stream(scene_path, keys_path)
     checked(most, smooth, even)
     moves.check()
-    if adjoint == "approximate" and not moves.follows:
-        raise InvalidInput("--adjoint approximate is for forces of every vertex and step, and for nothing else")
     scene = read_scene(scene_path, console)
     out = output_for(path, scene_path, ".controlled.npz", (keys_path,))
     kept = forces_output(forces_path, scene_path, keys_path, out) if moves.pushes else None
@@ -132,7 +126,7 @@ def command(
     from clothfit.scene.scene import dumps, folder_of
 
     console.announce_compilation()
-    costs = Costs(smooth or 0.0, float("inf") if most is None else most, even or 0.0, adjoint == "approximate")
+    costs = Costs(smooth or 0.0, float("inf") if most is None else most, even or 0.0)
     with interrupts.deferred():
         found = find_controls(
             scene, keys, controls, budget=seconds, costs=costs, report=Lines(console), checkpoint=file
@@ -145,10 +139,8 @@ def command(
             writing(motions.write, found.motion, out, scene, own_axes(), console)
         control_moves.closed(file, checkpoint_path is not None, str(found.status), console)
     good = report(found, kept, saved, out, console)
-    if adjoint == "approximate":
-        console.say("the gradient was approximate: the effort may be above the least, whatever the status says")
     if as_json:
-        print_json("control", {**summary(found, kept, saved, out), "adjoint": adjoint}, out)
+        print_json("control", summary(found, kept, saved, out), out)
     shows.write(scene, keys, found, pictures, (kept, saved), (keys_path,), console)
     return INTERRUPTED if found.status == "interrupted" else 0 if good else 5
 

@@ -72,12 +72,11 @@ def neighbours(cloth: Cloth, pushed: Flags) -> csr_array:
 
 @dataclass(frozen=True)
 class Costs:
-    """What counts beside the effort, and how its gradient is found."""
+    """What counts beside the effort."""
 
     smooth: float = 0.0  # s: the effort of a change of the forces in this time counts as theirs
     most: float = np.inf  # N, on a vertex
     even: float = 0.0  # m: that of a difference between neighbours that far apart counts as theirs
-    approximate: bool = False  # whether the gradient is that of `derivative.approximate`
 
 
 class ClosedLoop:
@@ -162,12 +161,7 @@ class ClosedLoop:
 
     def swept(self, motion: Rollout, by_position: Array) -> Array:
         """The gradient by f (T, n, 3) of what by_position (T + 1, n, 3) is that by the positions of a motion."""
-        given = self.system, motion, by_position, self.tolerance, ("force",)
-        if self.costs.approximate:
-            from clothfit.derivative import approximate  # which few need
-
-            return approximate.gradient(*given).force[: self.steps]
-        return adjoint.gradient(*given).force[: self.steps]
+        return adjoint.gradient(self.system, motion, by_position, self.tolerance, ("force",)).force[: self.steps]
 
     def priced(self, u: Array) -> tuple[float, Array]:
         """What forces u (T, n, 3) cost, N² s, and its gradient by them."""

@@ -3,6 +3,5 @@
 adjoint (backwards: one cost by all parameters; forwards: all positions along one direction) and sensitivity (forwards:
 all positions by many parameters at once) sweep over a motion. step_jacobian and stencil give the matrices of one step,
 columns which parameter moves which elements, pins how they lead others; verify compares derivatives with differences.
-approximate is the reverse sweep of textbooks, to compare with the exact one.
 A new force brings its own derivatives; nothing here changes.
 """

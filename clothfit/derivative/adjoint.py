@@ -50,7 +50,7 @@ def gradient(
     """The gradient of G from by_position = ∂G/∂x (T + 1, n, 3), whole or chunk by chunk, along a finished motion.
 
     By masses (n,), stiffnesses (S,) and the `kinds`, names of fields of Elements; the other fields stay empty. `sweep`
-    takes the place of the exact one back through some steps (`approximate`).
+    takes the place of the exact one back through some steps (`benchmarks/approximate.py`).
     """
     derivative_of = by_position if callable(by_position) else whole(by_position)
     wanted = {*kinds, "wind"} if "gusts" in kinds else kinds  # the one by the keys is that by the wind, step by step
@@ -100,7 +100,7 @@ def tangent(
     through: Callable[..., None] | None = None,
 ) -> Array:  # fmt: skip
     """Change of all positions (T + 1, n, 3) for the change `direction`; its empty fields do not change. `through` takes
-    the place of the exact sweep through some steps (`approximate`).
+    the place of the exact sweep through some steps (`benchmarks/approximate.py`).
     """
     change = np.zeros((memory.steps + 1, *system.x0.shape))
     sweep = Sweep(system, direction, tolerance)

@@ -107,19 +107,6 @@ def test_what_cannot_be_is_refused(arguments, code, said, capsys):
     assert said in capsys.readouterr().err
 
 
-def test_the_approximate_adjoint_leads_to_the_keys_too(place, capsys):
-    """Springs hold the keys whatever the descent does; the effort that it ends with is above the least."""
-    effort = []
-    for kind in ("exact", "approximate"):
-        assert run(["control", "scene.json", "--keyframes", "keys.json", "--adjoint", kind, "--json"]) == 0
-        said = capsys.readouterr()
-        summary = json.loads(said.out)
-        assert summary["adjoint"] == kind
-        assert ("the gradient was approximate" in said.err) == (kind == "approximate")
-        effort.append(summary["effort"])
-    assert effort[0] < effort[1]
-
-
 def test_forces_wherever_a_scene_is_simulated(place, capsys):
     """A fit, its check, its figures and its page under known forces; and keys for a fitted scene."""
     flagged = document(cloth(3, 2, springStiffness=[20.0] * 9, damping=0.5, optimizationSettings="nG"))
