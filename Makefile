@@ -5,7 +5,7 @@
 # make lint   set up and check style and types
 # make blender  set up Blender as a Python module (370 MB) and try the add-on, files, exports and fits there; more:
 #             COUNT=100 cloths, less: PARTS='formats cloths'
-# make docs   write the pages on the commands and on the public Python names again
+# make docs   write the pages on all commands and on all public Python names into build/docs
 # make gallery  make the films of the documents anew
 # make clean  remove what these made
 #

@@ -1,6 +1,6 @@
-"""Write `docs/commands.md`, the reference of all commands, from what the program says of itself.
+"""Write `build/docs/commands.md`, the reference of all commands, from what the program says of itself.
 
-`python docs/commands.py` writes the page again; a test checks that it is what the program gives.
+`make docs` runs this.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import click
 from clothfit.cli.common.options import parts, sections, wrapped
 from clothfit.cli.program import COMMANDS, group
 
-PAGE = Path(__file__).with_name("commands.md")
+PAGE = Path(__file__).parents[1] / "build" / "docs" / "commands.md"
 WIDTH = 96  # columns of an example
 HEAD = """
 # Commands
 
-Written by `python docs/commands.py` from what `clothfit COMMAND --help` says.
+Written by `make docs` from what `clothfit COMMAND --help` says.
 """
 
 
@@ -95,4 +95,5 @@ def summary(name: str, top: click.Context) -> str:
 
 
 if __name__ == "__main__":
+    PAGE.parent.mkdir(parents=True, exist_ok=True)
     PAGE.write_text(page(), encoding="utf-8")

@@ -1,8 +1,7 @@
-"""Write `docs/python.md`, the reference of all public names, from their signatures, docstrings and comments.
+"""Write `build/docs/python.md`, the reference of all public names, from their signatures, docstrings and comments.
 
-`python docs/python.py` writes the page again; a test checks that it is what the package says, and runs the examples,
-which stand in `python_examples.txt`: a line `[name]`, then what one types and sees. Fields of classes are described by
-the comments behind them.
+`make docs` runs this. The examples stand in `python_examples.txt`, and a test runs them: a line `[name]`, then what one
+types and sees. Fields of classes are described by the comments behind them.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Any, NamedTuple
 
 import clothfit
 
-PAGE = Path(__file__).with_name("python.md")
+PAGE = Path(__file__).parents[1] / "build" / "docs" / "python.md"
 EXAMPLES = Path(__file__).with_name("python_examples.txt")
 WIDTH = 96  # columns of a signature
 START = "start"  # the example that all others begin with
@@ -26,7 +25,7 @@ START = "start"  # the example that all others begin with
 HEAD = """
 # Python
 
-Written by `python docs/python.py` from the docstrings of the package.
+Written by `make docs` from the docstrings of the package.
 
 `import clothfit` loads a module when one of its names is first used, so it takes no time by itself. All quantities are
 in SI units and all arrays are float64 unless something else is said. The package has type hints (`py.typed`).
@@ -266,4 +265,5 @@ def page() -> str:
 
 
 if __name__ == "__main__":
+    PAGE.parent.mkdir(parents=True, exist_ok=True)
     PAGE.write_text(page(), encoding="utf-8")

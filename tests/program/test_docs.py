@@ -1,76 +1,43 @@
-"""The pages in docs/: links lead somewhere, the reference of the commands is what the program says."""
+"""The pages of the documents: links lead somewhere, tables are whole, what they name is there."""
 
 import ast
 import io
 import json
 import re
-from functools import cache
-from importlib import util
 
 import pytest
 from helpers.failing import pattern, rows
+from helpers.pages import broken_links, ragged_tables
 from helpers.paths import ROOT
 
 from clothfit import load
 
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").glob("*.md")]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").rglob("*.md")]
 HOUSE = (ROOT / "tests" / "program" / "test_house.py").read_text("utf-8")
 ORDER = ast.literal_eval(re.search(r"^FOLDERS = (\[.*?\])", HOUSE, re.DOTALL | re.MULTILINE)[1])
-LINK = re.compile(r"\]\(([^)\s]+)\)")
-
-
-def without_code(text):
-    """A page without its code, in which nothing is a link or a title."""
-    return re.sub(r"^```.*?^```|`[^`\n]+`(?!\]\()", "", text, flags=re.DOTALL | re.MULTILINE)
-
-
-@cache
-def anchors(path):
-    """What a link to a part of a page may name: its titles in lower case, spaces as hyphens, without punctuation."""
-    text = re.sub(r"^```.*?^```", "", path.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
-    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
-    slugs = [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
-    return {f"{slug}-{slugs[:i].count(slug)}".removesuffix("-0") for i, slug in enumerate(slugs)}
-
-
-def broken(path):
-    """The links of a page that lead nowhere."""
-    for link in LINK.findall(without_code(path.read_text("utf-8"))):
-        name, _, anchor = link.partition("#")
-        to = (path.parent / name).resolve() if name else path
-        if ":" not in link and (not to.exists() or (anchor and anchor not in anchors(to))):
-            yield link
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_the_links_of_a_page_lead_somewhere(path):
-    assert list(broken(path)) == []
+def test_the_links_of_a_page_lead_somewhere_and_its_tables_are_whole(path):
+    assert list(broken_links(path)) == []
+    assert ragged_tables(path) == []
 
 
 def test_a_link_that_leads_nowhere_is_found(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("# A b, c\n\n[x](#a-b-c) [y](#d) [z](gone.md) `[n](one)`\n\n```\n# d\n[n](one)\n```\n", "utf-8")
-    assert list(broken(page)) == ["#d", "gone.md"]
+    assert list(broken_links(page)) == ["#d", "gone.md"]
+
+
+def test_rows_of_different_widths_are_found(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("| a | b |\n|---|---|\n| `x \\| y` | 1 |\n\n| c |\n|---|\n| 1 | 2 |\n", "utf-8")
+    assert ragged_tables(page) == ["| c |\n|---|\n| 1 | 2 |\n"]
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.name)
 def test_the_index_names_every_page(path):
     assert path.name == "README.md" or f"]({path.name})" in (ROOT / "docs" / "README.md").read_text("utf-8")
-
-
-def test_the_reference_of_the_commands_is_what_the_program_says():
-    where = util.spec_from_file_location("commands_page", ROOT / "docs" / "commands.py")
-    made = util.module_from_spec(where)
-    where.loader.exec_module(made)
-    assert made.PAGE.read_text("utf-8") == made.page(), "python docs/commands.py writes it again"
-
-
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_the_rows_of_a_table_have_as_many_cells_as_its_head(path):
-    text = re.sub(r"^```.*?^```", "", path.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
-    tables = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
-    widths = [{len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()} for table in tables]
-    assert [table[:80] for table, width in zip(tables, widths, strict=True) if len(width) > 1] == []
 
 
 def test_the_scene_format_names_every_field_and_shows_a_scene():
