@@ -7,14 +7,14 @@ import json
 import numpy as np
 import pytest
 from helpers.exports import ROUNDING, built, content, of, two
-from helpers.failing import SMALL
-from helpers.scenes import cloth, write_scene
+from helpers.scenes import cloth, trial, write_scene
 
 from clothfit.cli.program import run
 from clothfit.export.tools import PATHS, TOOLS, exported
 from clothfit.export.topology import roles
 from clothfit.meshes import mesh
 
+SMALL = trial("nG", 5)
 VALUES = [tool for tool in TOOLS if tool not in PATHS]
 
 

@@ -1,14 +1,22 @@
-"""Errors by family: representative commands end with the message and the exit code that docs/errors.md gives."""
+"""Commands that fail: the exit code, the first words of the message, nothing on standard output, no file written over.
+
+The cases are those that no test nearer to the code has, and a few of each exit code. A command runs in a folder with
+`scene.json` (4 × 4 vertices, one mass to fit, 5 frames), `good.npz` (its motion) and its own files. In a message `…`
+stands for what varies.
+"""
 
 import io
+import json
+import os
 import re
 import shlex
+import struct
 
+import jsonschema
 import numpy as np
 import pytest
-from helpers import failing_commands, failing_files
-from helpers.failing import SMALL, pattern, rows
-from helpers.paths import ROOT
+from helpers import marker_files, scene_files
+from helpers.scenes import MISSING, changed, even, trial
 
 import clothfit
 from clothfit.base.errors import InvalidInput
@@ -17,40 +25,303 @@ from clothfit.derivative import verify
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 
-FAMILIES = {**failing_commands.FAMILIES, **failing_files.FAMILIES}
-SLOW = {"together", "formats", "checkpoints", "divergence", "ends"}  # some of them compile a fit or start a process
-CASES = [
-    pytest.param(name, text, marks=[pytest.mark.slow] if name in SLOW else [])
-    for name, family in FAMILIES.items()
-    for text in family
-]
+VERTICES, SPRINGS = 16, 33
+SMALL = trial("nG", 5)
+POSITIONS = np.zeros((5, VERTICES, 3))
+GOOD = {"positions": POSITIONS, "times": 0.02 * np.arange(5)}
+HARD = even("nG", 60, integrationMethod=0, delta=0.004, springStiffness=[1e3] * SPRINGS)  # explicit steps are too long
+ZERO = {"x": 0, "y": 0, "z": 0}
+GUSTY = trial("nG", 5, fit={"windVelKeys": "L"}, windVelKeys={"times": [0, 1], "values": [ZERO, {**ZERO, "x": 1}]})
+
+TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n"
+FACES = "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n"
+POINTS = "[(0, 0, 0), (1, 0, 0), (0, 1, 0)]"
+TWO = [0.0, 1.0]
+PLY = (
+    b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+)
+
+
+def fill(folder, files):
+    """Write files: bytes, documents, or arrays of motions, by name."""
+    for name, content in {"scene.json": SMALL, "good.npz": GOOD, **files}.items():
+        if isinstance(content, bytes):
+            (folder / name).write_bytes(content)
+        elif name.endswith(".npz"):
+            np.savez(folder / name, **content)
+        else:
+            (folder / name).write_text(json.dumps(content), encoding="utf-8")
+
+
+def pattern(message):
+    """What matches a message with anything in its gaps."""
+    return re.compile(".*".join(map(re.escape, message.split("…"))), re.DOTALL)
+
+
+@pytest.fixture
+def fails(tmp_path, monkeypatch, capsys):
+    """Whether a command fails as it should."""
+
+    def command(code, arguments, message, patches=(), **files):
+        files = {name.replace("_", "."): content for name, content in files.items()}
+        fill(tmp_path, files)
+        before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+        with monkeypatch.context() as patch:
+            patch.chdir(tmp_path)
+            patch.delenv("CLOTHFIT_TRACEBACK", raising=False)
+            for name, value in patches:
+                patch.setattr(name, value)
+            ended = run(shlex.split(arguments))
+        out, err = capsys.readouterr()
+        last = err.splitlines()[-1]
+        assert last.startswith("error: ")
+        assert pattern(message).search(last)
+        assert ended == code
+        assert out == "" or arguments.split()[0] in ("check", "evaluate")  # a table may come before the error
+        assert {name: (tmp_path / name).read_bytes() for name in before} == before
+
+    return command
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("fold", "no such command "),
+        ("estimate scene.json --fast", "no such option "),
+        ("export scene.json", "missing option "),
+        ("simulate scene.json --quiet=3", "--quiet… does not take a value"),
+        (
+            "estimate scene.json --starts 2 --report page.html",
+            "--report is for one fit of one scene; make the pages of several with clothfit report",
+        ),
+        (
+            "estimate scene.json --target good.npz@scene.json --report page.html",
+            "--report shows the first --target, which must be of SCENE itself, without @",
+        ),
+        ("estimate scene.json --up z", "--scale, --up, … and --map describe the motion of --target; add that"),
+        ("new plane --scale 2", " is for …; leave it out"),
+        ("new plane --delta 0.1 --fps 10", " and … say the same; give one of them"),
+    ],
+)
+def test_a_command_line_that_is_not_understood_ends_with_2(fails, arguments, message):
+    fails(2, arguments, message)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("simulate absent.json", "absent.json: there is no such file"),
+        ("simulate scene.json --steps many", "invalid value for "),
+        ("simulate scene.json -o scene.json", "it is an input, which is never written over; name another file"),
+        (f"simulate scene.json -o {'n' * 300}", "cannot write …: File name too long"),
+        ("simulate scene.json -o moved.ply", "cannot write …: … can only be read"),
+        ("simulate scene.json -o a.npz --up z", ".npz has the scene's axes and metres; leave --scale, --up, …out"),
+        ("estimate scene.json --start 1e9", "--start: … is not within the bounds "),
+        ("estimate scene.json --target good.npz --frames 9:", "has …, none of which is in --frames "),
+        ("estimate scene.json --target good.npz --frames 9", "frames: … is not A:B, such as 0:100, 50: or :-1 "),
+        ("estimate scene.json --target good.npz --map map.csv", "--map: … has all vertices, in their order; leave it"),
+        ("export scene.json --to csv -o -", "an export is several files, which need a folder; name one with -o"),
+        ("new -", "a mesh is not read from standard input; name a file"),
+        ("new plane --integrator magic", "integrator: there is no …; use "),
+        ("new plane --fit colour", "fit: there is no …; use two letters, or "),
+        ("new plane --fit wind=L", "fit: … cannot be fitted as …; use "),
+    ],
+)
+def test_a_value_or_a_path_that_cannot_be_ends_with_3(fails, arguments, message):
+    fails(3, arguments, message)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("delta",), MISSING, "delta: is missing, and it has no default"),
+        (("title",), 5, "title: 5 is not "),
+        (("integrationMethod",), 7, "integrationMethod: 7 is not one of "),
+        (("optimizationIterations",), 0, "optimizationIterations: 0 is too small; it must be at least "),
+        (("objects",), [], "objects: is empty; at least "),
+        (("mine",), float("nan"), "line …, column …: … is not JSON; a finite number is needed"),
+        (("forwardSubSteps",), 2_000_000_000, " velocities each, take … of memory, … use fewer iterations "),
+        (("objects", 0, "springs", 3), 3.5, "springs[3]: 3.5 is not an index (a whole number)"),
+        (("objects", 0, "vertPos", 5), {"x": 0, "y": 0}, "vertPos[5].z: is missing; a vector needs x, y and z"),
+        (("objects", 0, "vertPos", 5, "x"), 1e300, " are too far apart; the spring's rest length is not finite"),
+        (("objects", 0, "vertMass"), [1.0], "vertMass: … for …; one each is needed"),
+        (("objects", 0, "optimizationSettings"), "x", " is not two letters of n, F, R, M, G, L (masses, then"),
+    ],
+)
+def test_a_scene_that_cannot_be_ends_with_3(fails, path, value, message):
+    fails(3, "simulate scene.json", message, scene_json=changed(SMALL, path, value))
+
+
+def ruled():
+    """A schema with a rule that has no words of its own; none of today's is such."""
+    rule = jsonschema.Draft202012Validator({"properties": {"delta": {"multipleOf": 7}}})
+    return [("clothfit.scene.schema.conforms", lambda *_: False), ("clothfit.scene.schema._validator", lambda: rule)]
+
+
+def unwritable(path, mode, access=os.access):
+    """The answer of a system where nothing is writable; a test that root runs could write everywhere."""
+    return mode & os.W_OK == 0 and access(path, mode)
+
+
+def raising(error):
+    """A function that fails."""
+
+    def function(*_, **__):
+        raise error
+
+    return function
+
+
+@pytest.mark.parametrize(
+    ("code", "arguments", "name", "value", "message"),
+    [
+        (3, "simulate scene.json -o x.npz", "base.writing.os.access", unwritable, "the folder … is not writable"),
+        (3, "simulate scene.json -o good.npz", "base.writing.os.access", unwritable, "the file is there and is not "),
+        (3, "convert good.npz out.glb", "formats.glb_parts.MOST_GLB_BYTES", 100, "are more than a GLB file can have;"),
+        (3, "convert good.npz out.c3d", "formats.c3d.LARGEST_WORD", 1, " points are more than C3D can name; write"),
+        (3, "simulate scene.json -o a.usd", "formats.registry.import_module", raising(ImportError()),
+         " needs …; install it with: pip install 'clothfit["),
+        (1, "simulate scene.json", "simulate", raising(MemoryError()), "out of memory; try fewer frames (--steps, "),
+        (1, "simulate scene.json", "simulate", raising(ZeroDivisionError("by nothing")),
+         "a fault of the program: …by nothing (set CLOTHFIT_TRACEBACK=1 to see where)"),
+        (130, "simulate scene.json", "simulate", raising(KeyboardInterrupt()), "interrupted"),
+    ],
+)  # fmt: skip
+def test_what_a_system_refuses_ends_with_its_code(fails, code, arguments, name, value, message):
+    fails(code, arguments, message, [(f"clothfit.{name}", value)])
+
+
+def test_a_rule_of_the_schema_without_words_is_named(fails):
+    fails(3, "simulate scene.json", " breaks the rule ", ruled())
+
+
+def usd(*prims, head='#usda 1.0\n(upAxis = "Y"\nmetersPerUnit = 1)\n'):
+    """A file with meshes, by what is in their braces."""
+    return (head + "".join(f'def Mesh "m{i}"\n{{\n{prim}\n}}\n' for i, prim in enumerate(prims))).encode()
+
+
+def samples(*each, codes=(1, 2)):
+    """Points of a mesh over time."""
+    inner = "".join(f"{code}: {points},\n" for code, points in zip(codes, each, strict=True))
+    return f"point3f[] points.timeSamples = {{\n{inner}}}"
+
+
+def glb(**changes):
+    """Two triangles in a file with other parts."""
+    return scene_files.whole(*scene_files.parts(), **changes)
+
+
+def weights(values, count=4):
+    """Two triangles with a target of so many vertices, and an animation of its weight."""
+    return scene_files.moved("weights", TWO, values, targets=[np.zeros((count, 3))])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("npz", {"positions": np.zeros((2, 0, 3))}, "has no points"),
+        ("obj", b"\x89PNG\r\n", "it is a picture; name another file"),
+        ("pc2", struct.pack("<12siiffi", b"POINTCACHE2\0", 1, 1, 0, 1, 1), " bytes, it has …; is it complete?"),
+        ("abc", b"\x89HDF", "it is in Alembic's older container, HDF5; convert it with: abcconvert -toOgawa"),
+        ("abc", b"Ogawa\0" + bytes(20), "it was not written to its end; export it again"),
+        ("stl", b"solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n", "it is cut off or damaged: …each needs 3;"),
+        ("usda", usd(FACES + samples(POINTS, POINTS), FACES + samples(POINTS, POINTS, codes=(1, 3))),
+         " have samples at different times; export one of them alone"),
+        ("usda", usd(FACES + samples(POINTS, "[(0, 0, 0)]")), "its number of points changes over time; it must stay"),
+        ("usda", usd(FACES), "it has no points"),
+        ("usda", usd(samples(POINTS, POINTS) + "\nint[] faceVertexCounts = [3]\nint[] faceVertexIndices.timeSamples = "
+                     "{\n1: [0, 1, 2],\n2: [0, 2, 1],\n}"), "its faces change over time; they must stay the same"),
+        ("usda", usd(FACES + "point3f[] points = [(0, 0, 0)]"), "a triangle names a vertex beyond the … of its mesh"),
+        ("usda", usd(FACES + f"point3f[] points = {POINTS}", head="#usda 1.0\n(metersPerUnit = 0)\n"),
+         " cannot be; up is Y or Z, and the others are above 0"),
+        ("glb", scene_files.container({}, version=1), "it is glTF version …; export version 2"),
+        ("glb", glb(extensionsRequired=["KHR_draco_mesh_compression"]), "it needs the extension …, uncompressed"),
+        ("glb", weights([1.0, 2.0, 3.0]), " values of an animation do not match … times"),
+        ("glb", weights([1.0, 2.0, 3.0, 4.0]), " weights do not match the … targets of a mesh"),
+        ("glb", weights(TWO, 3), "a target has … vertices, its mesh "),
+        ("c3d", marker_files.c3d(np.zeros((1, 1, 3)), 83), " is not a type of processor that C3D knows (84, 85, 86)"),
+        ("csv", b"time,a\n0,1\n", "column …, …, is not time, frame or a coordinate such as hem_x"),
+    ],
+)  # fmt: skip
+@pytest.mark.slow  # the USD library reads in a process of its own
+def test_a_file_that_cannot_be_read_ends_with_3(fails, name, content, message):
+    if name == "usda":
+        pytest.importorskip("pxr", reason="the USD library says what is wrong")
+    fails(3, f"convert bad.{name} out.npz", message, **{f"bad_{name}": content})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"0 1 0", b"0 nan 0", "vertex … is not within … m of the origin; is the unit right?"),
+        (b"format ascii 1.0\n", b"", "its header does not name the format"),
+        (b"list uchar int", b"int", "its faces are not lists of vertices"),
+        (b"vertex 3", b"vertex 3000000000", " bytes where its header asks for "),
+        (b"3 0 1 2", b"3 0 1 3", "a face names vertex 3; there are 3"),
+    ],
+)
+def test_a_mesh_that_cannot_be_ends_with_3(fails, old, new, message):
+    content = PLY.replace(old, new)
+    fails(3, "new mesh.ply", message, mesh_ply=content.replace(b"3 0 1 2", b"0") if new == b"int" else content)
+
+
+def test_lists_of_a_mesh_beyond_the_memory_are_refused(fails):
+    content = PLY.replace(b"face 1", b"face 2") + b"2 0 1\n"
+    patches = [("clothfit.formats.ply.PROPERTY_BYTES", 10**15)]
+    fails(3, "new mesh.ply", "so many lists of different lengths take more memory than is", patches, mesh_ply=content)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message", "files"),
+    [
+        ("estimate scene.json --holdout 0.5", " frames, too few to keep some of them", {"scene_json": trial("nG", 2)}),
+        ("estimate scene.json --holdout 0.5 --holdout-of vertices", "shows too few vertices to keep some of them out",
+         {"scene_json": trial("nG", 5, vertIsFixed=[i > 0 for i in range(VERTICES)])}),
+        ("estimate scene.json --target good.npz@other.json", " in this scene, … in …; a fit of both needs as many",
+         {"scene_json": GUSTY, "other_json": trial("nG", 5)}),
+        ("estimate scene.json --start other.json", " values of …, … are needed", {"other_json": trial("nG", 5, nx=3)}),
+        ("estimate scene.json --target bad.npz", "times: must be finite and increasing",
+         {"bad_npz": {**GOOD, "times": np.zeros(5)}}),
+        ("estimate scene.json --target bad.csv", "no marker is seen in any frame",
+         {"bad_csv": b"time,a_x,a_y,a_z,b_x,b_y,b_z\n0.02,,,,,,\n"}),
+        ("convert good.npz a.pc2 --mesh a.obj", "--mesh: … has … vertices, the motion has ", {"a_obj": TRIANGLE}),
+        ("report scene.json scene.json --log fit.jsonl", "no line of it is the record of a fit; give a file that",
+         {"fit_jsonl": b"no\nlog\n"}),
+    ],
+)  # fmt: skip
+@pytest.mark.slow  # compiles a simulation
+def test_what_does_not_go_together_ends_with_3(fails, arguments, message, files):
+    fails(3, arguments, message, **files)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message", "scene"),
+    [
+        ("simulate scene.json", "the simulation diverged at step … (t = … s), ", HARD),
+        ("evaluate scene.json scene.json --steps 300", "; the horizon ends before that",
+         {**HARD, "optimizationIterations": 5}),
+        ("report scene.json scene.json --steps 300", "; the frames before are shown", HARD),
+        ("check scene.json --target far.npz", " diverged at step … (t = … s); try a smaller delta", HARD),
+    ],
+)  # fmt: skip
+@pytest.mark.slow  # compiles a simulation
+def test_what_diverges_ends_with_4(fails, arguments, message, scene):
+    fails(4, arguments, message, scene_json=scene, far_npz={"positions": np.zeros((60, VERTICES, 3))})
+
+
+@pytest.mark.parametrize(("gradient", "code", "message"), [
+    (np.inf, 4, "the gradient overflows"),
+    (1.0, 1, "the gradient is wrong (…): a fault of the program; please report it with the scene"),
+])  # fmt: skip
+@pytest.mark.slow  # compiles a fit
+def test_a_gradient_that_is_wrong_ends_with_its_code(fails, gradient, code, message):
+    pullback = "clothfit.objective.objective.Objective.add_pullback"
+    fails(code, "check scene.json", message, [(pullback, lambda *arguments: arguments[-1].fill(gradient))])
+
+
 SCENE, ONES = clothfit.load(SMALL), np.ones(3)
 LINE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([(0, 1, 1)], np.int32))
-
-
-RESULTS = ("check", "evaluate", "validate")
-"""Commands whose result is a text, which may come before the error."""
-
-
-@pytest.mark.parametrize(("family", "message"), CASES)
-def test_a_command_that_fails_says_why_ends_with_its_code_and_writes_nothing_over(
-    tmp_path, monkeypatch, capsys, family, message
-):
-    case = FAMILIES[family][message]
-    case.fill(tmp_path)
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("CLOTHFIT_TRACEBACK", raising=False)
-    case.prepare(monkeypatch)
-    code = run(shlex.split(case.arguments))
-    monkeypatch.undo()
-    out, err = capsys.readouterr()
-    last = err.splitlines()[-1]
-    assert code == case.code
-    assert out == "" or case.arguments.split()[0] in RESULTS
-    assert last.startswith("error: ")
-    assert pattern(message).search(last)
-    assert {name: (tmp_path / name).read_bytes() for name in before} == before
 
 
 def order(cost, direction=ONES):
@@ -79,15 +350,3 @@ def order(cost, direction=ONES):
 def test_a_call_from_python_raises_invalid_input(message, call):
     with pytest.raises(InvalidInput, match=re.escape(message)):
         call()
-
-
-def test_every_message_of_the_page_is_provoked_with_its_code():
-    provoked = {text: case.code for family in FAMILIES.values() for text, case in family.items()}
-    assert [row for row in rows() if provoked.get(row.message) != row.code] == []
-    assert len(rows()) > 80
-
-
-def test_every_family_is_provoked_and_the_page_has_the_exit_codes_of_the_readme():
-    page, readme = ((ROOT / name).read_text("utf-8") for name in ("docs/errors.md", "README.md"))
-    codes = [set(re.findall(r"^\| (\d+) \| ", text, re.MULTILINE)) - {"0", "5"} for text in (page, readme)]
-    assert codes[0] == codes[1] == {str(case.code) for family in FAMILIES.values() for case in family.values()}
