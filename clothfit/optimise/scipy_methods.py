@@ -54,15 +54,15 @@ def minimise(search: Search, method: str) -> Status:
 
     search.enter(method)
     minimizer: Any = optimize.minimize  # its stubs know methods by literal names only
-    takes = METHODS[method]
-    arguments: dict[str, Any] = {"method": method, "options": options(method, search.budget.limit)}
-    if takes["bounds"]:
-        arguments["bounds"] = search.bounds
     with python_warnings.catch_warnings():
         python_warnings.simplefilter("ignore")  # the status says what SciPy's warnings would
         if method == "l-bfgs-b":
             lbfgs(search, search.y, search.bounds, limit=10 * search.budget.limit + 1000)
             return search.verdict()
+        takes = METHODS[method]
+        arguments: dict[str, Any] = {"method": method, "options": options(method, search.budget.limit)}
+        if takes["bounds"]:
+            arguments["bounds"] = search.bounds
         minimizer(search if takes["gradient"] else search.cost, search.y, jac=takes["gradient"], **arguments)
     return search.verdict()
 

@@ -178,7 +178,7 @@ def raising(error):
     [
         (3, "simulate scene.json -o x.npz", "base.writing.os.access", unwritable, "the folder … is not writable"),
         (3, "simulate scene.json -o good.npz", "base.writing.os.access", unwritable, "the file is there and is not "),
-        (3, "convert good.npz out.glb", "formats.glb_parts.MOST_GLB_BYTES", 100, "are more than a GLB file can have;"),
+        (3, "convert good.npz out.glb", "formats.glb.MOST_GLB_BYTES", 100, "are more than a GLB file can have;"),
         (3, "convert good.npz out.c3d", "formats.c3d.LARGEST_WORD", 1, " points are more than C3D can name; write"),
         (3, "simulate scene.json -o a.usd", "formats.registry.import_module", raising(ImportError()),
          " needs …; install it with: pip install 'clothfit["),
