@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from helpers import physics
-from helpers.physics import KINDS, TIGHT, gentle
+from helpers.hard import crushed, fallen
+from helpers.physics import KINDS, TIGHT, VARIANTS, gentle
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Elements
@@ -12,12 +13,19 @@ from clothfit.derivative.adjoint import whole
 from clothfit.engine import rollout, tape
 from clothfit.engine.rollout import state_bytes
 from clothfit.engine.snapshots import Plan, least, plan
+from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.engine.tape import Tape
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
 STEPS = 13
-VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1), ("bdf2", 3)]
+SYSTEMS = {
+    **{f"{method}, {newton}": gentle(method, newton) for method, newton in VARIANTS},
+    "shortened, BDF2": crushed(factor=10.0, delta=0.2, integrationMethod=BDF2),
+    "shortened": crushed(delta=0.05),
+    "early contacts": fallen(IMPLICIT, 3),
+    "early contacts, BDF2": fallen(BDF2),
+}
 PLANS = {
     "every state": Plan(STEPS, (STEPS,)),
     "each step alone": Plan(1, (1,), STEPS),
@@ -44,15 +52,18 @@ def told(system, chosen, steps=STEPS):
     return made
 
 
-def states(parts, memory):
-    """Positions, velocities and counts put together from parts, in the shape of a whole motion."""
-    x, w, used, solves, clamped = (np.zeros_like(array) for array in memory[:5])
+def assert_states(parts, memory):
+    """Parts one after the other, in any order, are those of the whole motion."""
+    seen = 0
     for part in parts:
-        end = part.first + part.steps
-        x[part.first : end + 1] = part.x
-        for array, piece in ((w, part.w), (used, part.used), (solves, part.solves), (clamped, part.clamped)):
-            array[part.first : end] = piece
-    return x, used, solves, clamped, [w[t, : used[t]] for t in range(len(w))]
+        begin, end = part.first, part.first + part.steps
+        whole = memory.part(begin, end)
+        for name in ("x", "used", "solves", "clamped", "theta", "euler", "early", "budget"):
+            np.testing.assert_array_equal(getattr(part, name), getattr(whole, name))
+        for t in range(part.steps):
+            np.testing.assert_array_equal(part.w[t, : part.used[t]], whole.w[t, : part.used[t]])
+        seen += part.steps
+    assert seen == memory.steps
 
 
 def assert_same(found, expected):
@@ -61,9 +72,8 @@ def assert_same(found, expected):
 
 
 @pytest.mark.parametrize("chosen", PLANS.values(), ids=PLANS)
-@pytest.mark.parametrize(("method", "newton"), VARIANTS)
-def test_the_derivatives_are_the_same_to_the_last_bit(method, newton, chosen):
-    system = gentle(method, newton)
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+def test_the_derivatives_are_the_same_to_the_last_bit(system, chosen):
     memory, weight = kept(system)
     made, change = told(system, chosen), physics.direction(system)
     forward = adjoint.tangent(system, memory, change, TIGHT)
@@ -74,15 +84,25 @@ def test_the_derivatives_are_the_same_to_the_last_bit(method, newton, chosen):
 
 
 @pytest.mark.parametrize("chosen", PLANS.values(), ids=PLANS)
-@pytest.mark.parametrize("newton", [1, 3])
-def test_the_states_are_the_same_there_and_back(newton, chosen):
-    system = gentle("implicit", newton)
+@pytest.mark.parametrize("name", ["implicit, 1", "implicit, 3", *list(SYSTEMS)[-4:]])
+def test_the_states_are_the_same_there_and_back(name, chosen):
+    system = SYSTEMS[name]
     memory, _ = kept(system)
-    made, expected = Tape(system, STEPS, TIGHT, chosen), states([memory], memory)
+    assert memory.euler[1:].any() == ("BDF2" in name)
+    assert (memory.theta < 1).any() == name.startswith("shortened")
+    assert memory.early.any() == name.startswith("early")
+    made = Tape(system, STEPS, TIGHT, chosen)
     for tell in (made.forward, made.backward, made.forward, made.backward):
-        for found, right in zip(states(tell(), memory), expected, strict=True):
-            for one, other in zip(found, right, strict=True):
-                np.testing.assert_array_equal(one, other)
+        assert_states(tell(), memory)
+    assert made.fallbacks.early_contacts == memory.early.sum()
+
+
+@pytest.mark.parametrize("name", list(SYSTEMS)[-4:])
+def test_how_a_motion_is_cut_into_runs_changes_nothing(name, monkeypatch):
+    whole, _ = kept(SYSTEMS[name])
+    monkeypatch.setattr(rollout, "STRETCH", 1)  # one step at a time
+    cut, _ = kept(SYSTEMS[name])
+    assert_states([cut], whole)
 
 
 @pytest.mark.parametrize("chosen", PLANS.values(), ids=PLANS)
@@ -111,7 +131,7 @@ def test_a_tape_without_a_plan_holds_a_few_steps(monkeypatch):
     memory, _ = kept(system)
     made = Tape(system, STEPS, TIGHT)
     assert [(part.first, part.steps) for part in made.forward()] == [(0, 3), (3, 3), (6, 3), (9, 3), (12, 1)]
-    np.testing.assert_array_equal(states(made.forward(), memory)[0], memory.x)
+    assert_states(made.forward(), memory)
     assert list(made._kept) == [0]
 
 
@@ -130,11 +150,10 @@ def test_a_motion_that_diverges_late_ends_where_it_does(length):
     memory, good = rollout.rollout(stiff, 100, TIGHT)
     assert 10 < good < 100
     made = Tape(stiff, 100, TIGHT, Plan(length, (length,)))
-    x = np.full_like(memory.x, np.nan)
     for part in made.forward():
-        x[part.first : part.first + part.steps + 1] = part.x
+        end = min(part.first + part.steps, good)
+        np.testing.assert_array_equal(part.x[: end - part.first + 1], memory.x[part.first : end + 1])
     assert made.good == good
-    np.testing.assert_array_equal(x[: good + 1], memory.x[: good + 1])
     np.testing.assert_array_equal(made.fault, memory.x[good + 1])
 
 

@@ -33,3 +33,9 @@ def assert_dense_sensitivity(made: Scene, tolerance: float, equal: float = 1e-11
         expected = change[t + 1].reshape(-1)
         # two ways to the same sums of some hundred products
         np.testing.assert_allclose(dx @ direction, expected, atol=equal * np.abs(expected).max())
+
+
+def assert_derivatives(made: Scene, tolerance: float, product: float, equal: float = 1e-11) -> None:
+    """Gradient, tangent and all columns belong to the motion and to each other."""
+    assert_gradient_and_tangent(made, tolerance, product)
+    assert_dense_sensitivity(made, tolerance, equal)

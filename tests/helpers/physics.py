@@ -34,6 +34,8 @@ GRAVITY = 9.81
 KINDS = tuple(name for name in Elements._fields[2:] if name != "force")  # fitted besides masses and stiffnesses
 STATES = ("rest", "random", "stretched", "compressed")
 METHODS = {"explicit": EXPLICIT, "symplectic": SYMPLECTIC, "implicit": IMPLICIT, "bdf2": BDF2}
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1), ("bdf2", 3)]
+"""Methods and linear solves per step."""
 
 
 class State(NamedTuple):
@@ -51,6 +53,11 @@ class State(NamedTuple):
 def xyz(vector: Any) -> dict[str, float]:
     """A vector as the file writes it."""
     return dict(zip("xyz", map(float, vector), strict=True))
+
+
+def keys(times: Any, values: Any, **fields: Any) -> dict[str, Any]:
+    """Keys of vectors over time as the file writes them."""
+    return {"times": list(map(float, times)), "values": [xyz(value) for value in values], **fields}
 
 
 def thing(
@@ -123,6 +130,12 @@ def gentle(
     one = cloth(nx, ny, vertMass=mass, dragCoefficient=0.4, damping=0.7, **(own or {}))
     made = {"windVel": xyz((3, 1, -2)), "colliders": [ball((1.0, -0.75, 1.0), 0.8)], "delta": 0.005, **fields}
     return system(one, integrationMethod=METHODS[method], forwardSubSteps=newton, **made)
+
+
+def pendulum(method: str, h: float, alpha: float = 0.8, k: float = 30.0, m: float = 0.5) -> System:
+    """A mass on a vertical spring below a fixed vertex, at rest length 1 m at the start."""
+    one = thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], mass=m, stiffness=k, fixed=[0], damping=alpha)
+    return system(one, integrationMethod=METHODS[method], delta=h)
 
 
 def unbound(system: System, **changes: Any) -> System:
@@ -251,7 +264,8 @@ def transpose_error(system: System, name: str, at: State) -> float:
     module.add_pullback(force, at.y, at.u, at.w, at.s, at.lam, system.h, grad, gy, gu)
     out = pushforward(system, module, force, at, change)
     back = np.vdot(gy, at.dy) + np.vdot(gu, at.du) + product(grad, change)
-    return float(abs(np.vdot(at.lam, out) - back) / np.abs(at.lam * out).sum())
+    size = np.abs(at.lam * out).sum()
+    return float(abs(np.vdot(at.lam, out) - back) / (size or 1.0))
 
 
 def relative(a: Array, b: Array) -> float:

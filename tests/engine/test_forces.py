@@ -1,0 +1,290 @@
+"""Every force against its formula written down with NumPy, its energy, and its own derivatives, in every state; then
+what is special to weight, springs, air and spheres: closed forms, conservation laws, and what has no size.
+"""
+
+import numpy as np
+import pytest
+from helpers import physics
+from helpers.matrices import dense_matrix
+from helpers.obstacles import SHAPES, box, ring, touching
+from helpers.physics import STATES, ball, dense_forces, full, parts, relative, state, step_terms, thing, times, xyz
+
+from clothfit.engine.forces import spheres, springs, touch, wind
+from clothfit.engine.system import clamped
+
+SYSTEM = full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)])
+SPRINGS, FACES, SPHERES = SYSTEM.springs, SYSTEM.faces, SYSTEM.spheres
+
+
+def alone(system, name):
+    """The system without all forces but one."""
+    kept = {each: float(each == name) for each in ("vertex", "springs", "wind", "spheres")}
+    return system._replace(
+        vertex=system.vertex._replace(mass=kept["vertex"] * system.vertex.mass),
+        springs=system.springs._replace(stiffness=kept["springs"] * system.springs.stiffness),
+        faces=system.faces._replace(drag=kept["wind"] * system.faces.drag),
+        spheres=system.spheres._replace(radius=kept["spheres"] * system.spheres.radius),
+    )
+
+
+# --- all forces
+
+
+@pytest.mark.parametrize("at", STATES)
+@pytest.mark.parametrize("name", ["vertex", "springs", "clamped springs", "wind", "spheres"])
+def test_forces_matrices_and_right_hand_sides_are_those_of_the_formulas(name, at):
+    system = alone(clamped(SYSTEM) if name.startswith("clamped") else SYSTEM, name.split()[-1])
+    point, h = state(SYSTEM, at), system.h
+    (f, K, D), (module, force) = dense_forces(system, point.y, point.u), parts(system)[name.split()[-1]]
+    (A, b), later = (step_terms(system, module, force, point.y, point.u, ahead) for ahead in (False, True))
+    f, u, d = f.ravel(), point.u.ravel(), point.dy.ravel()
+    assert max(np.abs(f).max(), np.abs(K).max()) > 0
+    for found, expected in (
+        (physics.total_force(module, force, point.y, point.u), f),
+        (physics.damping(module, force, point.y, point.u, point.dy), D @ d),
+        (times(A, point.dy), -(h * h * K + h * D) @ d),
+        (b, h * (f - D @ u)),
+        (later[1], h * (f - D @ u) - h * h * K @ u),
+    ):
+        # the same products in another order
+        np.testing.assert_allclose(found.ravel(), expected, atol=1e-13 * max(np.abs(expected).max(), 1.0))
+
+
+@pytest.mark.parametrize("at", STATES)
+@pytest.mark.parametrize("name", ["springs", "spheres", *SHAPES, "mesh"])
+def test_what_is_stored_has_the_force_as_its_slope(name, at, wobble):
+    system = of(name, wobble)
+    module, force = parts(system)[KIND.get(name, "colliders")]
+    if module is physics.colliders:
+        force = force._replace(rows=force.rows.copy())
+        force.rows[:, touch.LAW, touch.FRICTION] = 0.0
+    point, t = state(system, at), 1e-6
+    slope = (module.energy(force, point.y + t * point.dy) - module.energy(force, point.y - t * point.dy)) / (2 * t)
+    f = physics.total_force(module, force, point.y, 0 * point.u)
+    # rounding of some 100 J at 1e-6
+    assert -np.vdot(f, point.dy) == pytest.approx(slope, abs=1e-6 * max(np.abs(f).sum(), 1.0))
+
+
+KIND = {"vertex": "vertex", "springs": "springs", "clamped springs": "springs", "wind": "wind", "spheres": "spheres"}
+TOLERANCE = {"vertex": 1e-9, "springs": 1e-7, "clamped springs": 1e-7, "wind": 1e-7, "spheres": 1e-7}
+"""Of central differences at 1e-5, where they round and what they leave out of forces that bend over some 0.3 m; those
+of colliders bend over 0.1 m and 0.1 m/s.
+"""
+
+
+def of(name, wobble):
+    """A system with that force."""
+    if name in KIND:
+        return clamped(SYSTEM) if name.startswith("clamped") else SYSTEM
+    return touching(ring(wobble) if name == "mesh" else SHAPES[name])
+
+
+CASES = [
+    (name, at)
+    for name in (*KIND, *SHAPES, "mesh")
+    for at in STATES
+    # at rest each spring is where its clamping begins, and a cloth is flat on an edge of a collider: kinks
+    if at != "rest" or (name in TOLERANCE and not name.startswith("clamped"))
+]
+
+
+@pytest.mark.parametrize(("name", "at"), CASES)
+def test_the_pushforward_is_the_derivative_of_the_model(name, at, wobble):
+    system = of(name, wobble)
+    point = state(system, at)
+    if name == "mesh":  # where the step begins, at y, it also knows contacts ahead
+        point = point._replace(s=system.h * point.w)
+    assert physics.pushforward_error(system, KIND.get(name, "colliders"), point) < TOLERANCE.get(name, 1e-6)
+    # rounding of sums of some hundred products
+    assert physics.transpose_error(system, KIND.get(name, "colliders"), point) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["clamped springs", *SHAPES])
+def test_the_pullback_is_the_transpose_of_the_pushforward_at_a_kink(name, wobble):
+    system = of(name, wobble)
+    assert physics.transpose_error(system, KIND.get(name, "colliders"), state(system, "rest")) < 1e-12
+
+
+SPRING = physics.system(thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], stiffness=20.0, damping=0.5))
+LINE = np.array([[0.0, 0, 0], [1, 1, 0], [2, 2, 0]])
+THIN = physics.system(thing(LINE, [(0, 1)], [(0, 1, 2)], dragCoefficient=0.5), windVel=xyz((3, 1, -2)))
+POINT = physics.system(thing([(0, 0, 0)]), colliders=[ball((0, 0, 0), 1.0)])
+EMPTY = {
+    "a spring of zero length": ("springs", SPRING, np.zeros((2, 3))),
+    "a face without area": ("wind", THIN, LINE),
+    "the centre of a sphere": ("spheres", POINT, np.zeros((1, 3))),
+    **{f"the centre of a {name}": ("colliders", touching(shape), None) for name, shape in SHAPES.items()},
+}
+
+
+@pytest.mark.parametrize("name", EMPTY)
+def test_where_a_direction_is_missing_the_derivatives_stay_finite(name):
+    kind, system, y = EMPTY[name]
+    y = np.tile(system.colliders.state[0, touch.PLACE], (9, 1)) if y is None else y
+    (module, force), at = parts(system)[kind], state(system, "random")._replace(y=y)
+    out = physics.pushforward(system, module, force, at, physics.direction(system))
+    A, b = step_terms(system, module, force, at.y, at.u)
+    assert all(np.isfinite(array).all() for array in (out, b, A.diagonal))
+    assert physics.transpose_error(system, kind, at) < 1e-12
+    if kind in ("springs", "wind"):  # which exert nothing there
+        f = physics.total_force(module, force, at.y, at.u)
+        assert not any(array.any() for array in (f, out, A.diagonal, A.upper, b))
+
+
+@pytest.mark.parametrize("name", ["vertex", "springs"])
+def test_what_damping_takes_is_its_force_along_the_way(name):
+    (module, force), at = parts(SYSTEM)[name], state(SYSTEM, "random")
+    power = np.vdot(physics.damping(module, force, at.y, at.u, at.u), at.w)
+    assert module.damping_power(force, at.y, at.u, at.w) == pytest.approx(power, rel=1e-12)
+
+
+def test_all_forces_of_the_system_are_covered():
+    fields = {
+        field
+        for field, value in full(colliders=[box((0, -9, 0))])._asdict().items()
+        if type(value).__module__.startswith("clothfit.engine.forces")
+    }
+    # those of steps and pairs are in test_applied and test_self_contact
+    assert fields - {"applied", "surface", "contact"} == {"vertex", "springs", "faces", "spheres", "colliders"}
+    assert len(parts(SYSTEM)) == 5
+
+
+def test_fixed_vertices_are_those_of_the_scene():
+    assert np.flatnonzero(~full(fixed=(0, 2)).vertex.free).tolist() == [0, 2]
+
+
+# --- springs
+
+
+def test_rest_lengths_are_the_lengths_at_the_start():
+    expected = [np.linalg.norm(SYSTEM.x0[a] - SYSTEM.x0[b]) for a, b in SPRINGS.ends]
+    np.testing.assert_allclose(SPRINGS.rest, expected, rtol=1e-15)  # one rounding each
+    f = physics.total_force(springs, SPRINGS, SYSTEM.x0, np.zeros_like(SYSTEM.x0))
+    assert np.abs(f).max() == 0.0  # the length is computed in the same way as the rest length
+
+
+def test_one_stretched_damped_spring_by_hand():
+    one = physics.system(thing([(0, 0, 0), (3, 4, 0)], [(0, 1)], stiffness=20.0, damping=0.5))
+    y, u = np.array([[0.0, 0, 0], [6, 8, 0]]), np.array([[0.0, 0, 0], [1, 2, 3]])
+    # stretched from 5 m to 10 m along (0.6, 0.8, 0), opening at 2.2 m/s: 20 · 5 N + 0.25 · 20 · 2.2 N
+    pull = 20 * 5 + 0.25 * 20 * 2.2
+    f = physics.total_force(springs, one.springs, y, u)
+    np.testing.assert_allclose(f, [[0.6 * pull, 0.8 * pull, 0], [-0.6 * pull, -0.8 * pull, 0]], rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", STATES[1:])
+def test_internal_forces_sum_to_zero_in_force_and_torque(name):
+    at = state(SYSTEM, name)
+    f = physics.total_force(springs, SPRINGS, at.y, at.u)
+    size = np.abs(f).sum()
+    # each spring adds p and −p along its axis: rounding of the sum over 9 vertices
+    assert np.abs(f.sum(axis=0)).max() < 1e-14 * size
+    assert np.abs(np.cross(at.y, f).sum(axis=0)).max() < 1e-14 * size * np.abs(at.y).max()
+
+
+def test_damping_does_not_resist_a_rigid_motion():
+    at = state(SYSTEM, "random")
+    spin = np.cross([0.3, -1.0, 0.5], at.y) + [1.0, 2.0, 3.0]
+    drag = physics.damping(springs, SPRINGS, at.y, at.u, spin)
+    # the length of no spring changes: rounding of d·(ω × e) against k β times speeds of order 1
+    assert np.abs(drag).max() < 1e-14 * SPRINGS.damping * SPRINGS.stiffness.max() * np.abs(spin).max()
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_the_matrix_is_the_true_jacobian_of_the_undamped_force(name):
+    at, undamped, t = state(SYSTEM, name), SPRINGS._replace(damping=0.0), 1e-6
+    above, below = (physics.total_force(springs, undamped, at.y + side * t * at.dy, at.u) for side in (1, -1))
+    A, _ = step_terms(SYSTEM, springs, undamped, at.y, at.u)
+    # differences of some 100 N at 1e-6, truncation 1e-11
+    assert relative(times(A, at.dy), -(SYSTEM.h**2) * (above - below) / (2 * t)) < 1e-8
+
+
+@pytest.mark.parametrize("name", STATES[1:])
+def test_the_clamped_matrix_has_no_push_sideways_and_the_same_force(name):
+    at = state(SYSTEM, name)
+    both = [step_terms(SYSTEM, springs, each.springs, at.y, at.u) for each in (clamped(SYSTEM), SYSTEM)]
+    A, plain = (dense_matrix(each) for each, _ in both)
+    np.testing.assert_array_equal(both[0][1], both[1][1])
+    safe, least = np.linalg.eigvalsh(A), np.linalg.eigvalsh(plain).min()
+    assert safe.min() > -1e-13 * safe.max()  # rounding
+    assert (least < safe.min() - 1e-3 * safe.max()) == (name != "stretched")
+    assert np.array_equal(A, plain) == (name == "stretched")  # nothing to clamp
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.949, 0.951, 0.97, 0.999, 1.001, 1.5])
+def test_the_derivative_of_the_rounded_clamp(rho):
+    rounded, t = SPRINGS._replace(cap=1.0, bend=0.05), 1e-6
+    low, high = (springs.capped(rounded, rho + sign * t)[0] for sign in (-1, 1))
+    hat, bent = springs.capped(rounded, rho)
+    assert 0.0 <= hat <= 1.0
+    assert bent / rho == pytest.approx((high - low) / (2 * t), abs=1e-8)  # t² times a third derivative of 6/0.05²
+
+
+@pytest.mark.parametrize("rho", [0.95, 1.0])
+def test_the_rounded_clamp_has_no_kink(rho):
+    rounded = SPRINGS._replace(cap=1.0, bend=0.05)
+    before, after = (springs.capped(rounded, rho + side)[1] / (rho + side) for side in (-1e-9, 1e-9))
+    assert after == pytest.approx(before, abs=1e-6)  # a second derivative of 4/0.05, over 2e-9
+
+
+# --- air
+
+
+RIGHT = np.array([[0.0, 0, 0], [2, 0, 0], [0, 0, 3]])
+"""A right triangle in the plane y = 0: n = (0, −6, 0), area 3."""
+
+
+@pytest.mark.parametrize(
+    ("flow", "speeds", "push"),
+    [((0, 0, 0), (0.3, 0.6, 0.9), -0.6), ((5, 0, -7), (0, 0, 0), 0), ((5, 2, -7), (0, 0, 0), 2)],
+    ids=["still air", "along", "across"],
+)
+def test_one_face_by_hand(flow, speeds, push):
+    made = physics.system(thing(RIGHT, triangles=[(0, 1, 2)], dragCoefficient=0.5), windVel=xyz(flow)).faces
+    u = np.array([[1.0, 0, 0], [0, 0, 2], [0, 0, 0]]) * any(speeds) + np.outer(speeds, [0, 1, 0])
+    f = physics.total_force(wind, made, RIGHT, u)
+    # (drag A / 3) n (n·(W − ū)) = (0.5 · 3 / 3) 6 · 6 (W − ū)·y on each corner
+    np.testing.assert_allclose(f, [[0, 0.5 * 36 * push, 0]] * 3, rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_a_cloth_that_moves_with_the_wind_feels_nothing(name):
+    at = state(SYSTEM, name)
+    f = physics.total_force(wind, FACES, at.y, np.broadcast_to(FACES.wind, at.y.shape).copy())
+    still = physics.total_force(wind, FACES, at.y, np.zeros_like(at.y))
+    assert np.abs(f).max() < 1e-15 * max(np.abs(still).max(), 1)  # the mean of three equal numbers, rounded
+
+
+def test_damping_is_the_row_sum_of_the_true_jacobian():
+    at = state(SYSTEM, "random")
+    same = np.broadcast_to([0.3, -1.0, 2.0], at.y.shape).copy()
+    change = physics.total_force(wind, FACES, at.y, at.u + same) - physics.total_force(wind, FACES, at.y, at.u)
+    assert relative(physics.damping(wind, FACES, at.y, at.u, same), change) < 1e-13  # linear in u: rounding only
+
+
+def test_no_drag_no_faces():
+    corners = np.array([[0, 1, 2]], np.int32)
+    assert wind.build(corners, 0.0, np.zeros(3)).corners.shape == (0, 3)
+    assert wind.build(corners, 0.1, np.zeros(3)).corners.tolist() == [[0, 1, 2]]
+
+
+# --- spheres
+
+
+def test_the_push_is_1000_newton_per_metre_of_depth_outward():
+    one = spheres.build([[1.0, 2.0, 3.0]], [0.5])
+    y = np.array([[1.3, 2.0, 3.0], [1.0, 2.0, 2.6], [1.6, 2.0, 3.0], [1.0, 2.0, 3.0]])
+    f = physics.total_force(spheres, one, y, np.zeros_like(y))
+    # depths 0.2 m and 0.1 m; outside; at the centre, pushed up by the whole radius. y − c is rounded at 1e-16
+    np.testing.assert_allclose(f, [[200, 0, 0], [0, 0, -100], [0, 0, 0], [0, 500, 0]], atol=1e-11)
+    assert SPHERES.radius.tolist() == [0.8, 0.9]  # half the scale
+    none = spheres.build([], [])
+    assert (none.centre.shape, none.radius.shape) == ((0, 3), (0,))
+
+
+def test_which_contacts_begin():
+    made = spheres.build([[0.0, 0.0, 0.0]], [1.0])
+    y = np.array([[2.0, 0, 0], [2.0, 0, 0], [2.0, 0, 0], [2.0, 0.0, 0], [2.0, 0.9, 0], [2.0, 1.1, 0]])
+    u = np.array([[-1.1, 0, 0], [-0.9, 0, 0], [1.1, 0, 0], [-9.0, 0, 0], [-9.0, 0, 0], [-9.0, 0, 0]])
+    # also where the way leads through the sphere and out again
+    assert [spheres.begins(made, y, u, 1.0, i, 0) for i in range(6)] == [True, False, False, True, True, False]
