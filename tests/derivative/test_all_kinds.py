@@ -1,57 +1,69 @@
-"""The gradient by every kind through whole motions: Taylor ladder, central difference, tangent against transpose."""
+"""Derivatives by every kind through whole motions: Taylor ladder, central difference, tangent against transpose, all
+columns at once against one forward sweep for each; and what the fields of the kinds mean.
+"""
 
 import numba
 import numpy as np
 import pytest
-from helpers.physics import METHODS, TIGHT, ball, scene, sheet, xyz
-from helpers.scenes import cloth
+from helpers.costs import simulate_all
+from helpers.physics import METHODS, TIGHT, VARIANTS, ball, cloth, dense_matrix, scene, sheet, thing, xyz
+from scipy.sparse import csc_array
 
+from clothfit.derivative import block_cholesky, sensitivity
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import Solver, sweep, tangents
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
+from clothfit.engine.step import implicit
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.fit_vector import parameters, with_parameters
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow without compilation"),
-]
+pytestmark = pytest.mark.slow  # compiles a fit
+SLOW_WITHOUT = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow otherwise")
 
-VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1)]
-OWN = {
-    "damping": {"damping": "G"},
-    "drag": {"dragCoefficient": "G"},
-    "velocity": {"vertVel": "G"},
-    "velocities": {"vertVel": "L"},
-    "rest factor": {"springRestLength": "G"},
-    "rest lengths": {"springRestLength": "L"},
-    "rest one factor": {"springRestLength": "F"},
-    "rest families": {"springRestLength": "R"},
-    "rest map": {"springRestLength": "M"},
+OWN = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
+ALL = {"windVel": True, "gravity": True}
+LETTERS = ["Ln", "Gn", "nL", "nG", "LL", "Fn", "nF", "FF", "Rn", "nR", "RM", "Mn", "nM", "MM", "FL", "MG"]
+FITS = {
+    **{letters: (letters, {}, {}) for letters in LETTERS},
+    **{f"rest {mode}": ("nn", {"springRestLength": mode}, {}) for mode in "LGFRM"},
+    **{f"velocity {mode}": ("nn", {"vertVel": mode}, {}) for mode in "LG"},
+    "damping": ("nn", {"damping": "G"}, {}),
+    "drag": ("nn", {"dragCoefficient": "G"}, {}),
+    "wind": ("nn", {}, {"windVel": True}),
+    "gravity": ("nn", {}, {"gravity": True}),
+    "MM, rest R": ("MM", {"springRestLength": "R"}, {}),
+    "RF, rest M": ("RF", {"springRestLength": "M"}, {}),
+    "every kind": ("GL", {**OWN, "vertVel": "G"}, ALL),
+    "each value": ("LG", OWN, ALL),
 }
-WHOLE = {"wind": {"windVel": True}, "gravity": {"gravity": True}}
-EVERY = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
-FRAMES = 14
+"""Letters of masses and stiffnesses, fields of the object, fields of the scene."""
+
+CASES = [*((kind, "implicit", 3) for kind in FITS), *(("every kind", *variant) for variant in VARIANTS)]
+VALUES = {"vertMass": np.linspace(0.05, 0.4, 9).tolist(), "springStiffness": np.linspace(4.0, 60.0, 16).tolist()}
 
 
-def variant(objects, method, newton, **fields):
-    delta, frames = (0.02, FRAMES) if method == "implicit" else (0.005, 3 * FRAMES)
-    made = {
-        "integrationMethod": METHODS[method],
-        "forwardSubSteps": newton,
-        "delta": delta,
-        "optimizationIterations": frames,
-        "windVel": xyz((4, -2, -3)),
-        "gravity": xyz((1, -8, 0.5)),
-        "colliders": [ball((1.0, -0.748, 1.0), 0.75)],
-    }
-    return scene(*objects, **{**made, **fields})
+def made(kind="LL", method="implicit", newton=1, delta=0.01, frames=6, others=(), **fields):
+    """A scene of a sheet on a sphere in the wind, of which a kind is fitted; fields of the scene in `whole`."""
+    settings, own, fit = FITS[kind]
+    return scene(
+        sheet(settings, fit=own, **fields), *others, integrationMethod=METHODS[method], forwardSubSteps=newton,
+        delta=delta, optimizationIterations=frames, windVel=xyz((4, -2, -3)), gravity=xyz((1, -8, 0.5)), fit=fit,
+        colliders=[ball((1.0, -0.748, 1.0), 0.75)],
+    )  # fmt: skip
 
 
-def truth(made, seed=12):
+def long(kind, method="implicit", newton=1, **fields):
+    """The same until it lies on the sphere, its values all different; others need shorter steps than implicit ones."""
+    delta, frames = (0.02, 14) if method == "implicit" else (0.005, 42)
+    return made(kind, method, newton, delta, frames, **{**VALUES, **fields})
+
+
+def truth(given, seed=12):
     """The motion of other parameters, far enough that the rounding of positions is small against the distances."""
-    p = parameters(made)
+    p = parameters(given)
     moved = p * 1.15 * np.exp(0.1 * np.random.default_rng(seed).normal(size=p.shape))
-    return simulate(with_parameters(made, moved), tolerance=TIGHT)
+    return simulate(with_parameters(given, moved), tolerance=TIGHT)
 
 
 def assert_right(objective, p):
@@ -61,97 +73,206 @@ def assert_right(objective, p):
     assert report.product < PRODUCT  # linear systems are solved to 1e-14
 
 
-@pytest.mark.parametrize(("method", "newton"), VARIANTS)
-@pytest.mark.parametrize("kind", [*OWN, *WHOLE])
-def test_the_gradient_by_one_kind(kind, method, newton):
-    made = variant([sheet(fit=OWN.get(kind, {}))], method, newton, fit=WHOLE.get(kind, {}))
-    assert_right(Objective(made, truth(made)), parameters(made))
+@SLOW_WITHOUT
+@pytest.mark.parametrize(("kind", "method", "newton"), CASES)
+def test_the_gradient_is_the_derivative_of_the_cost(kind, method, newton):
+    given = long(kind, method, newton)
+    p = parameters(given)
+    moved = p * np.exp(0.1 * np.random.default_rng(5).normal(size=p.shape))
+    for at in (p, moved)[: 1 + (kind in LETTERS)]:  # where factors are not 1
+        assert_right(Objective(given, truth(given)), at)
 
 
-@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+@SLOW_WITHOUT
+@pytest.mark.parametrize(("method", "newton"), VARIANTS[:-1])
 def test_the_gradient_by_all_kinds_of_several_cloths_that_share_the_wind(method, newton):
-    objects = [sheet("LG", fit=EVERY), sheet("nn", 2, 3), sheet("GL", 2, 2, fit={"springRestLength": "G"})]
-    made = variant(objects, method, newton, fit={"windVel": True, "gravity": True})
-    assert_right(Objective(made, truth(made)), parameters(made))
+    others = sheet("nn", 2, 3), sheet("GL", 2, 2, fit={"springRestLength": "G"})
+    given = long("each value", method, newton, others=others)
+    assert_right(Objective(given, truth(given)), parameters(given))
 
 
 def test_the_gradient_at_a_drag_of_0_and_at_rest():
     still = sheet(dragCoefficient=0.0, vertVel=[xyz((0, 0, 0))] * 9, fit={"dragCoefficient": True, "vertVel": "G"})
-    made = variant([still], "implicit", 1)
-    p = parameters(made)
+    given = scene(still, delta=0.02, optimizationIterations=14, windVel=xyz((4, -2, -3)))
+    p = parameters(given)
     assert p.tolist() == [0, 0, 0, 0]
-    goal = simulate(with_parameters(made, [0.3, 1.0, -0.5, 2.0]), tolerance=TIGHT)
-    assert_right(Objective(made, goal), p)
+    goal = simulate(with_parameters(given, [0.3, 1.0, -0.5, 2.0]), tolerance=TIGHT)
+    assert_right(Objective(given, goal), p)
 
 
 def test_the_gradient_by_what_the_cloths_share_is_the_sum_of_theirs():
     one, other = sheet(), sheet("nn", 2, 3)
-    fit = {"windVel": True, "gravity": True}
-    both = variant([one, other], "implicit", 1, fit=fit)
-    value, gradient = cost_and_gradient(both, moved := shifted(simulate(both, tolerance=TIGHT)))
-    alone = [variant([single], "implicit", 1, fit=fit) for single in (one, other)]
-    parts = [cost_and_gradient(made, moved.of(i)) for i, made in enumerate(alone)]
+    objects = [one, other], [one], [other]
+    both, *alone = (scene(*own, delta=0.02, optimizationIterations=14, fit=ALL) for own in objects)
+    moved = simulate(both, tolerance=TIGHT)
+    moved.positions[:] += 0.1 * moved.times[:, None, None]
+    value, gradient = cost_and_gradient(both, moved)
+    parts = [cost_and_gradient(given, moved.of(i)) for i, given in enumerate(alone)]
     # a sum of two
     np.testing.assert_allclose(value, parts[0][0] + parts[1][0], rtol=1e-15)
     np.testing.assert_allclose(gradient, parts[0][1] + parts[1][1], rtol=1e-15)
-
-
-def shifted(motion):
-    """The motion with a shift that grows with time."""
-    motion.positions[:] += 0.1 * motion.times[:, None, None]
-    return motion
 
 
 def test_one_value_has_the_gradient_of_all_in_proportion():
     lengths = scene(sheet()).cloths[0].lengths
     same = {"vertVel": [xyz((1, 0, 0.5))] * 9, "springRestLength": (0.9 * lengths).tolist()}
     one, each = (
-        variant([sheet(fit={"vertVel": m, "springRestLength": m}, **same)], "implicit", 1) for m in ("G", "L")
+        scene(sheet(fit={"vertVel": m, "springRestLength": m}, **same), optimizationIterations=14) for m in ("G", "L")
     )
     goal = truth(each)
-    (value, gradient), (equal, gradients) = (cost_and_gradient(made, goal) for made in (one, each))
+    (value, gradient), (equal, gradients) = (cost_and_gradient(given, goal) for given in (one, each))
     assert value == equal  # the same motion
     expected = [*gradients[:27].reshape(9, 3).sum(axis=0), gradients[27:] @ lengths]
     np.testing.assert_allclose(gradient, expected, rtol=1e-12)  # sums of 9 and 16 numbers that may cancel
 
 
+@pytest.mark.parametrize("mode", "FRM")
+def test_the_gradient_by_factors_follows_from_that_by_the_values(mode):
+    given, each = (scene(
+        {**sheet(letter * 2, fit={"springRestLength": letter}), **VALUES}, optimizationIterations=14
+    ) for letter in (mode, "L"))  # fmt: skip
+    goal = truth(each)
+    (value, gradient), (same, by_value) = (cost_and_gradient(one, goal) for one in (given, each))
+    assert value == same  # the same motion
+    values = parameters(each)
+    parts = [(own.factors.dense(), all_of) for own, all_of in zip(given.blocks, each.blocks, strict=True)]
+    expected = [B.T @ (by_value * values)[own.part] for B, own in parts]
+    np.testing.assert_allclose(gradient, np.concatenate(expected), rtol=1e-11)  # sums that may cancel
+
+
+def test_of_two_experiments_the_factors_are_on_the_values_of_the_main_scene():
+    main = long("RM")
+    other = scene({**sheet("nn"), **VALUES}, gravity=xyz((0, -5, 1)), optimizationIterations=14)
+    changed = with_parameters(main, parameters(main) * 1.3)
+    other = other.with_values([changed.cloths[0].mass], [changed.cloths[0].stiffness])
+    p = np.exp(0.1 * np.random.default_rng(6).normal(size=len(parameters(main))))
+    wanted = with_parameters(main, p).cloths[0]
+    goal = simulate(other.with_values([wanted.mass], [wanted.stiffness]), 14, TIGHT)
+    assert Objective(main, [(goal, other)], TIGHT).cost(p) == 0.0
+
+
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 def test_masses_and_stiffnesses_have_the_same_gradient_to_the_bit_whatever_else_is_fitted(method, newton):
     plain, every = (
-        variant([sheet("LL", fit=fit)], method, newton, fit=whole)
-        for fit, whole in (({}, {}), (EVERY, {"windVel": True, "gravity": True}))
-    )
+        scene(sheet("LL", fit=fit), integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, fit=whole,
+              optimizationIterations=14, windVel=xyz((4, -2, -3)), colliders=[ball((1.0, -0.748, 1.0), 0.75)])
+        for fit, whole in (({}, {}), (OWN, ALL))
+    )  # fmt: skip
     goal = truth(plain)
-    (value, gradient), (same, whole) = (cost_and_gradient(made, goal) for made in (plain, every))
+    (value, gradient), (same, whole) = (cost_and_gradient(given, goal) for given in (plain, every))
     assert value == same
     assert [block.name for block in every.blocks[:2]] == ["mass", "stiffness"]
     np.testing.assert_array_equal(whole[: len(gradient)], gradient)
 
 
-@pytest.mark.parametrize(("method", "newton"), VARIANTS)
-def test_defaults_written_out_are_the_same_motion_to_the_bit(method, newton):
-    plain = cloth(3, 3)
-    lengths = scene(plain).cloths[0].lengths.tolist()
-    zero = [xyz((0, 0, 0))] * 9
-    bare = scene(plain, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005)
-    spelled = scene(
-        {**plain, "vertVel": zero, "springRestLength": lengths, "fit": {"damping": "n", "vertVel": False}},
-        integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, gravity=xyz((0, -9.81, 0)), fit={},
-    )  # fmt: skip
-    np.testing.assert_array_equal(simulate(bare, 20).positions, simulate(spelled, 20).positions)
+# --- all columns at once
 
 
-# What the fields mean -------------------------------------------------------------------------------------------------
+def fitted(kind, method="implicit", newton=1, **fields):
+    """An objective, its parameters and its motion: system, memory, a column for every parameter, with factors of
+    different sizes, and these.
+    """
+    given = made(kind, method, newton, **fields)
+    objective, p = Objective(given, simulate(given), TIGHT), parameters(given)
+    system, memory = simulate_all(objective, objective.runs[0], p)
+    factor = np.linspace(0.5, 2.0, len(p))
+    column = np.random.default_rng(7).permutation(len(p)).astype(np.int32)  # in no order
+    wanted = columns(system, objective.blocks, p, column, factor, len(p))
+    return objective, p, system, memory, wanted, column, factor
+
+
+def one_by_one(objective, p, column, factor):
+    """The change of the free coordinates (T, 3 f, Q) along each parameter, by a tangent sweep for each."""
+    free = objective.runs[0].system.vertex.free
+    units = np.diag(factor)[np.argsort(column)]
+    changes = [objective.tangent(p, unit)[0][1:, free] for unit in units]
+    return np.stack([change.reshape(len(change), -1) for change in changes], axis=2)
+
+
+def together(found):
+    """All steps (T, 3 f, Q) of a sweep, whose array is used again."""
+    return np.array([step.copy() for step in found])
+
+
+@pytest.mark.parametrize(("kind", "method", "newton"), CASES)
+def test_every_column_is_a_tangent(kind, method, newton):
+    objective, p, system, memory, wanted, column, factor = fitted(kind, method, newton)
+    expected = one_by_one(objective, p, column, factor)
+    size = np.abs(expected).max(axis=(0, 1))
+    assert (size[column[objective.identifiable]] > 0).all()
+    # linear systems are solved to 1e-14, of a condition below 100, a few in a row; each column by its own size
+    for found in (sweep(system, memory, wanted), tangents(system, memory, wanted, TIGHT)):
+        gap = np.abs(together(found) - expected).max(axis=(0, 1))
+        assert (gap <= 1e-12 * np.maximum(size, 1e-3 * size.max())).all()
+
+
+def test_the_columns_are_the_derivative_of_the_motion():
+    objective, p, system, memory, wanted, column, factor = fitted("every kind", newton=3)
+    last, free = together(sweep(system, memory, wanted))[-1], system.vertex.free
+    for i in np.flatnonzero(objective.identifiable)[::5]:
+        step = 1e-5 * np.maximum(abs(p[i]), 0.1) * np.eye(len(p))[i]
+        above, below = (simulate_all(objective, objective.runs[0], p + side * step)[1].x[-1] for side in (1, -1))
+        measured = factor[i] * (above - below)[free].reshape(-1) / (2 * step[i])
+        # rounding of positions, 1e-15, over 1e-6, against changes of 1e-5 and more
+        assert np.linalg.norm(last[:, column[i]] - measured) < 1e-5 * np.linalg.norm(measured) + 1e-9
+
+
+@pytest.mark.parametrize("newton", [1, 3])
+def test_a_large_cloth_is_factorised_as_a_sparse_matrix(newton, monkeypatch):
+    *_, system, memory, wanted, _, _ = fitted("every kind", newton=newton)
+    dense = together(sweep(system, memory, wanted))
+    monkeypatch.setattr(sensitivity, "DENSE_UNKNOWNS", 5)
+    found = together(sweep(system, memory, wanted))
+    assert not np.array_equal(found, dense)  # another way …
+    np.testing.assert_allclose(found, dense, atol=1e-12 * np.abs(dense).max())  # … to the same, but for rounding
+
+
+def test_an_indefinite_matrix_is_inverted_as_well():
+    hard = {"springRestLength": [2.5] * 16, "vertMass": [0.002] * 9}
+    objective, p, system, memory, wanted, column, factor = fitted("LL", **hard)
+    assert memory.clamped.any()  # conjugate gradients met negative curvature
+    expected, found = one_by_one(objective, p, column, factor), together(sweep(system, memory, wanted))
+    # matrices near singular lose digits
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("blocks", "limit"), [(True, 0), (False, 0), (False, 10**6)])
+def test_the_factorisation_solves_for_many_right_hand_sides(blocks, limit, monkeypatch):
+    monkeypatch.setattr(sensitivity, "DENSE_UNKNOWNS", limit)
+    monkeypatch.setattr(block_cholesky, "is_cheaper", lambda *_: blocks)
+    _, _, system, memory, *_ = fitted("LL")
+    work, free = implicit.workspace(system), np.repeat(system.vertex.free, 3)
+    implicit.assemble(system, memory.x[2], memory.w[1, 0], False, work.A, work.b)
+    right = np.random.default_rng(1).normal(size=(free.sum(), 4))
+    A = dense_matrix(work.A)[np.ix_(free, free)]
+    np.testing.assert_allclose(A @ Solver(4)(work.A, right), right, atol=1e-12)  # a condition below 100
+
+
+def test_parameters_without_a_column_are_held():
+    objective, p, system, memory, _, _, factor = fitted("LL")
+    column = np.full(len(p), -1, np.int32)
+    kept = [3, 12, 20]
+    column[kept] = np.arange(3)
+    some = together(sweep(system, memory, columns(system, objective.blocks, p, column, factor, 3)))
+    every = one_by_one(objective, p, np.arange(len(p)), factor)
+    np.testing.assert_allclose(some, every[:, :, kept], atol=1e-12 * np.abs(every).max())  # as above
+
+
+@pytest.mark.parametrize("n", [2, sensitivity.DENSE_UNKNOWNS + 1])
+def test_a_matrix_without_an_inverse_is_an_error_of_linear_algebra(n):
+    with pytest.raises(np.linalg.LinAlgError, match=r"[Ss]ingular"):
+        sensitivity.whole_solver(csc_array((n, n)))
+
+
+# --- what the fields mean
 
 
 @pytest.mark.parametrize("method", ["explicit", "symplectic", "implicit"])
 def test_a_free_cloth_with_a_common_velocity_is_a_projectile(method):
-    n, h, v, g = 4, 0.01, np.array([1.0, 2.0, -3.0]), np.array([0.5, -2.0, 1.0])
-    thrown = cloth(
-        2, 2, vertIsFixed=[False] * n, damping=0.0, dragCoefficient=0.0, vertVel=[xyz(v)] * n
-    )
-    made = scene(thrown, integrationMethod=METHODS[method], delta=h, gravity=xyz(g))
-    motion = simulate(made, 31, TIGHT).positions
+    h, v, g = 0.01, np.array([1.0, 2.0, -3.0]), np.array([0.5, -2.0, 1.0])
+    thrown = cloth(2, 2, vertIsFixed=[False] * 4, damping=0.0, dragCoefficient=0.0, vertVel=[xyz(v)] * 4)
+    given = scene(thrown, integrationMethod=METHODS[method], delta=h, gravity=xyz(g))
+    motion = simulate(given, 31, TIGHT).positions
     t = np.arange(31)[:, None]
     # v_t = v + g h t; the positions move with the velocity before the step, or after it
     path = h * v * t + g * h * h * t * (t - 1 if method == "explicit" else t + 1) / 2
@@ -159,18 +280,24 @@ def test_a_free_cloth_with_a_common_velocity_is_a_projectile(method):
     np.testing.assert_allclose(motion - motion[0], np.broadcast_to(path[:, None], motion.shape), atol=1e-13)
 
 
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_defaults_written_out_are_the_same_motion_to_the_bit(method, newton):
+    plain, whole = cloth(3, 3), {"integrationMethod": METHODS[method], "forwardSubSteps": newton, "delta": 0.005}
+    zero, lengths = [xyz((0, 0, 0))] * 9, scene(plain).cloths[0].lengths.tolist()
+    own = {"vertVel": zero, "springRestLength": lengths, "fit": {"damping": "n", "vertVel": False}}
+    bare, spelled = scene(plain, **whole), scene({**plain, **own}, gravity=xyz((0, -9.81, 0)), fit={}, **whole)
+    np.testing.assert_array_equal(simulate(bare, 20).positions, simulate(spelled, 20).positions)
+
+
 def test_fixed_vertices_ignore_their_velocity():
-    made = scene(cloth(2, 2, vertVel=[xyz((1, 1, 1))] * 4))
-    held = simulate(made, 5).positions[:, made.cloths[0].fixed]
+    given = scene(cloth(2, 2, vertVel=[xyz((1, 1, 1))] * 4))
+    held = simulate(given, 5).positions[:, given.cloths[0].fixed]
     np.testing.assert_array_equal(held, np.broadcast_to(held[0], held.shape))
 
 
 def test_a_spring_swings_about_its_given_rest_length():
-    # no weight, no damping: the implicit step keeps the centre of mass, and the pair settles at its rest length
-    points = [(0, 0, 0), (1, 0, 0)]
-    pair = {"vertPos": [xyz(p) for p in points], "vertIsFixed": [False] * 2, "vertMass": [0.1] * 2}
-    links = {"springs": [0, 1], "springStiffness": [20.0], "triangles": [], "springRestLength": [1.5]}
-    made = scene(cloth(2, 1, **pair, **links, damping=1.0), gravity=xyz((0, 0, 0)), delta=0.05)
-    last = simulate(made, 400, TIGHT).positions[-1]
+    # no weight: the implicit step keeps the centre of mass, and the pair settles at its rest length
+    pair = thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], stiffness=20.0, springRestLength=[1.5], damping=1.0)
+    last = simulate(scene(pair, gravity=xyz((0, 0, 0)), delta=0.05), 400, TIGHT).positions[-1]
     np.testing.assert_allclose(last[1] - last[0], [1.5, 0, 0], atol=1e-12)  # the swing has died down
     np.testing.assert_allclose(last.mean(axis=0), [0.5, 0, 0], atol=1e-12)
