@@ -1,5 +1,6 @@
-"""One thread for dense linear algebra: matrices of a few hundred rows gain little from more threads, and lose much when
-another program keeps a core busy, because the threads of BLAS wait for each other at every step.
+"""How many processors there are, and one thread for dense linear algebra: matrices of a few hundred rows gain little from
+more threads, and lose much when another program keeps a core busy, because the threads of BLAS wait for each other at
+every step.
 """
 
 from __future__ import annotations
@@ -27,3 +28,10 @@ def single() -> Iterator[None]:
     """Let BLAS use one thread within the block."""
     with libraries().limit(limits=1, user_api="blas"):
         yield
+
+
+def usable_cores() -> int:
+    """Cores that this program may use."""
+    from joblib import cpu_count
+
+    return int(cpu_count())

@@ -109,7 +109,8 @@ def chosen_pool(count: int, jobs: int | None, cluster: str | None) -> Pool:
         from clothfit.many.cluster import Cluster
 
         return Cluster(cluster)
-    from clothfit.many.processes import Processes, usable_cores
+    from clothfit.base.threads import usable_cores
+    from clothfit.many.processes import Processes
 
     return Processes(max(1, min(count, jobs or usable_cores())))
 

@@ -87,13 +87,6 @@ def is_cold() -> bool:
     return not is_kept(adjoint.sweep_back)
 
 
-def usable_cores() -> int:
-    """Cores that this program may use."""
-    from joblib import cpu_count
-
-    return int(cpu_count())
-
-
 class Processes:
     """A pool of processes."""
 

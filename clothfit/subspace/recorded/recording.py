@@ -82,7 +82,7 @@ def keep(stem: str, cloth: int, x: NDArray[np.float32], good: Flags) -> None:
 
 def simulated(jobs: Sequence[Any], size: int, report: Callable[[int, int], None]) -> list[list[tuple[int, int]]]:
     """Do all jobs; of each and of each of its objects the good frames, and all."""
-    from clothfit.many.processes import usable_cores
+    from clothfit.base.threads import usable_cores
 
     cores = min(usable_cores(), len(jobs))
     found = []
