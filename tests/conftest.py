@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from helpers.scenes import trial, write_scene
 from hypothesis import HealthCheck, settings
 
-from clothfit.base import threads
+from clothfit.base import interrupts, threads
 
 # a busy machine is no reason to fail; the same examples at every run: to look for others is what `make fuzz` is for
 settings.register_profile("tests", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
@@ -21,6 +22,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("slow") is None:
             item.add_marker("quick")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _requests_are_heard() -> Iterator[None]:
+    """The handlers of requests to end that tests count on, and that processes which they start begin with: whoever runs
+    the tests in the background (`nohup make test &`) has them ignored.
+    """
+    wanted = dict.fromkeys(interrupts.REQUESTS, signal.SIG_DFL) | {signal.SIGINT: signal.default_int_handler}
+    before = {kind: signal.signal(kind, handler) for kind, handler in wanted.items()}
+    yield
+    for kind, handler in before.items():
+        signal.signal(kind, handler)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,6 +1,6 @@
-"""How many processors there are, and one thread for dense linear algebra: matrices of a few hundred rows gain little from
-more threads, and lose much when another program keeps a core busy, because the threads of BLAS wait for each other at
-every step.
+"""How many processors there are, and one thread for dense linear algebra: matrices of a few hundred rows gain little
+from more threads, and lose much when another program keeps a core busy, because the threads of BLAS wait for each other
+at every step.
 """
 
 from __future__ import annotations

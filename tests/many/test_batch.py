@@ -16,14 +16,6 @@ DONE = Outcome(None, 0)
 BEST = Outcome(None, 130, "best so far")
 
 
-@pytest.fixture(autouse=True)
-def _listening():
-    """Requests to end are heard, though who began the tests in the background had SIGINT ignored."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 class Plain:
     """A pool whose jobs end at once, but for those of which `fates` says something else, each time they are begun."""
 
