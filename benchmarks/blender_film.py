@@ -24,7 +24,7 @@ from clothfit.formats.axes import facing, from_scene
 from clothfit.pictures import gif
 from clothfit.pictures.camera import LIGHT
 from clothfit.pictures.palette import CLOTHS, GROUND
-from clothfit.pictures.polygons import Stage, stage
+from clothfit.pictures.stage import Stage, stage
 from clothfit.simulators.blender import AXES, program, stride
 from clothfit.simulators.estimate import Options, estimate
 from clothfit.simulators.xpbd import Settings

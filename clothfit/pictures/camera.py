@@ -1,14 +1,11 @@
-"""From a motion to a flat picture: a camera, and the faces it sees as shaded polygons, farthest first.
+"""From a motion to a flat picture: a camera, and which faces stand for a large mesh.
 
 The camera looks along `forward` and projects in parallel onto `right` and `up`, so a sphere appears as a disc:
 
     u = right · x,    v = up · x,    depth = forward · x    (m; larger is farther)
 
 Scenes are left-handed with y up, like the Unity editor's: seen along +z, +x is to the right, `right` = y × `forward`.
-Faces are painted one over another, farthest first (the painter's algorithm), each in one colour. The light comes from
-the upper left of the camera. A face is shaded by the mean of the normals at its corners, which looks smooth. A face
-with a corner that is not finite is left out. M. Newell, R. Newell, T. Sancha, A solution to the hidden surface problem,
-1972.
+The light comes from the upper left of the camera.
 """
 
 from __future__ import annotations
@@ -17,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Indices
 
 TRIED_YAWS, PITCH = (30.0, -30.0, 60.0, -60.0, 0.0), 24.0
 """Degrees: the directions of view to try, from +z towards +x, and how far down the camera looks."""
@@ -49,16 +46,6 @@ class Camera(NamedTuple):
         """Height by width."""
         size = self.high - self.low
         return float(size[1] / size[0])
-
-
-class Faces(NamedTuple):
-    """K faces as a camera sees them, farthest first."""
-
-    corners: Array  # (K, 3, 2) m, on the plane of projection
-    depth: Array  # (K,) m, of the middle
-    shade: Array  # (K,) light on the face, 0 … 1
-    outside: Flags  # (K,) whether the face's normal points to the camera
-    which: Indices  # (K,) index of the triangle
 
 
 def looking(yaw: float, pitch: float) -> tuple[Array, Array, Array]:
@@ -113,40 +100,10 @@ def project(seen: Camera, x: Array) -> Array:
     return _along(x, (seen.right, seen.up, seen.forward))
 
 
-def faces(seen: Camera, x: Array, triangles: Indices) -> Faces:
-    """The faces at positions x (n, 3) that are finite and have an area, farthest first."""
-    flat = project(seen, x)
-    known = np.isfinite(flat[triangles]).all(axis=(1, 2))
-    kept, normal = triangles[known], normals(flat, triangles[known])
-    size = np.linalg.norm(normal, axis=1)
-    kept, normal, index = kept[size > 0], normal[size > 0], np.flatnonzero(known)[size > 0]
-    own = -np.sign(normal[:, 2])  # 1: the normal points to the camera
-    smooth = smoothed(normal, kept, len(x)) * np.where(own == 0, 1.0, own)[:, None]
-    light = np.array(LIGHT) / np.linalg.norm(LIGHT)
-    shade = 0.5 + 0.5 * smooth @ light
-    corners = flat[kept]
-    depth = corners[:, :, 2].mean(axis=1)
-    order = np.argsort(-depth, kind="stable")
-    return Faces(corners[order, :, :2], depth[order], shade[order], own[order] > 0, index[order])
-
-
 def normals(x: Array, triangles: Indices) -> Array:
     """Normals (T, 3) of faces; their length is twice the area."""
     a, b, c = (x[triangles[:, corner]] for corner in range(3))
     return np.cross(b - a, c - a)
-
-
-def smoothed(normal: Array, triangles: Indices, count: int) -> Array:
-    """Unit normals (T, 3) of faces: the mean over the corners of the mean normal of the faces that meet there."""
-    at = np.zeros((count, 3))
-    for corner in range(3):
-        np.add.at(at, triangles[:, corner], normal)
-    mean = at[triangles].sum(axis=1)
-    length = np.linalg.norm(mean, axis=1, keepdims=True)
-    own = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    smooth = np.where(length > 0, mean / np.where(length > 0, length, 1.0), own)
-    across = (smooth * own).sum(axis=1, keepdims=True) <= 0  # a sharp fold
-    return np.asarray(np.where(across, own, smooth))
 
 
 def thinned(x: Array, triangles: Indices, most: int) -> Indices:

@@ -11,8 +11,7 @@ from clothfit.base.arrays import Array
 from clothfit.pictures.camera import Camera
 from clothfit.pictures.marks import ARROW, Marks, arrows, dots
 from clothfit.pictures.palette import FIXED_VERTEX, GROUND, INK, QUIET, TARGET_COLOUR
-from clothfit.pictures.polygons import Patches, Stage, bare, painted, pins, sightings, wind
-from clothfit.pictures.raster import drawn
+from clothfit.pictures.stage import Stage, bare, drawn, pins, sightings, wind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,11 +22,8 @@ STRIP_FRAMES = 6
 STRIP_FACES = 6000
 """Most faces in a frame; larger meshes are thinned."""
 
-MOST_VECTOR_SHAPES = 3000
-"""Most polygons of a frame that a .svg or .pdf holds as polygons; more are stored as an image."""
-
 STILL_WIDTH = 800
-"""Pixels across a frame that is drawn as pixels."""
+"""Pixels across a frame."""
 
 DOT_SIZE = 1.8  # points, of a vertex
 
@@ -77,10 +73,9 @@ def mark(axes: Axes, on: Stage, frame: int, x: Array, marks: Marks) -> None:
 
 def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
     """Draw a frame with positions x (n, 3) into its axes."""
-    if on.solids:
-        draw_pixels(axes, on.camera, drawn(on, frame, x, over, STILL_WIDTH))
-    else:
-        draw_polygons(axes, painted(on, frame, x, over))
+    (left, bottom), (right, top) = on.camera.low.tolist(), on.camera.high.tolist()
+    picture = drawn(on, frame, x, over, STILL_WIDTH)
+    axes.imshow(picture, extent=(left, right, bottom, top), interpolation="antialiased", zorder=2)
     alone, colours = bare(on, frame, x)
     axes.scatter(alone[:, 0], alone[:, 1], s=(2.0 * DOT_SIZE) ** 2, c=colours, linewidths=0, zorder=2)
     if over is not None:
@@ -89,31 +84,6 @@ def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> No
     fixed_at = pins(on, frame, x)
     axes.plot(*fixed_at.T, "o", color=FIXED_VERTEX, markersize=DOT_SIZE + 0.6, markeredgewidth=0, zorder=3)
     blank(axes, on.camera)
-
-
-def draw_pixels(axes: Axes, camera: Camera, picture: Array) -> None:
-    """Show a picture (H, W, 3): no order of painting suits faces that go round a collider."""
-    (left, bottom), (right, top) = camera.low.tolist(), camera.high.tolist()
-    axes.imshow(picture, extent=(left, right, bottom, top), interpolation="antialiased", zorder=2)
-
-
-def draw_polygons(axes: Axes, layers: Sequence[Patches]) -> None:
-    """Paint all polygons of a frame, of which very many become pixels in a file of vectors."""
-    dots = sum(len(layer.corners) for layer in layers) > MOST_VECTOR_SHAPES
-    for layer in layers:
-        if len(layer.corners):
-            draw_patches(axes, layer, dots)
-
-
-def draw_patches(axes: Axes, layer: Patches, dots: bool) -> None:
-    """Paint polygons in order; opaque ones get edges, so that nothing shows through between them."""
-    from matplotlib.collections import PolyCollection
-
-    colours = [(r, g, b, layer.opacity) for r, g, b in layer.colours.tolist()]
-    edges = {"edgecolors": colours, "linewidths": 0.35} if layer.opacity == 1.0 else {"linewidths": 0.0}
-    drawn = PolyCollection(list(layer.corners), facecolors=colours, zorder=2, **edges)
-    drawn.set_rasterized(dots)
-    axes.add_collection(drawn, autolim=False)
 
 
 def blank(axes: Axes, camera: Camera) -> None:

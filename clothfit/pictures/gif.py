@@ -1,6 +1,6 @@
 """A motion as a looping GIF in real time, written with Pillow.
 
-Each frame is drawn (`raster`) at twice its size and then reduced, which smooths the edges. A GIF counts time in
+Each frame is drawn (`stage`) at twice its size and then reduced, which smooths the edges. A GIF counts time in
 hundredths of a second, and viewers show a frame for at least two of them, so frames are left out: those shown lie
 `SHORTEST_INTERVAL` apart, or farther where there would be too many. A motion too short to watch is slowed down, and the
 picture says so. All frames share one palette.
@@ -17,8 +17,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.pictures.marks import ARROW, LEGEND, Marks, arrows, dots
 from clothfit.pictures.palette import CLOTHS, FIXED_VERTEX, GROUND, TARGET_COLOUR, Colour
-from clothfit.pictures.polygons import Stage, bare, good_part, pins, sightings, stage, wind
-from clothfit.pictures.raster import drawn
+from clothfit.pictures.stage import Stage, bare, drawn, good_part, pins, sightings, stage, wind
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -11,7 +11,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.objective.identifiability import identifiable
 from clothfit.pictures.camera import Camera, facing, project, shaped
 from clothfit.pictures.charts import logarithmic_ticks
-from clothfit.pictures.filmstrip import MOST_VECTOR_SHAPES, blank
+from clothfit.pictures.filmstrip import blank
 from clothfit.pictures.palette import INK, NOT_IDENTIFIABLE, QUIET
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.kinds import KIND, Kind
@@ -26,6 +26,9 @@ LOGARITHMIC_ABOVE = 6.0
 
 MOST_MAP_VALUES = 20_000
 """Most values in a map; of more, a random sample is drawn."""
+
+MOST_VECTOR_SHAPES = 3000
+"""Most shapes that a .svg or .pdf holds as such; more are stored as an image."""
 
 MAP_ASPECT = (0.5, 1.0)  # height by width of a map, at least and at most
 

@@ -14,7 +14,7 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.control.course import Course
 from clothfit.pictures.camera import project
 from clothfit.pictures.palette import CLOTHS, RED, TARGET_COLOUR, Colour
-from clothfit.pictures.polygons import Stage
+from clothfit.pictures.stage import Stage
 
 MOST_ARROWS = 200
 """Of a frame; of more vertices every k-th has one."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PLOTS, GIF = ("png", "svg", "pdf"), ("gif",)
-DOTS_PER_INCH = 150  # of a .png
+DOTS_PER_INCH, FINER = 150, 300  # of a .png, and of the frames of a motion in a .svg or .pdf
 FONTS = ["DejaVu Sans"]  # comes with matplotlib, so a picture does not depend on the fonts of the machine
 STYLE = {"font.family": FONTS, "svg.hashsalt": "clothfit", "svg.fonttype": "path"}
 
@@ -52,5 +52,5 @@ def save(path: str | os.PathLike[str], draw: Callable[[], Figure]) -> None:
     buffer = io.BytesIO()
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with rc_context(STYLE):  # type: ignore[arg-type]  # its stubs accept literal keys only
-        draw().savefig(buffer, format=kind, dpi=DOTS_PER_INCH, metadata=undated.get(kind))
+        draw().savefig(buffer, format=kind, dpi=DOTS_PER_INCH if kind == "png" else FINER, metadata=undated.get(kind))
     write_atomically(path, buffer.getvalue())

@@ -18,7 +18,7 @@ from clothfit.pictures.filmstrip import STRIP_FACES, STRIP_FRAMES
 from clothfit.pictures.marks import Marks, marks
 from clothfit.pictures.overlay import Overlay
 from clothfit.pictures.palette import INK, QUIET
-from clothfit.pictures.polygons import good_part, stage
+from clothfit.pictures.stage import good_part, stage
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from clothfit.control.control import Control
 from clothfit.control.course import Course, away
 from clothfit.control.keyframes import Key
 from clothfit.optimise.status import Status
-from clothfit.pictures.polygons import good_frames
+from clothfit.pictures.stage import good_frames
 from clothfit.report.contents import bound, cloth_row, listed, mesh, other, vector_rows
 from clothfit.report.findings import GOOD, STATUS, WARN
 from clothfit.report.packing import box, packed_errors, packed_flags, packed_positions

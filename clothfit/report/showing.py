@@ -33,7 +33,7 @@ from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.times import TIME_SLACK, frame_places, interpolated
 from clothfit.objective.experiment import check_same_sizes
 from clothfit.pictures.overlay import compared_vertices, per_frame
-from clothfit.pictures.polygons import FARTHEST_SHOWN
+from clothfit.pictures.stage import FARTHEST_SHOWN
 from clothfit.report.residuals import Residuals, residuals
 from clothfit.scene.scene import Scene
 

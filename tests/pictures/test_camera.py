@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from clothfit.pictures.camera import (
     CLEARLY_MORE,
     direction,
-    faces,
     facing,
     framed,
     looking,
@@ -70,36 +69,6 @@ def test_a_picture_has_a_shape_within_bounds_and_shows_no_less(least, most, aspe
     assert_allclose(wider.aspect, aspect, rtol=1e-14)
     assert (wider.low <= seen.low).all()
     assert (wider.high >= seen.high).all()
-
-
-def test_faces_come_farthest_first():
-    layers = np.concatenate([SQUARE + (0, 0, z) for z in (1.0, 3.0, 2.0)])
-    triangles = np.concatenate([HALVES + 4 * k for k in range(3)])
-    found = faces(straight(), layers, triangles)
-    assert_allclose(found.depth, [3, 3, 2, 2, 1, 1])
-    assert_array_equal(found.which // 2, [1, 1, 2, 2, 0, 0])
-
-
-def test_a_face_with_an_unknown_corner_is_left_out_and_so_is_one_without_area():
-    x = np.concatenate([SQUARE, [[2.0, 2.0, 0.0]]])
-    x[3] = np.nan
-    triangles = np.concatenate([HALVES, [[0, 2, 4]]]).astype(np.int32)  # the last is a line
-    assert_array_equal(faces(straight(), x, triangles).which, [0])
-
-
-def test_both_sides_of_a_face_are_told_apart():
-    near, far = (faces(straight(), SQUARE, triangles) for triangles in (HALVES, HALVES[:, ::-1]))
-    assert not near.outside.any()  # the normal is along +z, away from the camera
-    assert far.outside.all()
-    assert_allclose(near.shade, far.shade)  # the light is on the side of the camera
-
-
-def test_what_faces_the_light_is_brighter_than_what_turns_away():
-    up = SQUARE[:, [0, 2, 1]] @ np.diag([1.0, 1.0, -1.0])  # level
-    seen = framed(looking(0.0, 30.0), up)
-    tilted = up @ np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1.0]]) + np.outer(up[:, 0], (0, 2.0, 0))  # falls to the left
-    other = up - np.outer(up[:, 0], (0, 2.0, 0))  # falls to the right, away from the light
-    assert faces(seen, tilted, HALVES).shade.mean() > faces(seen, other, HALVES).shade.mean()
 
 
 def test_a_direction_is_the_first_unless_another_shows_much_more():

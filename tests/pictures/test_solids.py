@@ -9,9 +9,8 @@ from numpy.testing import assert_allclose
 from clothfit.engine.forces.touch import build, depths
 from clothfit.engine.inputs.sampling import states
 from clothfit.engine.system import build as build_system
-from clothfit.pictures.polygons import stage
-from clothfit.pictures.raster import drawn
 from clothfit.pictures.solids import box, capsule, solids
+from clothfit.pictures.stage import drawn, stage
 from clothfit.scene.cloth import CAPSULE
 from clothfit.scene.scene import load
 

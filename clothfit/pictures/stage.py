@@ -1,29 +1,33 @@
-"""One frame of a scene as coloured polygons in painting order: cloths, their target in translucent green, and spheres.
+"""A scene before the camera, and one frame of it as pixels, shaded smoothly: `kernels.raster` fills them, here is what
+it fills them with. Both `filmstrip` (matplotlib) and `gif` (Pillow) draw on these pictures.
 
-Both `filmstrip` (matplotlib) and `gif` (Pillow) paint these lists. A sphere is a disc between the faces behind its
-centre and those before it, which is right for everything that touches it from outside.
+The camera projects in parallel: a place is a pixel (u, v), v downwards, and a depth, m. K triangles, n vertices,
+H × W pixels.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.inputs.sampling import centres_at, winds
-from clothfit.pictures.camera import LIGHT, Camera, direction, faces, framed, project, shaped, thinned
-from clothfit.pictures.palette import CLOTHS, SPHERE_COLOUR, TARGET_COLOUR, Colour
+from clothfit.kernels.raster import fill, fill_sphere
+from clothfit.pictures.camera import LIGHT, Camera, direction, framed, normals, project, shaped, thinned
+from clothfit.pictures.palette import CLOTHS, GROUND, SPHERE_COLOUR, TARGET_COLOUR
 from clothfit.pictures.solids import Solid, solids
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
 TARGET_OPACITY = 0.40
 
-SPHERE_DISCS, DISC_CORNERS = 24, 64
-"""A sphere is shaded by so many discs, each with so many corners."""
+SPHERE_SIZE = 0.985
+"""Size of a sphere as it is drawn: the faces of a cloth on it cut through it between their vertices."""
+
+BEHIND = 1e300
+"""Depth, m, of the ground: behind everything."""
 
 BACK_BRIGHTNESS = 0.86
 """Brightness of a cloth's back relative to its front."""
@@ -56,14 +60,6 @@ class Stage:
     solids: tuple[Solid, ...]  # the other colliders
     wind: Array  # (F, 3) m/s
     give: float  # m, how far surfaces of solids are drawn behind where they are
-
-
-class Patches(NamedTuple):
-    """Polygons with the same number m of corners and the same opacity, to be painted in order."""
-
-    corners: Array  # (K, m, 2), metres
-    colours: Array  # (K, 3) red, green, blue; 0 … 1
-    opacity: float = 1.0
 
 
 def stage(
@@ -145,69 +141,84 @@ def good_frames(x: Array) -> int:
     return int(lost[0]) if len(lost) else len(x)
 
 
-def painted(on: Stage, frame: int, x: Array, over: Array | None = None) -> list[Patches]:
-    """All polygons of a frame with positions x (n, 3), and the target `over` (n, 3) over them.
+def drawn(on: Stage, frame: int, x: Array, over: Array | None, width: int) -> Array:
+    """The picture (H, W, 3) of positions x (n, 3), 0 … 255, with the target `over` (n, 3) over it.
 
-    Spheres hide what is behind them. The rest of the target is painted last, so that no cloth hides it.
+    Colliders hide what is behind them. The target is translucent, and no cloth hides it.
     """
-    away = on.middle[frame]
-    skins = [skin(on, x - away)]
+    height = round(width * on.camera.aspect)
+    ground = [int(GROUND[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
+    image = np.broadcast_to(np.array(ground), (height, width, 3)).copy()
+    depth = np.full((height, width), BEHIND)
+    spheres(on, frame, image, depth)
+    bodies(on, frame, image, depth)
+    veil, veil_depth = image.copy(), depth.copy()
+    cloths(on, frame, x, cloth_colours(on.cloth), image, depth)
     if over is not None:
-        skins.append(skin(on, over - away, TARGET_COLOUR, TARGET_OPACITY))
-    found: list[Patches] = []
-    nearest = np.inf
-    balls = zip(on.centres[frame], on.scene.spheres, strict=True)
-    for centre, sphere in sorted(balls, key=lambda each: -float(each[0] @ on.camera.forward)):
-        depth = float((centre - away) @ on.camera.forward)
-        found += [one.between(nearest, depth) for one in skins]
-        found.append(disc(on.camera, centre - away, sphere.radius))
-        nearest = depth
-    return [*found, *(one.between(nearest, -np.inf) for one in skins)]
+        green = np.broadcast_to(np.array(TARGET_COLOUR), (len(on.triangles), 3)).copy()
+        bare = veil_depth.copy()
+        cloths(on, frame, over, green, veil, veil_depth)
+        seen = veil_depth < bare
+        image[seen] += TARGET_OPACITY * (veil[seen] - image[seen])
+    return np.round(255.0 * image).astype(np.uint8)
 
 
-class Skin(NamedTuple):
-    """The faces of cloths, farthest first."""
-
-    patches: Patches
-    depth: Array  # (K,), m
-
-    def between(self, far: float, near: float) -> Patches:
-        """The faces at depths from `far` down to `near`, `near` excluded."""
-        own = slice(*np.searchsorted(-self.depth, (-far, -near)))
-        return self.patches._replace(corners=self.patches.corners[own], colours=self.patches.colours[own])
+def cloths(on: Stage, frame: int, x: Array, colours: Array, image: Array, depth: Array) -> None:
+    """Draw the faces of positions x (n, 3) in these colours (K, 3) into the image and the depths."""
+    places = project(on.camera, x - on.middle[frame])
+    towards = vertex_normals(places, on.triangles)
+    fill(in_pixels(on, places, image), towards, on.triangles, colours, light(), BACK_BRIGHTNESS, image, depth)
 
 
-def skin(on: Stage, x: Array, colour: Colour | None = None, opacity: float = 1.0) -> Skin:
-    """The faces at x (n, 3), in the colours of the objects or in a given one."""
-    seen = faces(on.camera, x, on.triangles)
-    owners = on.cloth[seen.which]
-    base = cloth_colours(owners) if colour is None else np.broadcast_to(colour, (len(owners), 3))
-    rgb = lit(base, seen.shade * np.where(seen.outside, 1.0, BACK_BRIGHTNESS))
-    return Skin(Patches(seen.corners, rgb, opacity), seen.depth)
+def spheres(on: Stage, frame: int, image: Array, depth: Array) -> None:
+    """Draw the spheres into the image and the depths."""
+    scale = pixels_per_metre(on, image)
+    for centre, sphere in zip(on.centres[frame], on.scene.spheres, strict=True):
+        place = in_pixels(on, project(on.camera, centre - on.middle[frame])[None], image)[0]
+        fill_sphere(place, SPHERE_SIZE * sphere.radius, scale, np.array(SPHERE_COLOUR), light(), image, depth)
+
+
+def bodies(on: Stage, frame: int, image: Array, depth: Array) -> None:
+    """Draw the other colliders."""
+    for solid in on.solids:
+        places = project(on.camera, solid.at(frame) - on.middle[frame])
+        towards = vertex_normals(places, solid.triangles)
+        colours = solid.tone[solid.triangles[:, :1]] * np.array(SPHERE_COLOUR)
+        pixels = in_pixels(on, places + (0.0, 0.0, on.give), image)
+        fill(pixels, towards, solid.triangles, colours, light(), BACK_BRIGHTNESS, image, depth)
+
+
+def light() -> Array:
+    """The unit vector (3,) towards the light, along right, up and forward."""
+    return np.asarray(np.array(LIGHT) / np.linalg.norm(LIGHT))
+
+
+def pixels_per_metre(on: Stage, image: Array) -> float:
+    """The scale of an image (H, W, 3)."""
+    return float(image.shape[1]) / float(on.camera.high[0] - on.camera.low[0])
+
+
+def in_pixels(on: Stage, places: Array, image: Array) -> Array:
+    """Pixels, counted downwards, and depth (n, 3), m, of places (n, 3) along right, up and forward, m."""
+    scale = pixels_per_metre(on, image)
+    u, v = scale * (places[:, 0] - on.camera.low[0]), scale * (on.camera.high[1] - places[:, 1])
+    return np.stack([u, v, places[:, 2]], axis=1)
+
+
+def vertex_normals(places: Array, triangles: Indices) -> Array:
+    """Normals (n, 3) of places (n, 3): the sum of those of the faces that meet there, each as long as twice its area;
+    faces with a corner that is not finite do not count.
+    """
+    known = np.isfinite(places[triangles]).all(axis=(1, 2))
+    own, found = normals(places, triangles[known]), np.zeros(places.shape)
+    for corner in range(3):
+        np.add.at(found, triangles[known, corner], own)
+    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300))
 
 
 def cloth_colours(cloth: Indices) -> Array:
     """The colours (K, 3) of objects (K,)."""
     return np.array(CLOTHS)[cloth % len(CLOTHS)]
-
-
-def lit(colour: Array, shade: Array) -> Array:
-    """Colours (K, 3) under light `shade` (K,), 0 … 1: darker towards 0, whiter towards 1."""
-    dark = colour * (0.48 + 0.82 * shade[:, None])
-    white = np.clip(2.6 * (shade - 0.62), 0.0, 1.0)[:, None]
-    return np.clip(dark + 0.45 * white * (1.0 - dark), 0.0, 1.0)
-
-
-def disc(seen: Camera, centre: Array, radius: float) -> Patches:
-    """A sphere as discs, each smaller, lighter and nearer to the light than the last."""
-    angle = np.linspace(0.0, 2.0 * np.pi, DISC_CORNERS, endpoint=False)
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    inward = np.linspace(0.0, 1.0, SPHERE_DISCS)[:, None, None]
-    towards = np.array(LIGHT[:2]) / np.linalg.norm(LIGHT)
-    middle = project(seen, centre)[:2] + radius * inward * towards * 0.8
-    corners = middle + radius * (1.0 - 0.88 * inward) * ring
-    rgb = lit(np.broadcast_to(SPHERE_COLOUR, (SPHERE_DISCS, 3)), np.linspace(0.28, 0.78, SPHERE_DISCS))
-    return Patches(corners, rgb)
 
 
 def pins(on: Stage, frame: int, x: Array) -> Array:

@@ -1,13 +1,14 @@
-"""Pictures pixel by pixel: what is near hides what is far, and the light follows the normal."""
+"""A moment of a scene as pixels: what is near hides what is far, the light follows the normal; and what is marked."""
 
 import numpy as np
 import pytest
-from helpers.scenes import document, sphere
+from helpers.scenes import cloth, document, sphere
+from numpy.testing import assert_allclose, assert_array_equal
 
 from clothfit.kernels.raster import fill, fill_sphere, lit
-from clothfit.pictures.palette import GROUND
-from clothfit.pictures.polygons import stage
-from clothfit.pictures.raster import BEHIND, drawn, vertex_normals
+from clothfit.pictures.camera import project
+from clothfit.pictures.palette import CLOTHS, GROUND
+from clothfit.pictures.stage import BEHIND, bare, drawn, good_frames, pins, sightings, stage, vertex_normals, wind
 from clothfit.scene.scene import load
 
 AWAY = np.array([0.0, 0.0, -1.0])  # a light from the camera
@@ -94,3 +95,63 @@ def test_a_sphere_hides_the_cloth_behind_it_and_the_target_lies_over_the_cloth()
     greener = green > before
     assert greener[cloth].mean() > 0.95
     assert (alone == ground).all(axis=2).any()
+
+
+def still(scene, frames=3, shift=(0.0, 0.0, 0.0)):
+    """The cloths of a scene, moved by `shift` from frame to frame."""
+    x = np.concatenate([cloth.positions for cloth in scene.cloths])
+    return x + np.arange(frames)[:, None, None] * np.array(shift)
+
+
+def test_fixed_vertices_and_the_wind_are_shown():
+    scene = load(document(windVel={"x": 3.0, "y": 0.0, "z": 4.0}))
+    x = still(scene)
+    on = stage(scene, [x], 1000)
+    assert_allclose(pins(on, 0, x[0]), project(on.camera, x[0][scene.cloths[0].fixed])[:, :2])
+    way, speed = wind(on, 0)
+    assert speed == 5.0
+    assert_allclose(way, project(on.camera, np.array([0.6, 0.0, 0.8]))[:2])
+    assert wind(stage(load(document()), [x], 1000), 0) is None
+
+
+def test_the_camera_follows_a_cloth_that_goes_far_and_only_such_a_one():
+    scene = load(document())
+    near, far = still(scene), still(scene, 20, (0.0, -2.0, 0.0))
+    assert_array_equal(stage(scene, [near], 1000).middle, 0.0)
+    on = stage(scene, [far], 1000)
+    first, last = (drawn(on, frame, far[frame], None, 80) for frame in (0, 19))
+    assert (np.abs(first.astype(int) - last).max(axis=2) > 5).mean() < 5e-3  # but for rounding at edges
+
+
+def test_vertices_that_no_face_shows_are_dots():
+    scene = load(document(cloth(), cloth(triangles=[])))
+    x = still(scene)
+    on = stage(scene, [x], 1000)
+    places, colours = bare(on, 0, x[0])
+    assert_allclose(places, project(on.camera, x[0, 12:])[:, :2])
+    assert_allclose(colours, np.tile(CLOTHS[1], (12, 1)))
+
+
+def test_falling_far_is_not_losing_itself():
+    assert good_frames(still(load(document()), 10, (0.0, -5.0, 0.0))) == 10
+
+
+@pytest.mark.parametrize("value", [1e9, np.inf, np.nan])
+def test_a_motion_is_shown_until_it_loses_itself(value):
+    x = still(load(document()), 10)
+    x[4:, 3] = value
+    assert good_frames(x) == 4
+
+
+def test_an_unobserved_vertex_hides_its_faces_of_the_target_alone_and_the_others_are_marked():
+    scene = load(document())
+    x = still(scene)
+    goal = x.copy()
+    goal[:, 0] = np.nan
+    on = stage(scene, [x, goal], 1000)
+    own, part, whole = (drawn(on, 1, x[1], over, 200) for over in (None, goal[1], x[1]))
+    green = [(over.astype(int) - own != 0).any(axis=2).sum() for over in (part, whole)]
+    touching = int((scene.cloths[0].triangles == 0).any(axis=1).sum())
+    assert green[0] / green[1] == pytest.approx(1 - touching / 12, abs=0.02)  # faces alike; pixels at their edges
+    assert_allclose(sightings(on, 1, goal[1]), project(on.camera, x[1, 1:])[:, :2])
+    assert len(sightings(on, 1, x[1])) == 0  # of what is seen as a whole the faces are enough
