@@ -16,8 +16,7 @@ import numpy as np
 import clothfit
 from clothfit.base.arrays import Array, Indices
 from clothfit.export.blender import painted
-from clothfit.export.membrane import carried
-from clothfit.export.topology import roles
+from clothfit.export.topology import carried, roles
 from clothfit.scene.cloth import Cloth
 from in_blender import EXAMPLES, FITTED, ROOT, generated
 

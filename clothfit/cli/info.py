@@ -77,13 +77,12 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
     """Print what a scene holds."""
     scene = read_scene(scene_path, console)
     from clothfit.base.memory import free
-    from clothfit.inspection.divisions import divisions
-    from clothfit.inspection.doubts import doubts
-    from clothfit.inspection.forecast import forecast
-    from clothfit.inspection.inputs import inputs_of
+    from clothfit.inspection.forecast import forecast, inputs_of
     from clothfit.inspection.overview import (
         beyond_bounds,
         beyond_editor,
+        divisions,
+        doubts,
         facts,
         flagged,
         misspelt_fields,

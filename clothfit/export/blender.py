@@ -48,9 +48,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.export import numbers
-from clothfit.export.membrane import carried
-from clothfit.export.topology import Roles, roles
+from clothfit.export.tools import json_text
+from clothfit.export.topology import Roles, carried, roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.scene.scene import Scene
@@ -96,7 +95,7 @@ def blender_files(scene: Scene, objects: list[dict[str, Any]]) -> dict[str, byte
         "step": steps_of(scene)[0],
         "objects": objects,
     }
-    text = numbers.text(document, "blender")
+    text = json_text(document, "blender")
     script = SCRIPT.read_text("utf-8").replace(DATA_PLACE, f"json.loads({text!r})")
     return {"blender.json": text.encode(), "blender.py": script.encode()}
 

@@ -1,4 +1,4 @@
-"""The paths of handles, the pins of a scene, as other programs play them: keys of places and turns.
+"""The paths of handles, the pins of a scene, as other programs play them: keys of places and turns, in glTF and USD.
 
 Between two keys a program moves on a straight line at one speed, or stands still where the scene says "hold". That is
 what linear keys of the scene are; smooth ones, and turns, are given after every time step, which is all that a
@@ -7,18 +7,26 @@ simulation sees of them. Coordinates and quaternions are in right-handed axes wi
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.interpolation import interpolated, resolved
 from clothfit.engine.inputs.sampling import pivot_of, turned
 from clothfit.formats.axes import RIGHT, from_scene
+from clothfit.formats.glb_parts import Parts, glb
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+JUST_BEFORE = 1e-6
+"""Time codes between the end of a place that is held and the next one."""
 
 
 class Handle(NamedTuple):
@@ -91,3 +99,112 @@ def rotations(keys: Keys | None, steps: Array) -> tuple[Array, Array]:
     found = Rotation.from_matrix(mirror @ turned(keys, steps) @ mirror).as_quat()
     opposite = np.concatenate([[False], (found[1:] * found[:-1]).sum(axis=1) < 0.0])
     return steps, found * np.where(np.cumsum(opposite) % 2 == 1, -1.0, 1.0)[:, None]
+
+
+def gltf(scene: Scene) -> dict[str, bytes]:
+    """One GLB file: a node for each handle, where the vertices of its pin turn about, their mean where they do not,
+    moved by an animation; `extras` have the object and the vertices. Keys are float32, linear, or steps where the scene
+    holds its keys.
+    """
+    parts, found = Parts(), handles(scene)
+    samplers: list[dict[str, Any]] = []
+    channels: list[dict[str, Any]] = []
+    for node, each in enumerate(found):
+        add(parts, samplers, channels, node, each)
+    document = {
+        "asset": {"version": "2.0", "generator": "clothfit"},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(found)))}],
+        "nodes": [node_of(each) for each in found],
+        "animations": [{"name": "handles", "samplers": samplers, "channels": channels}],
+        "accessors": parts.accessors,
+        "bufferViews": parts.views,
+    }
+    return {"handles.glb": glb(document, parts, "handles.glb")}
+
+
+def node_of(handle: Handle) -> dict[str, Any]:
+    """A node as it is at the start."""
+    extras = {"object": handle.cloth, "vertices": handle.vertices.tolist()}
+    return {"name": handle.name, "translation": handle.places[0].tolist(), "extras": extras}
+
+
+def add(
+    parts: Parts, samplers: list[dict[str, Any]], channels: list[dict[str, Any]], node: int, handle: Handle
+) -> None:
+    """The channels of a node."""
+    way = "STEP" if handle.holds else "LINEAR"
+    tracks = [("translation", handle.times, handle.places, "VEC3", way)]
+    if len(handle.turns):
+        tracks.append(("rotation", handle.turn_times, handle.turns, "VEC4", "LINEAR"))
+    for name, times, values, kind, interpolation in tracks:
+        own = {
+            "input": parts.add(singles(times), "SCALAR", True),
+            "output": parts.add(values.astype(np.float32), kind),
+            "interpolation": interpolation,
+        }
+        channels.append({"sampler": len(samplers), "target": {"node": node, "path": name}})
+        samplers.append(own)
+
+
+def singles(times: Array) -> NDArray[np.float32]:
+    """Times as float32, none later than it was: at the end of a step a place that is held has begun."""
+    found = times.astype(np.float32)
+    return np.where(found > times, np.nextafter(found, np.float32(0.0)), found)
+
+
+
+
+def usd(scene: Scene) -> dict[str, bytes]:
+    """One file, text with all digits of a place: an Xform for each handle, with samples of its place, and of its turn,
+    over time. A time code is a time step. Raises InvalidInput where the library is not installed.
+    """
+    found = handles(scene)
+    try:
+        from pxr import Usd, UsdGeom
+    except ImportError:
+        raise InvalidInput("USD needs pxr; install it with: pip install 'clothfit[usd]'") from None
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    rate = 1.0 / scene.delta
+    stage.SetTimeCodesPerSecond(rate)
+    stage.SetFramesPerSecond(rate)
+    stage.SetStartTimeCode(0.0)
+    stage.SetEndTimeCode(float(scene.frames - 1))
+    root = UsdGeom.Xform.Define(stage, "/handles")
+    stage.SetDefaultPrim(root.GetPrim())
+    for each in found:
+        define(stage, each, scene.delta)
+    return {"handles.usda": stage.GetRootLayer().ExportToString().encode()}
+
+
+def define(stage: Usd.Stage, handle: Handle, delta: float) -> None:
+    """The Xform of a handle."""
+    from pxr import Gf, UsdGeom
+
+    made: Any = UsdGeom.Xform.Define(stage, f"/handles/{handle.name}")
+    made.GetPrim().SetCustomDataByKey("object", handle.cloth)
+    made.GetPrim().SetCustomDataByKey("vertices", " ".join(map(str, handle.vertices.tolist())))
+    codes, places = samples(handle, delta)
+    place = made.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
+    for code, (x, y, z) in zip(codes.tolist(), places.tolist(), strict=True):
+        place.Set(Gf.Vec3d(x, y, z), code)
+    if len(handle.turns):
+        turn = made.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
+        for code, (x, y, z, w) in zip((handle.turn_times / delta).tolist(), handle.turns.tolist(), strict=True):
+            turn.Set(Gf.Quatd(w, x, y, z), round(code))
+
+
+def samples(handle: Handle, delta: float) -> tuple[Array, Array]:
+    """Time codes (S,) and places (S, 3) that straight lines join; where the scene holds its keys, each place stands a
+    second time just before the next one.
+    """
+    codes = handle.times / delta
+    codes = np.where(np.abs(codes - np.round(codes)) < 1e-6, np.round(codes), codes)
+    if not handle.holds:
+        return codes, handle.places
+    ends = np.concatenate([codes, codes[1:] - JUST_BEFORE])
+    places = np.concatenate([handle.places, handle.places[:-1]])
+    order = np.argsort(ends, kind="stable")
+    return ends[order], places[order]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.export.numbers import text
+from clothfit.export.tools import json_text
 from clothfit.export.topology import roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
@@ -28,7 +28,7 @@ def files(scene: Scene) -> dict[str, bytes]:
 def document(objects: list[dict[str, Any]]) -> bytes:
     """The file of some objects."""
     units = {"mass": "kg", "compliance": "m/N", "length": "m"}
-    return text({"format": OBI_FORMAT, "units": units, "objects": objects}, "obi").encode()
+    return json_text({"format": OBI_FORMAT, "units": units, "objects": objects}, "obi").encode()
 
 
 def one(number: int, cloth: Cloth) -> dict[str, Any]:

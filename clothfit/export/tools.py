@@ -6,18 +6,21 @@ full precision, so they read back unchanged; the same scene gives the same bytes
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from clothfit.base.errors import InvalidInput
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
 TOOLS = {
-    "csv": "tables", "obi": "obi", "blender": "blender", "vellum": "vellum",
-    "gltf": "handles_gltf", "usd": "handles_usd",
+    "csv": "tables.files", "obi": "obi.files", "blender": "blender.files", "vellum": "vellum.files",
+    "gltf": "handles.gltf", "usd": "handles.usd",
 }  # fmt: skip
-"""The module for each tool."""
+"""The module for each tool, and its function."""
 
 PATHS = ("gltf", "usd")
 """Those that take the paths of pins and nothing else."""
@@ -41,5 +44,19 @@ def own_step(scene: Scene, tool: str) -> str | None:
 
 def exported(scene: Scene, tool: str) -> dict[str, bytes]:
     """The files for a tool of `TOOLS`: contents by name."""
-    files: Callable[[Scene], dict[str, bytes]] = import_module(f"clothfit.export.{TOOLS[tool]}").files
+    module, name = TOOLS[tool].split(".")
+    files: Callable[[Scene], dict[str, bytes]] = getattr(import_module(f"clothfit.export.{module}"), name)
     return files(scene)
+
+
+def json_text(document: Any, tool: str) -> str:
+    """The JSON of a tool's file, which has no infinite numbers. Raises InvalidInput where what the tool takes in place
+    of a value overflows.
+    """
+    try:
+        return json.dumps(document, allow_nan=False)
+    except ValueError:
+        raise InvalidInput(
+            f"{tool} cannot have the scene: a value in its terms is infinite; masses, stiffnesses or damping are "
+            "beyond what a cloth has"
+        ) from None

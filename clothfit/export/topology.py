@@ -1,7 +1,15 @@
-"""Which springs of a cloth lie along edges (traction) and which across them (bending), as the file does not say.
+"""Which springs of a cloth lie along edges (traction) and which across them (bending), as the file does not say; and
+what those across edges add to the stiffness of the sheet in its plane.
 
 The faces show it: a spring between two corners of a face is along an edge; one between the two corners opposite an edge
 that two faces share goes across it, and that edge is its hinge. Where the faces show neither, it is `other`.
+
+The spring across the hinge a–b joins c and d, with length L. Where the sheet stretches by ε in a direction at an angle
+φ to a spring of length ℓ, that holds k ℓ² cos⁴φ ε²/2: on average over all directions 3/16 k ℓ² ε². So that tools
+without springs across edges hold as much, the springs along the five edges of the two faces get, by their angles φ to
+the one across,
+
+    k' ℓ² = k L² cos⁴φ / Σ cos⁴φ
 """
 
 from __future__ import annotations
@@ -10,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Flags, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.meshes.mesh import any_sides, keys
 from clothfit.scene.cloth import Cloth
 
@@ -43,3 +51,37 @@ def roles(cloth: Cloth) -> Roles:
     hinges = ends.copy()
     hinges[bending] = met.edge[second][at[np.searchsorted(known, own[bending])]]
     return Roles(traction, bending, hinges)
+
+
+def carried(cloth: Cloth, role: Roles) -> Array:
+    """Stiffnesses (S,), N/m, of the springs along edges, with what the bending springs carry; of these their own."""
+    found: Array = np.array(cloth.stiffness)
+    across, hinge = cloth.springs[role.bending], role.hinges[role.bending]
+    if not len(across):
+        return found
+    (a, b), (c, d) = hinge.T, across.T
+    edges = np.stack([np.stack(pair, axis=1) for pair in ((a, b), (a, c), (c, b), (b, d), (d, a))], axis=1)
+    spring = springs_of(cloth, role, edges)
+    n = cloth.positions[d] - cloth.positions[c]
+    e = cloth.positions[edges[..., 1]] - cloth.positions[edges[..., 0]]
+    with np.errstate(all="ignore"):
+        square = (e * e).sum(axis=2)
+        cosine = (e * n[:, None]).sum(axis=2) ** 2 / (square * (n * n).sum(axis=1)[:, None])
+        share = np.where(spring >= 0, cosine**2, 0.0)
+        whole = cloth.stiffness[role.bending] * cloth.rest[role.bending] ** 2 / share.sum(axis=1)
+        added = np.nan_to_num(whole[:, None] * share / square, nan=0.0, posinf=0.0)
+    np.add.at(found, spring[spring >= 0], added[spring >= 0])
+    return found
+
+
+def springs_of(cloth: Cloth, role: Roles, edges: Indices) -> Indices:
+    """The spring along each of some edges (…, 2); −1 where there is none."""
+    known = np.flatnonzero(role.traction)
+    own = keys(np.sort(cloth.springs[known], axis=1))
+    order = np.argsort(own)
+    wanted = keys(np.sort(edges.reshape(-1, 2), axis=1))
+    if not len(known):
+        return np.full(edges.shape[:-1], -1, np.int32)
+    at = np.minimum(np.searchsorted(own[order], wanted), len(known) - 1)
+    found = np.where(own[order][at] == wanted, known[order][at], -1).astype(np.int32)
+    return found.reshape(edges.shape[:-1])

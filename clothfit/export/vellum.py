@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.export.numbers import text
+from clothfit.export.tools import json_text
 from clothfit.export.topology import roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
@@ -35,7 +35,7 @@ def files(scene: Scene) -> dict[str, bytes]:
         made[f"object{number}.cloth.geo"] = geometry(points, {}, faces, closed=True)
         made[f"object{number}.constraints.geo"] = geometry(points, constraints(cloth), cloth.springs, closed=False)
     summary = {"format": VELLUM_FORMAT, "objects": [one(number, cloth) for number, cloth in enumerate(scene.cloths)]}
-    return made | {"vellum.json": text(summary, "vellum").encode()}
+    return made | {"vellum.json": json_text(summary, "vellum").encode()}
 
 
 def masses(cloth: Cloth) -> Array:
@@ -98,7 +98,7 @@ def geometry(
         "attributes", attributes,
         "primitives", [[["type", "Polygon_run" if closed else "PolygonCurve_run"], run]] if count else [],
     ]  # fmt: skip
-    return text(document, "vellum").encode()
+    return json_text(document, "vellum").encode()
 
 
 def attribute(name: str, values: Array | list[str]) -> list[Any]:

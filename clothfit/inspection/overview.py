@@ -1,30 +1,40 @@
-"""The contents of a scene in numbers, to get to know a scene or to check that it is the intended one."""
+"""The contents of a scene in numbers, to get to know a scene or to check that it is the intended one: its objects, how
+they are woven and divided, and doubts about their units.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.messages import meant, named, owned, place
+from clothfit.base.messages import counted, kilograms, meant, metres, named, owned, place
 from clothfit.meshes.mesh import keys
 from clothfit.meshes.topology import across, components, edges
 from clothfit.scene import schema as structure
 from clothfit.scene.cloth import Cloth
+from clothfit.scene.families import Groups, spring_groups, vertex_groups
 from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene
+from clothfit.scene.weave.layout import Layout
 
 KEYED = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "scaleKeys", "motion")
 """Fields that hold keys."""
 
 ALIKE = 0.85
 """Share of letters in order that two names have in common which may be meant for each other."""
+
+LENGTHS = (1e-3, 100.0)  # m, of the largest side: a doll's handkerchief, a circus tent
+MASSES = (1e-6, 1e4)  # kg
+
+PLAIN = frozenset({"edges", "bending", "other"})
+"""Families of a mesh without directions."""
 
 
 @dataclass(frozen=True)
@@ -198,3 +208,63 @@ def owners(document: Any) -> Iterator[tuple[str, tuple[str | int, ...], Any]]:
     yield from own
     for _, path, item in [("scene", (), document), *own]:
         yield from (("keys", (*path, name), item[name]) for name in KEYED if isinstance(item.get(name), dict))
+
+
+
+
+def doubts(size: Sequence[float], mass: float | None = None) -> list[str]:
+    """A sentence for each thing that is hard to believe: `size` the sides of the bounding box, m; mass, kg."""
+    found = []
+    longest = max(size, default=0.0)
+    if longest > 0 and not LENGTHS[0] <= longest <= LENGTHS[1]:
+        found.append(f"it is {metres(longest)} across; is the unit right (--scale)?")
+    if mass is not None and mass > 0 and not MASSES[0] <= mass <= MASSES[1]:
+        found.append(f"it weighs {kilograms(mass)}; are size and mass per area right?")
+    return found
+
+
+def extent(size: Sequence[float]) -> str:
+    """The sides of a bounding box, m, for people."""
+    return f"{' × '.join(f'{side:.4g}' for side in size)} m"
+
+
+
+
+@dataclass(frozen=True)
+class Divisions:
+    """Families and regions of an object, by their names; without regions there are none."""
+
+    families: dict[str, int]  # springs of each
+    regions: dict[str, dict[str, int]]  # "vertices" and "springs" of each
+
+    @property
+    def sentences(self) -> list[str]:
+        """What is worth saying, for people."""
+        said = []
+        if not PLAIN.issuperset(self.families):
+            said.append(f"families: {', '.join(f'{count} {name}' for name, count in self.families.items())}")
+        parts = [
+            f"{name} ({counted(own['vertices'], 'vertex', 'vertices')}, {counted(own['springs'], 'spring', 'springs')})"
+            for name, own in self.regions.items()
+        ]
+        return [*said, f"regions: {', '.join(parts)}"] if parts else said
+
+
+def divisions(cloth: Cloth) -> Divisions:
+    """The families and regions of an object."""
+    given = cloth.layout
+    whole = spring_groups(replace(cloth, layout=replace(given, regions=())))
+    if not given.regions:
+        return Divisions(_counts(whole), {})
+    parts = Layout(("all",), np.zeros(len(cloth.springs), np.int32), given.regions)
+    springs = _counts(spring_groups(replace(cloth, layout=parts)))
+    vertices = _counts(vertex_groups(cloth))
+    regions = {
+        name: {"vertices": vertices.get(name, 0), "springs": springs.get(f"all, {name}", 0)}
+        for name in vertices | {name.partition(", ")[2]: 0 for name in springs}
+    }
+    return Divisions(_counts(whole), regions)
+
+
+def _counts(groups: Groups) -> dict[str, int]:
+    return dict(zip(groups.names, np.bincount(groups.of, minlength=len(groups.names)).tolist(), strict=True))

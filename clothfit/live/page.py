@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.version import __version__
-from clothfit.report.contents import mesh
+from clothfit.report.contents import mesh, surroundings
 from clothfit.report.page import THREE, WEB, data_address, filled
-from clothfit.report.surroundings import surroundings
 from clothfit.scene.scene import Scene
 
 OWN = Path(__file__).parent / "web"

@@ -20,11 +20,10 @@ from clothfit.fit.result import Fit
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
-from clothfit.report.contents import mesh
+from clothfit.report.contents import mesh, surroundings
 from clothfit.report.packing import box, packed, packed_positions
 from clothfit.report.page import THREE, WEB, data_address, filled, script_text
 from clothfit.report.showing import MOST_POSITIONS
-from clothfit.report.surroundings import surroundings
 from clothfit.scene.scene import Scene
 
 OWN = WEB / "inline"

@@ -9,6 +9,7 @@ F frames, V vertices of all objects.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -34,7 +35,6 @@ from clothfit.motion.times import TIME_SLACK, frame_places, interpolated
 from clothfit.objective.experiment import check_same_sizes
 from clothfit.pictures.overlay import compared_vertices, per_frame
 from clothfit.pictures.stage import FARTHEST_SHOWN
-from clothfit.report.residuals import Residuals, residuals
 from clothfit.scene.scene import Scene
 
 MOST_POSITIONS = 3_200_000
@@ -204,3 +204,28 @@ def near_enough(*both: Array) -> int:
     away = np.max([np.nanmax(np.abs(motion - centre), axis=(1, 2), initial=0.0) for motion in both], axis=0)
     gone = np.flatnonzero(away > FARTHEST_SHOWN * size)
     return max(int(gone[0]), 2) if len(gone) else len(away)
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """The residuals of a fitted motion, over the vertices that are compared."""
+
+    mean: Array  # (C, 3), m, over the vertices, by component: a drift of the whole cloth
+    of_vertices: Array  # (V,), m, root mean square over the fitted frames; NaN where not observed
+    travel: float  # m, root mean square distance of the target from where the cloth starts, over the fitted frames
+
+
+def residuals(x: Array, wanted: Array, start: Array, part: Flags, near: Flags) -> Residuals:
+    """The residuals of positions x (C, V, 3) to `wanted` (C, V, 3), NaN where not observed; m.
+
+    The cloths start at `start` (V, 3). `part` (V,) flags the vertices that are compared, `near` (C,) the frames that
+    are fitted.
+    """
+    left = x - wanted
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # means of nothing are NaN, as they should be
+        mean = np.nanmean(left[:, part], axis=1)
+        of_vertices = np.sqrt(np.nanmean((left[near] ** 2).sum(axis=2), axis=0))
+        travel = float(np.sqrt(np.nanmean(((wanted[near][:, part] - start[part]) ** 2).sum(axis=2))))
+    of_vertices[~part] = np.nan
+    return Residuals(mean, of_vertices, travel if np.isfinite(travel) else 0.0)

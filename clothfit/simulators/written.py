@@ -8,8 +8,9 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.export import blender as mapping
-from clothfit.export import numbers, obi
+from clothfit.export import obi
 from clothfit.export.blender import blender_files
+from clothfit.export.tools import json_text
 from clothfit.scene.scene import Scene
 from clothfit.simulators.estimate import Options
 from clothfit.simulators.values import Fitted
@@ -54,7 +55,7 @@ def one_summary(number: int, found: Fitted) -> dict[str, Any]:
 def files(scene: Scene, found: list[Fitted], options: Options) -> dict[str, bytes]:
     """The values as JSON; for Blender also the script that sets them, for XPBD every constraint as Obi takes it."""
     document = {"format": FORMAT, "units": "SI", **summary(found, options)}
-    made = {f"{options.simulator}-values.json": numbers.text(document, options.simulator).encode()}
+    made = {f"{options.simulator}-values.json": json_text(document, options.simulator).encode()}
     if options.simulator == "blender":
         return made | blender(scene, found)
     return made | {"obi.json": compliances(scene, found, options.settings)}

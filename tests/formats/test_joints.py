@@ -12,7 +12,7 @@ from clothfit.base.errors import InvalidInput, InvalidMotion, InvalidScene
 from clothfit.engine.inputs.sampling import paths, poses
 from clothfit.formats import joints
 from clothfit.formats.axes import RIGHT, Axes
-from clothfit.inspection.inputs import check, inputs_of
+from clothfit.inspection.forecast import check, inputs_of
 from clothfit.scene.scene import load
 
 FOLDER = Path(__file__).parent / "blender"

@@ -13,8 +13,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.report.findings import GOOD, PLAIN, WARN, headline, judged
 from clothfit.report.log import Log, start_of
 from clothfit.report.page import WEB, report_page
-from clothfit.report.residuals import residuals
-from clothfit.report.showing import BEFORE, shown
+from clothfit.report.showing import BEFORE, residuals, shown
 from clothfit.report.tables import correlations, figure, ladder, median, steps, value_name
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load

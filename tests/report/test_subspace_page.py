@@ -9,7 +9,7 @@ from helpers.browsers import browser, opened
 from helpers.subspaces import model_of, moving, scene_of
 from helpers.unpacking import unpacked, unpacked_positions
 
-from clothfit.pictures.subspaces import comparison
+from clothfit.pictures.plots import comparison
 from clothfit.report.page import subspace_page
 from clothfit.subspace.judge import compare
 

@@ -71,9 +71,9 @@ def draw(
     """Write the pictures and the page that are asked for."""
     if pictures.plot is not None:
         from clothfit.pictures import picture_file as picture
-        from clothfit.pictures import subspaces
+        from clothfit.pictures import plots
 
-        picture.save(pictures.plot, partial(subspaces.comparison, over))
+        picture.save(pictures.plot, partial(plots.comparison, over))
         console.say(f"picture → {pictures.plot}")
     pictures.animated(over.scene, over.full.times, over.own.positions, over.full.positions, console)
     if page is not None:

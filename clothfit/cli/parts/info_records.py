@@ -11,7 +11,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres
 from clothfit.formats.axes import Reading
-from clothfit.inspection.doubts import doubts, extent
+from clothfit.inspection.overview import doubts, extent
 
 
 def motion(path: str) -> dict[str, Any]:
