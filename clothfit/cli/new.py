@@ -184,9 +184,8 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
 
 def divided(own: SceneCloth) -> Divisions:
     """Families and regions, where the file or the user says something of them; else to know them is not needed."""
-    from clothfit.inspection.divisions import Divisions, divisions
-    from clothfit.scene.layout import NOTHING
     from clothfit.inspection.overview import Divisions, divisions
+    from clothfit.scene.layout import NOTHING
 
     return Divisions({}, {}) if own.layout is NOTHING else divisions(own)
 

@@ -17,7 +17,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.interpolation import interpolated, resolved
 from clothfit.engine.inputs.sampling import pivot_of, turned
 from clothfit.formats.axes import RIGHT, from_scene
-from clothfit.formats.glb_parts import Parts, glb
+from clothfit.formats.glb import Parts, glb
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.scene import Scene

@@ -19,8 +19,8 @@ from clothfit.engine.stability import UNLIMITED, frequency, limit
 from clothfit.engine.system import build
 from clothfit.objective import memory_needs as storage
 from clothfit.scene.fit_vector import fitted_cloths
+from clothfit.scene.keys import Keys
 from clothfit.scene.kinds import INTEGRATORS
-from clothfit.scene.over_time.keys import Keys
 from clothfit.scene.scene import Scene
 
 

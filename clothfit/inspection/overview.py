@@ -20,9 +20,9 @@ from clothfit.scene import schema as structure
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.families import Groups, spring_groups, vertex_groups
 from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
+from clothfit.scene.layout import Layout
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene
-from clothfit.scene.weave.layout import Layout
 
 KEYED = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "scaleKeys", "motion")
 """Fields that hold keys."""

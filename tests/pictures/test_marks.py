@@ -14,8 +14,8 @@ from clothfit.motion.simulate import simulate
 from clothfit.pictures import gif
 from clothfit.pictures.filmstrip import chosen
 from clothfit.pictures.marks import LONGEST, MOST_ARROWS, arrows, marks
-from clothfit.scene.forces import Forces
 from clothfit.pictures.stage import stage
+from clothfit.scene.forces import Forces
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed; no animation is drawn")
 
