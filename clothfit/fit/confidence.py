@@ -32,16 +32,15 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
 from clothfit.engine.system import mobile
-from clothfit.fit.posterior import Local, Posterior, learned_prior, posterior
+from clothfit.fit.posterior import CHAOS, Kept, Local, Posterior, learned_prior, posterior
 from clothfit.fit.sampled import Samples, sampled
-from clothfit.fit.sandwich import CHAOS, Kept
 from clothfit.motion.divergence import Diverged
-from clothfit.objective.correlation import Correlation, strongest
+from clothfit.objective.identifiability import Correlation, strongest
 from clothfit.objective.objective import Objective
 from clothfit.objective.running_cost import running_cost
 from clothfit.optimise import momentum, trajectory
+from clothfit.optimise.evidence import variance
 from clothfit.optimise.gauss_newton import Model
-from clothfit.optimise.priors.evidence import variance
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds

@@ -24,8 +24,7 @@ from clothfit.base.messages import metres
 from clothfit.engine.system import build
 from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
-from clothfit.fit.holdout import held_out, split
-from clothfit.fit.model_choice import judged, nearer
+from clothfit.fit.holdout import held_out, judged, nearer, split
 from clothfit.fit.options import (
     AUTO,
     LONGEST,
@@ -35,11 +34,10 @@ from clothfit.fit.options import (
     options_of,
     settled,
 )
-from clothfit.fit.preparation import Prepared, flagged, prepared
+from clothfit.fit.preparation import Prepared, flagged, in_windows, prepared, with_whole
 from clothfit.fit.registered_fit import marked_fit, registered_fit
 from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
 from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
-from clothfit.fit.target_windows import in_windows, with_whole
 from clothfit.fit.verdict import UNKNOWN, Judgement, judgement
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion

@@ -18,9 +18,8 @@ from clothfit.base.messages import counted, metres
 from clothfit.motion.motion import Motion
 from clothfit.objective.experiment import Experiment
 from clothfit.registration.free_fall import other_fall
-from clothfit.registration.markers import listed, named
 from clothfit.registration.mistaken import changes
-from clothfit.registration.record import rigid, scale_between
+from clothfit.registration.record import listed, named, rigid, scale_between
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 

@@ -25,8 +25,8 @@ from clothfit.fit.options import FitOptions
 from clothfit.fit.result import Fit
 from clothfit.motion.degrade import rounding
 from clothfit.motion.motion import at_frames
+from clothfit.objective.comparison import loss_named
 from clothfit.objective.experiment import Experiment, Targets, experiments
-from clothfit.objective.loss import loss_named
 from clothfit.optimise.progress import Progress
 from clothfit.optimise.status import Status
 from clothfit.registration.joint import Joint, joint

@@ -1,38 +1,116 @@
 """Hints after a fit whose model differs: what of the residuals another clock, another place, or two vertices that are
-mistaken for each other would explain (`registration.explained`). And what to do where a search has stalled: contacts
+mistaken for each other would explain (`explained`). And what to do where a search has stalled: contacts
 that switch, folds that buckle to another side and steps that the guard shortens let the error jump from one value to
 the next, and no search by gradients comes down there but from near.
+
+How much of what a fit leaves another clock or another place would explain.
+
+Near the result the cost is |r|² + 2 gᵀz + zᵀH z in the values and the coordinates of a registration. What one kind of
+registration saves beyond what the values save alone, relative to the cost, is the share of the squares that it
+promises to explain. As that is linear, a few steps of Gauss–Newton then show what it does explain. Places are judged by
+weighted residuals, as in `search`: what is held must not move away from where it is held.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import metres
 from clothfit.engine.rollout import Rollout
 from clothfit.fit.hints import Hint
 from clothfit.fit.registered_fit import cut
 from clothfit.fit.result import Fit
 from clothfit.motion.divergence import Diverged
+from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.objective.target import Frames, sample
+from clothfit.optimise import trust_region
+from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.status import Status
-from clothfit.registration.explained import Explained, explained, promised
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
+from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, summed
+from clothfit.registration.search import Stage, Wanted, trust_in
+from clothfit.registration.unknowns import Unknowns
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
+from clothfit.scene.scene import Scene
 from clothfit.strategy import smooth_balances
 
-CLOCK, PLACE = 0.5, 0.3
+STEPS = 5
+"""Steps of Gauss–Newton."""
+
+TOLERANCE = 1e-5
+"""Of the linear systems: a share of what a model that differs leaves needs no better motion."""
+
+KINDS = {"offset": slice(OFFSET, OFFSET + 1), "rate": slice(RATE, RATE + 1), "placement": PLACE}
+"""The coordinates of each kind of registration."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What one kind of registration explains."""
+
+    what: str  # one of `KINDS`
+    share: float  # of the squares that the values leave, weighted for a place
+    registration: Registration  # of the first target
+
+
+def stage_of(scene: Scene, given: Sequence[Experiment], loss: Loss, wanted: Wanted) -> Stage:
+    """The targets and the values of a scene, where registrations are looked for."""
+    stage = Stage.of(scene, given, wanted)
+    return replace(stage, registered=replace(stage.registered, tolerance=TOLERANCE))
+
+
+def promised(scene: Scene, given: Sequence[Experiment], loss: Loss) -> dict[str, float]:
+    """The share of the squares that each kind promises to explain, all from one motion. Raises Diverged."""
+    stage = stage_of(scene, given, loss, Wanted(True, True, loss))
+    unmoved = [Registration()] * len(given)
+    every = Unknowns(stage.registered, stage.start, stage.near(unmoved), np.ones(THETA, bool))
+    plain = every.sums(every.begin)
+    weighted = summed(len(plain.g), plain.parts, trust_in(plain.parts))
+    values, found = len(stage.start), {}
+    for what, part in KINDS.items():
+        model = every.model_of(every.begin, weighted if what == "placement" else plain)
+        own = np.arange(len(model.g)) < values
+        base = model.cost - saving(model, own)
+        moved = np.zeros(THETA, bool)
+        moved[part] = True
+        free = np.concatenate([own[:values], np.tile(moved, len(unmoved))])
+        found[what] = 1.0 - (model.cost - saving(model, free)) / base if base > 0 else 0.0
+    return found
+
+
+def saving(model: Model, free: Flags) -> float:
+    """What the best step of some coordinates saves of a cost."""
+    H, g = model.H[np.ix_(free, free)], model.g[free]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
+    step = scale * trust_region.within(trust_region.Quadratic(H * np.outer(scale, scale), g * scale))
+    return -float(2.0 * g @ step + step @ H @ step)
+
+
+def explained(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Explained | None:
+    """What one kind of registration explains of the residuals; None where the motion diverges."""
+    place = what == "placement"
+    stage = stage_of(scene, given, loss, Wanted(not place, place, loss))
+    unmoved = [Registration()] * len(given)
+    try:
+        stage = stage.weighted() if place else stage
+    except Diverged:
+        return None
+    before, after = stage.cost(stage.start, unmoved), stage.only(KINDS[what]).descended(stage.start, unmoved, STEPS)
+    return Explained(what, 1.0 - after.cost / before, after.registrations[0]) if after and before > 0 else None
+
+
+LEAST_CLOCK, LEAST_PLACE = 0.5, 0.3
 """Share of the squares that a clock, or a place, must explain: a clock makes up for a part of any wrong model."""
 
 WORSE = 9.0
@@ -98,11 +176,11 @@ def from_registration(found: Fit, objective: Objective, said: set[str]) -> Itera
         except interrupts.OutOfTime:
             break
         best = each if best is None or (each is not None and each.share > best.share) else best
-    if best is not None and best.share >= CLOCK:
+    if best is not None and best.share >= LEAST_CLOCK:
         yield hint_of(best)
-    if place and shares["placement"] >= PLACE:
+    if place and shares["placement"] >= LEAST_PLACE:
         moved = explained(found.scene, given, objective.loss, "placement")
-        if moved is not None and moved.share >= PLACE:
+        if moved is not None and moved.share >= LEAST_PLACE:
             yield hint_of(moved)
 
 

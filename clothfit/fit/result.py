@@ -12,18 +12,16 @@ from clothfit.base.notebook import shown
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
 from clothfit.fit.hints import Hint
-from clothfit.fit.holdout import HeldOut
-from clothfit.fit.model_choice import Judged
+from clothfit.fit.holdout import HeldOut, Judged
 from clothfit.fit.sampled import Samples
 from clothfit.fit.verdict import ADEQUATE, Judgement, Verdict, position_rmse, reproduced, verdict
 from clothfit.motion.divergence import Diverged
-from clothfit.objective.correlation import Correlation
+from clothfit.objective.identifiability import Correlation
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
-from clothfit.registration.markers import Markers
-from clothfit.registration.record import Registration
+from clothfit.registration.record import Markers, Registration
 from clothfit.scene.block import Block
 from clothfit.scene.bounds import wider
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters

@@ -17,11 +17,9 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
-from clothfit.fit.posterior import half_width
-from clothfit.fit.sandwich import CHAOS
-from clothfit.optimise.priors.evidence import variance
-from clothfit.optimise.products.products import Products
-from clothfit.optimise.products.sampling import Sampling
+from clothfit.fit.posterior import CHAOS, half_width
+from clothfit.optimise.evidence import variance
+from clothfit.optimise.products import Products, Sampling
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds

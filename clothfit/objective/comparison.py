@@ -3,10 +3,21 @@
     G = Σ_k Σ_g w_g C² ρ(a_k |d_kg|² / C²)
 
 over the objectives k (`measures`) and the groups g of each, with a_k the weight of an objective, which also turns its
-unit into m², w_g the weight of a group (of a vertex, at a time), and ρ, C the robust loss (`loss`). By default the one
+unit into m², w_g the weight of a group (of a vertex, at a time), and ρ, C the robust loss (`Loss`). By default the one
 objective is position, without a loss: G = Σ_frames Σ_vertices |s − x*|² over the observed positions, m².
 
 As least squares: r = sqrt(w a ρ') d and J = sqrt(w a ρ') ∂d/∂x, so that ∂G/∂x = 2 Jᵀ r, exactly.
+
+Robust losses: how much a large residual counts, so that outliers do not decide a fit.
+
+A group of residuals d (the gap of a vertex, say) costs C² ρ(z), z = |d|² / C². As SciPy defines them (`least_squares`),
+
+    linear   ρ = z                          every distance counts by its square
+    soft_l1  ρ = 2 (sqrt(1 + z) − 1)        … far above C by its length, with a smooth transition
+    huber    ρ = z where z ≤ 1, else 2 sqrt(z) − 1      … exactly quadratic below C
+
+The scale C, in metres, is the largest gap that is still noise. Reference: B. Triggs, P. F. McLauchlan, R. I. Hartley,
+A. W. Fitzgibbon, Bundle adjustment: a modern synthesis, section 3 (2000).
 """
 
 from __future__ import annotations
@@ -22,16 +33,64 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import meant
 from clothfit.engine.system import System
 from clothfit.motion.times import interpolation
-from clothfit.objective.loss import Loss
-from clothfit.objective.measures.edge_length import EdgeLength
-from clothfit.objective.measures.measure import Maker, Measure
-from clothfit.objective.measures.position import Position
-from clothfit.objective.measures.spectrum import Spectrum
-from clothfit.objective.measures.velocity import Velocity
+from clothfit.objective.measures import EdgeLength, Maker, Measure, Position, Spectrum, Velocity
 from clothfit.objective.target import Target
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+from typing import NamedTuple
+
+LOSSES = ("linear", "soft_l1", "huber")
+
+LOSS_SCALE = 0.01
+"""C where none is given, m: ten times the noise of a good capture, far below the size of a cloth."""
+
+SCALES = 1e-100, 1e100
+"""Range of scales, m, whose squares and quotients of squares do not overflow."""
+
+
+class Loss(NamedTuple):
+    """One of LOSSES with its scale."""
+
+    name: str = "linear"
+    scale: float = LOSS_SCALE  # C, m
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the cost is the plain sum of squares."""
+        return self.name == "linear"
+
+    def value(self, squares: Array) -> Array:
+        """C² ρ of squared norms |d|², m²."""
+        if self.is_linear:
+            return squares
+        z = squares / self.scale**2
+        if self.name == "soft_l1":
+            return np.asarray(2.0 * squares / (np.sqrt(1.0 + z) + 1.0))  # the same, without the difference
+        return np.asarray(np.where(z <= 1.0, squares, self.scale**2 * (2.0 * np.sqrt(z) - 1.0)))
+
+    def derivative(self, squares: Array) -> Array:
+        """ρ' at squared norms |d|², m²: the derivative of `value`, between 0 and 1."""
+        if self.is_linear:
+            return np.ones_like(squares)
+        z = squares / self.scale**2
+        return np.asarray(1.0 / np.sqrt(1.0 + z if self.name == "soft_l1" else np.maximum(z, 1.0)))
+
+
+def loss_named(name: str = "linear", scale: float | None = None) -> Loss:
+    """The loss of that name, C in metres (default: LOSS_SCALE). Raises InvalidInput."""
+    if name not in LOSSES:
+        raise InvalidInput(f"loss: there is no {name!r}; use {', '.join(LOSSES)}{meant(name, LOSSES)}")
+    if scale is None:
+        return Loss(name)
+    if name == "linear":
+        raise InvalidInput("loss scale: the linear loss has none; choose the loss soft_l1 or huber with it")
+    if not 0 < scale < np.inf:
+        raise InvalidInput(f"loss scale must be above 0 and finite; {scale:g} m was given")
+    if not SCALES[0] <= scale <= SCALES[1]:
+        raise InvalidInput(f"loss scale must be within {SCALES[0]:g} … {SCALES[1]:g} m; {scale:g} m was given")
+    return Loss(name, float(scale))
+
 
 MATRIX_ENTRY = 60
 """Bytes for each entry of a sparse matrix while it is made: its value and its place, in the forms they go through."""

@@ -31,14 +31,12 @@ from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import in_world
 from clothfit.objective import memory_needs as storage
-from clothfit.objective.comparison import OWN, Comparison, objective_weights
+from clothfit.objective.comparison import OWN, Comparison, Loss, loss_named, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.identifiability import identifiable
-from clothfit.objective.loss import Loss, loss_named
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, moved, unseen
-from clothfit.objective.recent import Recent
-from clothfit.objective.run import Run, at_rest, seen_in, still
+from clothfit.objective.run import Recent, Run, at_rest, seen_in, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target, without_start
 from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters

@@ -25,8 +25,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.rollout import Rollout
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate_cloths
-from clothfit.objective.comparison import MATRIX_ENTRY, OWN, Comparison, by_state
-from clothfit.objective.loss import Loss
+from clothfit.objective.comparison import MATRIX_ENTRY, OWN, Comparison, Loss, by_state
 from clothfit.objective.target import Frames, Target, sample
 from clothfit.scene.scene import Scene
 

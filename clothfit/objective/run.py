@@ -1,8 +1,14 @@
-"""One cloth in one experiment: what an objective simulates for each p, observed by its cost."""
+"""One cloth in one experiment: what an objective simulates for each p, observed by its cost.
+
+The last motions of an objective: a descent that has measured the cost at a point asks for its derivatives next, and
+whoever looks at the result asks for its motion again and again.
+
+Only motions whose states all fit into little memory are kept; others are simulated anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -13,7 +19,8 @@ from clothfit.derivative.adjoint import Observer
 from clothfit.engine.inputs.moving_axes import Axes
 from clothfit.engine.inputs.sampling import axes
 from clothfit.engine.prescribed import Forms
-from clothfit.engine.rollout import empty
+from clothfit.engine.rollout import empty, state_bytes
+from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
@@ -97,3 +104,53 @@ def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:
     for run in runs:
         seen[run.cloth] = seen.get(run.cloth, False) | run.comparison.seen
     return seen
+
+
+KEPT = 2
+"""Motions of each run: that of a trial and that of the point it is compared with."""
+
+BYTES, SHARE = 16_000_000, 0.05
+"""Of all states that are kept, at most, and of the memory that the objective may use."""
+
+
+class Recent:
+    """The motions that were simulated last, of one objective."""
+
+    def __init__(self, runs: Sequence[Run], tolerance: float, memory: float) -> None:
+        """`tolerance` is that of the linear systems, relative; `memory` what the objective may use, bytes."""
+        self.tolerance = tolerance
+        needed = {(run.cloth, run.experiment): run.steps * state_bytes(run.system) for run in runs}
+        touching = any(run.system.surface is not None for run in runs)  # what touches is not counted
+        self._small = not touching and KEPT * sum(needed.values()) <= min(BYTES, SHARE * memory)
+        self._kept: dict[tuple[int, int], dict[bytes, tuple[System, Tape]]] = {key: {} for key in needed}
+
+    def has(self, run: Run, p: Array) -> bool:
+        """Whether the motion of p (P,) is kept."""
+        return key_of(p) in self._kept[run.cloth, run.experiment]
+
+    def simulate(self, run: Run, p: Array, observers: Iterable[Observer], plan: Plan | None) -> tuple[System, Tape]:
+        """The motion of a run with parameters p (P,), as far as it is compared, shown to the observers; with a `plan`
+        it can be swept back. Raises Diverged.
+        """
+        if not self._small or (plan is not None and plan.snapshots is not None):
+            system = run.changed(p)
+            tape = Tape(system, run.steps, self.tolerance, plan, run.forms)
+            shown(run, tape, observers)
+            return system, tape
+        kept, key = self._kept[run.cloth, run.experiment], key_of(p)
+        system, tape = kept.pop(key) if key in kept else self._begun(run, p)
+        shown(run, tape, observers)
+        kept[key] = system, tape
+        while len(kept) > KEPT:
+            del kept[next(iter(kept))]
+        return system, tape
+
+    def _begun(self, run: Run, p: Array) -> tuple[System, Tape]:
+        """A tape that holds all states, and nothing yet."""
+        system, steps = run.changed(p), max(run.steps, 1)
+        return system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)), run.forms)
+
+
+def key_of(p: Array) -> bytes:
+    """What two equal p (P,) share."""
+    return np.asarray(p, float).tobytes()

@@ -23,10 +23,10 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import mobile
-from clothfit.objective.loss import Loss
+from clothfit.objective.comparison import Loss
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
-from clothfit.objective.running_residuals import movable
+from clothfit.objective.running_cost import movable
 from clothfit.objective.target import Frames, sample
 
 SIGNIFICANT = 3.3

@@ -24,9 +24,9 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.optimise import bounded
-from clothfit.optimise.priors.evidence import inverse
-from clothfit.optimise.priors.prior import Prior
+from clothfit.optimise import trust_region
+from clothfit.optimise.evidence import inverse
+from clothfit.optimise.prior import Prior
 from clothfit.optimise.status import Status
 
 LEFT = 1e-2
@@ -226,9 +226,9 @@ class Quadratic:
     def _solved(self, radius: float) -> Array:
         S = self.scale
         if S is None:
-            return bounded.solve(self.H, self.g, self.lower, self.upper, radius, self.waiting)
+            return trust_region.solve(self.H, self.g, self.lower, self.upper, radius, self.waiting)
         ends = self.lower * S, self.upper * S
-        return np.asarray(bounded.solve(self.H / np.outer(S, S), self.g / S, *ends, radius, self.waiting) / S)
+        return np.asarray(trust_region.solve(self.H / np.outer(S, S), self.g / S, *ends, radius, self.waiting) / S)
 
     def length(self, step: Array) -> float:
         """How long a step is."""

@@ -20,11 +20,10 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.motion.divergence import Diverged
+from clothfit.optimise.evidence import variance
 from clothfit.optimise.gauss_newton import EACH, ENOUGH, FIRST_RADIUS, GOOD, LEFT, MOST, POOR, SMALL, SMALLEST
-from clothfit.optimise.priors.evidence import variance
-from clothfit.optimise.priors.prior import Prior
-from clothfit.optimise.products.products import Products
-from clothfit.optimise.products.sampling import Sampling
+from clothfit.optimise.prior import Prior
+from clothfit.optimise.products import Products, Sampling
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
 

@@ -32,7 +32,7 @@ from clothfit.engine.system import EXPLICIT
 from clothfit.kernels.parallel import only_here, together
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
-from clothfit.optimise import bounded
+from clothfit.optimise import trust_region
 from clothfit.optimise.balances.balances import Balances, Form, Places, balances, forms, smoothed, summed_twice, track
 from clothfit.optimise.balances.rows import Equations, Rows
 from clothfit.optimise.balances.trimming import SHARP, balanced, in_balance, is_sharp, relative, trimmed
@@ -222,7 +222,7 @@ def solve(
         return p
     H = rows.gram(kept)
     if trim is not None:
-        good = trimmed(rows, kept, bounded.either(H), waiting)
+        good = trimmed(rows, kept, trust_region.either(H), waiting)
         if not np.array_equal(good, kept):
             q = balanced(rows, good)
             kept = reformed(trim, rows, q, good)
@@ -231,10 +231,10 @@ def solve(
     determined = size > 0
     scale = np.where(determined, size, 1.0)
     low, high = (lower - p) * scale, (upper - p) * scale
-    scaled, q = bounded.either(H.multiply(1.0 / scale).multiply(1.0 / scale[:, None]).tocsr()), np.zeros(len(p))
+    scaled, q = trust_region.either(H.multiply(1.0 / scale).multiply(1.0 / scale[:, None]).tocsr()), np.zeros(len(p))
     for _ in range(REFINEMENTS):
         g = -rows.right(q / scale, kept) / scale
-        q = q + bounded.solve(scaled, g, low - q, high - q, waiting=waiting)
+        q = q + trust_region.solve(scaled, g, low - q, high - q, waiting=waiting)
     return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
 
 

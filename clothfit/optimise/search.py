@@ -28,7 +28,7 @@ from clothfit.optimise.status import Budget, Rung, Status, Stop
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, with_parameters
 
 if TYPE_CHECKING:
-    from clothfit.optimise.priors.prior import Prior
+    from clothfit.optimise.prior import Prior
 
 STATIONARY = 1e-5
 """Converged at once where a change of any one parameter by a factor e would change the cost, linearly, by less than

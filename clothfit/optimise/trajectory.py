@@ -1,13 +1,20 @@
 """The trajectory fit: the cost of whole motions as the problem that Gauss–Newton solves.
 
 Few parameters or small cloths: the sensitivity of each motion to all of them, dense, summed into the normal equations
-(`normal_equations`). Many parameters on large cloths: the Jacobian is never formed; SciPy's trust-region method
+(`accumulate`). Many parameters on large cloths: the Jacobian is never formed; SciPy's trust-region method
 asks for its products with vectors, each a tangent or an adjoint sweep along the motion.
+
+The normal equations of a fit: H = JᵀJ and g = Jᵀr of the residuals r and their derivative J by Q coordinates.
+
+J (N, Q) is the derivative of the residuals by the positions, sparse, times the sensitivity of the motion, dense. It
+is never whole in memory: a few steps at a time, each row is added to H and g as soon as its last step has passed, in
+a thread beside the sweep.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -20,19 +27,80 @@ from clothfit.kernels.parallel import together
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, residual_count
-from clothfit.objective.running_cost import running_cost
+from clothfit.objective.running_cost import Residuals, running_cost
 from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import gauss_newton
-from clothfit.optimise import normal_equations as normal
-from clothfit.optimise.priors.patterns import patterns
-from clothfit.optimise.priors.prior import Prior, first
+from clothfit.optimise.prior import Prior, first, patterns
 from clothfit.optimise.search import Search
+
+CHUNK = 3_000_000
+"""Numbers of the sensitivity that are kept at a time."""
+
+
+def chunk_steps(wide: int) -> int:
+    """Steps of the sensitivity that are kept at a time, of so many numbers each."""
+    return max(1, CHUNK // max(wide, 1))
+
+
+class Scores:
+    """What each step of a motion adds to H and g, and how strongly it depends on the coordinates."""
+
+    def __init__(self, by_step: bool) -> None:
+        """`by_step`: H and g are kept, of each step that completes residuals."""
+        self.by_step = by_step
+        self.information: list[Array] = []  # JᵀJ (Q, Q) of the residuals that a step completes
+        self.parts: list[Array] = []  # Jᵀr (Q,) of the same
+        self.sizes: list[float] = []  # norm of dX after each step
+
+    def add(self, J: Array, r: Array, dX: Array) -> None:
+        """Take the residuals r (R,) that the next steps complete, their J (R, Q), and the sensitivities
+        (steps, 3 f, Q) after these steps.
+        """
+        if self.by_step and len(r):
+            self.information.append(J.T @ J)
+            self.parts.append(J.T @ r)
+        self.sizes += [float(np.linalg.norm(each)) for each in dX]
+
+
+def accumulate(
+    residuals: Residuals, steps: Iterator[Array], before: Array, scores: Scores | None = None
+) -> tuple[Array, Array]:
+    """H (Q, Q) and g (Q,) from the residuals and the sensitivities (3 f, Q) `before` the first and after each of their
+    T steps. `scores` takes what each step adds.
+    """
+    rows, count = before.shape
+    length = 1 if scores is not None and scores.by_step else chunk_steps(rows * count)
+    H, g = np.zeros((count, count)), np.zeros(count)
+
+    def add(sensitivity: Array, first: int, end: int) -> None:
+        J, r = residuals.rows(sensitivity, first, end)
+        H[:] += J.T @ J  # of one array, so that only half of the products are computed
+        g[:] += J.T @ r
+        if scores is not None:
+            scores.add(J, r, sensitivity.reshape(-1, rows, count)[1:])
+
+    with ThreadPoolExecutor(1) as pool:
+        adding: Future[None] | None = None
+        for first in range(0, residuals.steps, length):
+            end = min(first + length, residuals.steps)
+            chunk = np.empty((end - first + 1, rows, count))
+            chunk[0] = before
+            for t in range(1, len(chunk)):
+                chunk[t] = next(steps)
+            before = chunk[-1].copy()
+            if adding is not None:
+                adding.result()
+            adding = pool.submit(add, chunk.reshape(-1, count), first, end)
+        if adding is not None:
+            adding.result()
+    return H, g
+
 
 LARGEST = 3e12
 """Operations of one dense model, about a minute, above which the matrix-free method takes over."""
 
 MATRICES, CHUNKS = 8, 3
-"""Arrays (Q, Q), and parts of the sensitivity (`normal.chunk_steps`), that a step of Gauss–Newton works with."""
+"""Arrays (Q, Q), and parts of the sensitivity (`chunk_steps`), that a step of Gauss–Newton works with."""
 
 AIR = ("wind", "gusts")
 """Kinds of which only the product with the drag pushes a cloth."""
@@ -150,7 +218,7 @@ class Trajectory:
         """Number of residuals that a parameter can change."""
         return sum(residual_count(run) for run in self.objective.runs)
 
-    def model(self, y: Array, keep: Callable[[Indices], normal.Scores] | None = None) -> gauss_newton.Model:
+    def model(self, y: Array, keep: Callable[[Indices], Scores] | None = None) -> gauss_newton.Model:
         """The cost near y: its residuals, linear in the coordinates. `keep` gives what takes the scores of a run, from
         the coordinates that it depends on. Raises Diverged.
         """
@@ -194,7 +262,7 @@ class Trajectory:
         needed = 8 * MATRICES * self.size**2
         for run in self.objective.runs:
             wide = 3 * int(mobile(run.system).sum()) * int((self.acts(run) & self.fitted).sum())
-            steps = 1 + min(normal.chunk_steps(wide), run.steps)
+            steps = 1 + min(chunk_steps(wide), run.steps)
             needed += 8 * CHUNKS * steps * wide + running_cost(run.comparison).residual_bytes
         return needed <= self.objective.room
 
@@ -220,7 +288,7 @@ class Trajectory:
 
 def run_model(
     run: Run, objective: Objective, p: Array, column: Indices, factor: Array, tolerance: float,
-    scores: normal.Scores | None = None,
+    scores: Scores | None = None,
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """H, g and the cost of one run at p (P,), by the columns of `column` (P,), with derivatives multiplied by `factor`
     (P,), their linear systems solved to `tolerance`; `scores` takes what each step adds. Raises Diverged.
@@ -235,5 +303,5 @@ def run_model(
     few = partial(tangents, system, tape, wanted, tolerance)
     steps = few if one_by_one(system, wanted, tape.steps) else partial(sweep, system, tape, wanted)
     residuals = cost.residuals(mobile(system))
-    H, g = normal.accumulate(residuals, steps(residuals.update), at_start(system, wanted), scores)
+    H, g = accumulate(residuals, steps(residuals.update), at_start(system, wanted), scores)
     return H, g, cost.value

@@ -2,7 +2,7 @@
 
 record is a registration: rate, offset, rotation, translation, scale. residuals has what is left with one, and the
 derivative by it; unknowns joins it with the scene's values for Gauss–Newton; search looks for the best one, from what
-the target shows by itself (free_fall); explained says how much of the residuals of a fit one would explain. markers has
-those that are swapped or false, which mistaken finds in a target without any simulation.
+the target shows by itself (free_fall); joint has their intervals beside the values of a fit. record has the markers
+that are swapped or false as well, which mistaken finds in a target without any simulation.
 To add a coordinate of registrations: its derivative in residuals, its field in record.
 """

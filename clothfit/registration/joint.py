@@ -17,11 +17,11 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.motion.divergence import Diverged
+from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
-from clothfit.objective.loss import Loss
 from clothfit.optimise.coordinates import Coordinates
-from clothfit.optimise.priors.evidence import inverse, variance
-from clothfit.optimise.priors.prior import WIDEST
+from clothfit.optimise.evidence import inverse, variance
+from clothfit.optimise.prior import WIDEST
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import RATE, THETA, Around, Registered, Sums, around
 from clothfit.scene.fit_vector import parameters

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.motion.motion import Motion
-from clothfit.registration.markers import Jump, Markers, Swap
-from clothfit.registration.record import rigid
+from clothfit.registration.record import Jump, Markers, Swap, rigid
 from clothfit.scene.scene import Scene
 
 FEWEST = 5

@@ -30,8 +30,8 @@ from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
+from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
-from clothfit.objective.loss import Loss
 from clothfit.registration.record import Registration, rotation, rotation_derivative
 from clothfit.scene.fit_vector import elements, fitted_cloths
 from clothfit.scene.scene import Scene

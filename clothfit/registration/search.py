@@ -18,8 +18,8 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.motion.alignment import apart
 from clothfit.motion.divergence import Diverged
+from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment, flagged_as
-from clothfit.objective.loss import Loss
 from clothfit.registration.free_fall import other_fall
 from clothfit.registration.record import Registration, rigid, scale_between
 from clothfit.registration.residuals import PLACE, SCALE, SPACE, THETA, TIME, Around, Parts, Registered, Sums, around

@@ -17,7 +17,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.objective.experiment import Experiment
 from clothfit.optimise import gauss_newton
 from clothfit.optimise.coordinates import Coordinates
-from clothfit.optimise.priors.prior import none
+from clothfit.optimise.prior import none
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import THETA, Around, Registered, Sums
 from clothfit.scene.scene import Scene

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.messages import counted, metres
-from clothfit.registration.markers import named
+from clothfit.registration.record import named
 from clothfit.report.log import number
 from clothfit.report.packing import packed
 from clothfit.report.showing import Shown

@@ -21,7 +21,7 @@ import numpy as np
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise import gauss_newton, preconditioned
 from clothfit.optimise.gauss_newton import Patience
-from clothfit.optimise.priors.prior import none
+from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory

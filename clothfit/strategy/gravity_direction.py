@@ -20,8 +20,8 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise import preconditioned
-from clothfit.optimise.normal_equations import Scores
 from clothfit.optimise.search import Search
+from clothfit.optimise.trajectory import Scores
 from clothfit.scene.scene import Scene
 
 PAYS = 0.3

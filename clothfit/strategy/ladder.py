@@ -26,7 +26,7 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
-from clothfit.strategy import gravity_direction, nudging, pulls, signals
+from clothfit.strategy import first_windows, gravity_direction, signals, step_forms
 from clothfit.strategy.few_values import FEW_VALUES, beyond_steps, in_a_round, settled, to_the_minimum
 from clothfit.strategy.first_windows import through_windows, touches
 from clothfit.strategy.wide_search import is_quick, widely, work_left
@@ -156,7 +156,7 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
 def is_astray(search: Search) -> bool:
     """Whether other minima may be nearer to the target than the best point is, and motions can be nudged."""
     objective = search.objective
-    return search.best.cost > ASTRAY**2 * objective.still and pulls.can_nudge(objective)
+    return search.best.cost > ASTRAY**2 * objective.still and step_forms.can_nudge(objective)
 
 
 def by_nudging(search: Search, model: str) -> None:
@@ -164,8 +164,8 @@ def by_nudging(search: Search, model: str) -> None:
     part, starts = part_of(search, model, search.origin), list[Array]()
     if part.fitted.sum() > FEW_VALUES:
         return
-    carried(search, part, lambda own: starts.extend(nudging.through_pulls(own)))
-    for start in starts[:: nudging.EACH]:
+    carried(search, part, lambda own: starts.extend(first_windows.through_pulls(own)))
+    for start in starts[:: first_windows.EACH]:
         if search.is_late:
             break
         own = part_of(search, model, as_whole(part, start, search.objective.scene))

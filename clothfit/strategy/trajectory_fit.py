@@ -26,12 +26,11 @@ from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import matrix_free, scipy_methods
 from clothfit.optimise.checkpoint import State
 from clothfit.optimise.gauss_newton import PATIENT, SMALL, Model, Patience, minimise
-from clothfit.optimise.priors.prior import FIRST_TAU, Prior, none
+from clothfit.optimise.prior import FIRST_TAU, Prior, none
 from clothfit.optimise.search import SAME_POINT, Descent, Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
-from clothfit.strategy.pulls import can_nudge, nudged
-from clothfit.strategy.step_forms import Held, through_forms
+from clothfit.strategy.step_forms import Held, can_nudge, nudged, through_forms
 
 NEAR_ERROR = 2e-3
 """Error relative to how far the target moves, below which all frames are fitted at once."""

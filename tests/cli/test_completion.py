@@ -102,8 +102,7 @@ def test_the_values_are_those_that_commands_take():
     from clothfit.fit.options import HOLDOUTS, MODELS, OWN_METHODS
     from clothfit.meshes.mesh_file import MESHES
     from clothfit.meshes.new_scene import SIDES
-    from clothfit.objective.comparison import OBJECTIVES
-    from clothfit.objective.loss import LOSSES
+    from clothfit.objective.comparison import LOSSES, OBJECTIVES
     from clothfit.optimise.scipy_methods import METHODS
     from clothfit.scene.kinds import INTEGRATORS, KINDS
 

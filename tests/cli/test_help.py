@@ -10,8 +10,7 @@ from clothfit.base.messages import meant
 from clothfit.cli.common.options import parts, sections, wrapped
 from clothfit.cli.program import COMMANDS, group, run
 from clothfit.fit.options import check_method
-from clothfit.objective.comparison import objective_weights
-from clothfit.objective.loss import loss_named
+from clothfit.objective.comparison import loss_named, objective_weights
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

@@ -7,8 +7,8 @@ from helpers.interrupting import interrupt_after
 from helpers.strangers import small
 
 from clothfit.base import interrupts
-from clothfit.fit import model_choice
-from clothfit.fit.model_choice import BEATS, KEPT_OUT, Judged, chosen, error, judged, nearer, parted, smallest
+from clothfit.fit import holdout
+from clothfit.fit.holdout import BEATS, KEPT_OUT, Judged, chosen, error, judged, nearer, parted, smallest
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import at_frames
@@ -209,7 +209,7 @@ def test_finer_models_are_left_out_where_noise_is_left():
     scene = small("nL", 30)
     goal = Objective(scene, target_of(scene, *TRUTHS["F"]), 1e-10, scene.frames)
     search = Search(goal, parameters(scene), ENOUGH, BUDGET)
-    model_choice.climb(search, [search.start])
+    holdout.climb(search, [search.start])
     assert [each.model for each in search.rungs] == ["F"]
 
 
@@ -220,6 +220,6 @@ def test_the_model_that_meets_an_exact_target_is_the_last():
     truth = ladder.as_model(scene, "F")
     motion = simulate(with_parameters(truth, np.array([1.3])), tolerance=1e-12)
     search = Search(Objective(scene, motion, 1e-10, scene.frames), parameters(scene), 1e-6, BUDGET)
-    model_choice.climb(search, [search.start])
+    holdout.climb(search, [search.start])
     assert [each.model for each in search.rungs] == ["F"]
     assert search.rungs[0].rmse < 1e-6

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from helpers.scenes import even, load_text, trial
 
-from clothfit.fit import sandwich
+from clothfit.fit import posterior
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.sandwich import Kept
+from clothfit.fit.posterior import Kept
 from clothfit.motion.degrade import degrade
 
 pytestmark = [
@@ -82,7 +82,7 @@ def test_coordinates_scale_and_too_few_frames_say_nothing():
     for each, left in zip(*unseen, strict=True):
         made.runs[0][1].add(each, left, np.ones((1, 3, 2)))
     assert made.blocks(scale) is None  # steps between frames are no frames
-    assert Kept(sandwich.MOST_VALUES + 1).blocks(np.ones(sandwich.MOST_VALUES + 1)) is None
+    assert Kept(posterior.MOST_VALUES + 1).blocks(np.ones(posterior.MOST_VALUES + 1)) is None
 
 
 def test_several_motions_share_the_blocks():

@@ -10,7 +10,7 @@ from helpers.strangers import DRAG, WIND, sheet, small, windy, with_finer_steps
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
-from clothfit.fit.target_windows import in_windows, windows_of
+from clothfit.fit.preparation import in_windows, windows_of
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import Experiment

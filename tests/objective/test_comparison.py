@@ -10,8 +10,7 @@ from scipy.optimize import least_squares
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import build
 from clothfit.motion.motion import Motion
-from clothfit.objective.comparison import OBJECTIVES, Comparison, objective_weights
-from clothfit.objective.loss import Loss
+from clothfit.objective.comparison import OBJECTIVES, Comparison, Loss, objective_weights
 from clothfit.objective.target import target
 
 RNG = np.random.default_rng(8)

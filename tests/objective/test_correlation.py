@@ -7,7 +7,7 @@ from helpers.scenes import even
 import clothfit
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
-from clothfit.objective.correlation import FEW, MOST, NOTABLE, STRONG, Value, strongest
+from clothfit.objective.identifiability import FEW, MOST, NOTABLE, STRONG, Value, strongest
 from clothfit.scene.scene import load
 
 

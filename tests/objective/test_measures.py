@@ -16,7 +16,7 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.comparison import OBJECTIVES, Comparison
 from clothfit.objective.identifiability import identifiable
-from clothfit.objective.measures.spectrum import basis
+from clothfit.objective.measures import basis
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import target
 from clothfit.scene.fit_vector import parameters, with_parameters

@@ -10,8 +10,8 @@ from helpers.scenes import even, load_text
 
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.objective.race import race
 from clothfit.scene.fit_vector import parameters
+from clothfit.strategy.wide_search import race
 
 FACTORS = [3.0, 1.1, 0.5, 1.6, 0.8, 0.2]
 

@@ -7,7 +7,7 @@ from helpers.strangers import small
 from clothfit.engine.tape import Tape
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.objective.recent import KEPT
+from clothfit.objective.run import KEPT
 from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a simulation and its gradient

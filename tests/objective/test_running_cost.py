@@ -11,10 +11,15 @@ from helpers.scenes import cloth
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.motion.motion import Motion
-from clothfit.objective.comparison import OBJECTIVES, Comparison
-from clothfit.objective.loss import Loss
-from clothfit.objective.running_cost import KeptStates, SquaredDistances, running_cost
-from clothfit.objective.running_residuals import DistanceResiduals, free_columns, movable
+from clothfit.objective.comparison import OBJECTIVES, Comparison, Loss
+from clothfit.objective.running_cost import (
+    DistanceResiduals,
+    KeptStates,
+    SquaredDistances,
+    free_columns,
+    movable,
+    running_cost,
+)
 from clothfit.objective.target import target
 
 STEPS = 11

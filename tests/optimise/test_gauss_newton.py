@@ -17,7 +17,7 @@ from clothfit.optimise.gauss_newton import (
     minimise,
     scale_of,
 )
-from clothfit.optimise.priors.prior import first, none
+from clothfit.optimise.prior import first, none
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

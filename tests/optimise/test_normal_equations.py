@@ -12,8 +12,8 @@ from clothfit.derivative.sensitivity import sweep
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.objective.running_residuals import MatrixResiduals, free_columns, last_step
-from clothfit.optimise import normal_equations as normal
+from clothfit.objective.running_cost import MatrixResiduals, free_columns, last_step
+from clothfit.optimise import trajectory as normal
 from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit

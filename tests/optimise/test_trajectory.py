@@ -14,8 +14,8 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import residual_count
-from clothfit.objective.running_residuals import free_columns
-from clothfit.optimise.priors.prior import FIRST_TAU, first
+from clothfit.objective.running_cost import free_columns
+from clothfit.optimise.prior import FIRST_TAU, first
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters

@@ -9,9 +9,8 @@ from helpers.strangers import sheet, stranger, windy
 import clothfit
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
-from clothfit.registration.markers import Jump, Markers, Swap
 from clothfit.registration.mistaken import alone, mistaken
-from clothfit.registration.record import rotation
+from clothfit.registration.record import Jump, Markers, Swap, rotation
 
 pytestmark = pytest.mark.slow  # compiles a simulation
 

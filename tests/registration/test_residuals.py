@@ -9,8 +9,8 @@ from helpers.scenes import cloth, document, load_text
 
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
+from clothfit.objective.comparison import loss_named
 from clothfit.objective.experiment import experiments
-from clothfit.objective.loss import loss_named
 from clothfit.objective.objective import Objective
 from clothfit.registration.record import Registration, rotation
 from clothfit.registration.residuals import THETA, Registered, around

@@ -8,8 +8,8 @@ from helpers.strangers import sheet, stranger
 
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
+from clothfit.objective.comparison import loss_named
 from clothfit.objective.experiment import experiments
-from clothfit.objective.loss import loss_named
 from clothfit.registration.record import rotation
 from clothfit.registration.search import Wanted, find
 from clothfit.scene.fit_vector import parameters, with_parameters

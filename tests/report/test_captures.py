@@ -8,8 +8,7 @@ import pytest
 from helpers.scenes import even, load_text
 
 from clothfit.motion.simulate import simulate
-from clothfit.registration.markers import Jump, Markers, Swap
-from clothfit.registration.record import Registration
+from clothfit.registration.record import Jump, Markers, Registration, Swap
 from clothfit.report import captures
 from clothfit.report.page import report_page
 from clothfit.report.showing import shown

@@ -12,8 +12,17 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import load
-from clothfit.strategy.coarse_search import COARSE_FRAMES, best_scales, decades, neighbours
-from clothfit.strategy.start import fabric, neutral, neutral_start, proportions, undetermined
+from clothfit.strategy.start import (
+    COARSE_FRAMES,
+    best_scales,
+    decades,
+    fabric,
+    neighbours,
+    neutral,
+    neutral_start,
+    proportions,
+    undetermined,
+)
 
 pytestmark = [
     pytest.mark.slow,  # compiles a fit

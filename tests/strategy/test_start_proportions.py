@@ -7,8 +7,7 @@ from helpers.scenes import cloth
 
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh, areas
-from clothfit.strategy.coarse_search import normalised
-from clothfit.strategy.start import proportions
+from clothfit.strategy.start import normalised, proportions
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

@@ -22,7 +22,7 @@ from clothfit.scene.kinds import INTEGRATORS, MODEL_NAMES
 
 if TYPE_CHECKING:
     from clothfit.cli.parts.estimate_records import FitLog
-    from clothfit.fit.model_choice import Judged
+    from clothfit.fit.holdout import Judged
     from clothfit.fit.result import Fit, FittedBlock
     from clothfit.fit.sampled import Samples
     from clothfit.optimise.progress import Progress

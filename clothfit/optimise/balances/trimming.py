@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.optimise import bounded
+from clothfit.optimise import trust_region
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -73,7 +73,7 @@ class Equations(Protocol):
         """Cᵀ(r − C q) (Q,) of the kept steps."""
 
 
-def trimmed(rows: Equations, known: Flags, H: bounded.Matrix, waiting: Callable[[], None] | None = None) -> Flags:
+def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix, waiting: Callable[[], None] | None = None) -> Flags:
     """The steps (S,) that can be in balance, of those that are `known`, whose CᵀC (Q, Q) is H."""
     if rows.counts[known].sum() < ENOUGH * H.shape[0]:
         return known
@@ -147,7 +147,7 @@ def relative(size: Array, terms: Array) -> Array:
     return np.asarray(size / np.maximum(terms, np.finfo(float).tiny))
 
 
-def balanced(rows: Equations, kept: Flags, H: bounded.Matrix | None = None) -> Array:
+def balanced(rows: Equations, kept: Flags, H: trust_region.Matrix | None = None) -> Array:
     """The minimum q (Q,) of |r − C q|² over some steps, without bounds."""
-    G = bounded.either(rows.gram(kept)) if H is None else H
-    return bounded.unbounded(G, rows.right(np.zeros(G.shape[0]), kept))
+    G = trust_region.either(rows.gram(kept)) if H is None else H
+    return trust_region.unbounded(G, rows.right(np.zeros(G.shape[0]), kept))

@@ -1,4 +1,4 @@
-"""Least squares with bounds and a ball, against SciPy's and against what a minimum must satisfy."""
+"""Least squares with bounds and a trust_region, against SciPy's and against what a minimum must satisfy."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 
 from clothfit.base import interrupts
 from clothfit.kernels import parallel
-from clothfit.optimise import ball, bounded
+from clothfit.optimise import trust_region
 
 SIZES = [1, 2, 7, 40]
 
@@ -24,7 +24,7 @@ def problem(size, seed, rows=None):
 @pytest.mark.parametrize("size", SIZES)
 def test_it_is_the_bounded_least_squares_solution(size, seed):
     J, r, lower, upper = problem(size, seed)
-    found = bounded.solve(J.T @ J, J.T @ r, lower, upper)
+    found = trust_region.solve(J.T @ J, J.T @ r, lower, upper)
     expected = lsq_linear(J, -r, (lower, upper), method="bvls", tol=1e-14).x
     np.testing.assert_allclose(found, expected, atol=1e-12)  # a condition of H below 100
     assert ((found >= lower) & (found <= upper)).all()
@@ -33,7 +33,7 @@ def test_it_is_the_bounded_least_squares_solution(size, seed):
 @pytest.mark.parametrize("size", SIZES)
 def test_without_bounds_it_is_the_solution(size):
     J, r, *_ = problem(size, 3)
-    found = bounded.solve(J.T @ J, J.T @ r, np.full(size, -np.inf), np.full(size, np.inf))
+    found = trust_region.solve(J.T @ J, J.T @ r, np.full(size, -np.inf), np.full(size, np.inf))
     np.testing.assert_allclose(found, -np.linalg.lstsq(J, r)[0], rtol=1e-10, atol=1e-13)
 
 
@@ -49,7 +49,7 @@ def coupled(size, condition, seed):
 @pytest.mark.parametrize("size", [30, 100])
 def test_strongly_coupled_coordinates_meet_the_conditions_of_a_minimum(size, seed):
     H, g, lower, upper = coupled(size, 1e6, seed)
-    delta = bounded.solve(H, g, lower, upper)
+    delta = trust_region.solve(H, g, lower, upper)
     slope = H @ delta + g
     low, high = delta <= lower, delta >= upper
     assert (low | high).sum() > size // 4
@@ -63,8 +63,8 @@ def test_even_cut_short_it_goes_down(radius, monkeypatch):
     H, g, lower, upper = coupled(60, 1e12, 1)
     values = []
     for steps in (1, 2, 5, 20, 100):
-        monkeypatch.setattr(bounded, "STEPS", steps)
-        delta = bounded.solve(H, g, lower, upper, radius)
+        monkeypatch.setattr(trust_region, "STEPS", steps)
+        delta = trust_region.solve(H, g, lower, upper, radius)
         assert ((delta >= lower) & (delta <= upper)).all()
         values.append(delta @ H @ delta + 2 * g @ delta)
     assert values[0] < 0
@@ -73,22 +73,22 @@ def test_even_cut_short_it_goes_down(radius, monkeypatch):
 
 def test_where_0_is_not_within_the_bounds():
     H, g = np.diag([1.0, 2.0, 1.0]), np.array([-3.0, 0.0, 0.0])
-    found = bounded.solve(H, g, np.array([1.0, 1.0, -5.0]), np.array([2.0, 4.0, -1.0]))
+    found = trust_region.solve(H, g, np.array([1.0, 1.0, -5.0]), np.array([2.0, 4.0, -1.0]))
     assert found.tolist() == [2.0, 1.0, -1.0]
 
 
 def test_what_the_matrix_does_not_determine_stays_0():
     J, r, *_ = problem(6, 1, rows=4)
     wide = np.full(6, 1e3)
-    found = bounded.solve(J.T @ J, J.T @ r, -wide, wide)
+    found = trust_region.solve(J.T @ J, J.T @ r, -wide, wide)
     np.testing.assert_allclose(found, -np.linalg.pinv(J) @ r, rtol=1e-9)  # the condition squared, 1e2 … 1e4
 
 
 def test_a_direction_of_no_weight_at_all_stays_0():
     H, g = np.diag([2.0, 0.0, 1.0]), np.array([2.0, 0.0, -3.0])
     wide = np.full(3, 10.0)
-    np.testing.assert_allclose(bounded.solve(H, g, -wide, wide), [-1.0, 0.0, 3.0], rtol=1e-14)
-    np.testing.assert_array_equal(bounded.solve(0 * H, 0 * g, -wide, wide), 0.0)
+    np.testing.assert_allclose(trust_region.solve(H, g, -wide, wide), [-1.0, 0.0, 3.0], rtol=1e-14)
+    np.testing.assert_array_equal(trust_region.solve(0 * H, 0 * g, -wide, wide), 0.0)
 
 
 @pytest.mark.parametrize("singular", [False, True])
@@ -96,9 +96,9 @@ def test_a_direction_of_no_weight_at_all_stays_0():
 def test_the_radius_is_kept_and_used(singular, radius):
     J, r, *_ = problem(8, 2, rows=5 if singular else 24)
     H, g, wide = J.T @ J, J.T @ r, np.full(8, np.inf)
-    whole = bounded.solve(H, g, -wide, wide)
+    whole = trust_region.solve(H, g, -wide, wide)
     assert np.linalg.norm(whole) > radius
-    delta = bounded.solve(H, g, -wide, wide, radius)
+    delta = trust_region.solve(H, g, -wide, wide, radius)
     assert 0.98 * radius < np.linalg.norm(delta) <= 1.0101 * radius  # "to 1 %"
     # the minimum on a sphere: the slope points inwards, along δ
     slope = H @ delta + g
@@ -110,13 +110,13 @@ def test_the_radius_is_kept_and_used(singular, radius):
 
 def test_a_ball_that_holds_the_solution_changes_nothing():
     J, r, lower, upper = problem(7, 4)
-    one, other = (bounded.solve(J.T @ J, J.T @ r, lower, upper, radius) for radius in (np.inf, 100.0))
+    one, other = (trust_region.solve(J.T @ J, J.T @ r, lower, upper, radius) for radius in (np.inf, 100.0))
     np.testing.assert_array_equal(one, other)
 
 
 def test_bounds_cut_the_ball():
     H, g = np.eye(2), np.array([-10.0, -10.0])
-    delta = bounded.solve(H, g, np.array([-1.0, -1.0]), np.array([0.1, 5.0]), 1.0)
+    delta = trust_region.solve(H, g, np.array([-1.0, -1.0]), np.array([0.1, 5.0]), 1.0)
     assert delta[0] == 0.1
     assert 0.1 < delta[1] <= 1.0101  # "to 1 %"
 
@@ -124,25 +124,25 @@ def test_bounds_cut_the_ball():
 def test_one_point_and_no_coordinates():
     J, r, *_ = problem(4, 6)
     point = np.zeros(4)
-    np.testing.assert_array_equal(bounded.solve(J.T @ J, J.T @ r, point, point), 0.0)
+    np.testing.assert_array_equal(trust_region.solve(J.T @ J, J.T @ r, point, point), 0.0)
     none = np.zeros(0)
-    assert bounded.solve(np.zeros((0, 0)), none, none, none).shape == (0,)
+    assert trust_region.solve(np.zeros((0, 0)), none, none, none).shape == (0,)
 
 
 @pytest.mark.parametrize("singular", [False, True])
 @pytest.mark.parametrize("radius", [np.inf, 0.05])
 def test_parts_that_share_nothing_are_solved_as_the_whole(singular, radius, monkeypatch):
-    """Two problems of different sizes and scales within one ball, their coordinates mixed, on two threads."""
+    """Two problems of different sizes and scales within one trust_region, their coordinates mixed, on two threads."""
     monkeypatch.setattr(parallel, "processors", lambda: 2)
-    monkeypatch.setattr(ball, "LARGE", 1)
+    monkeypatch.setattr(trust_region, "LARGE", 1)
     (J, r, *_), (K, s, *_) = problem(8, 2, rows=5 if singular else 24), problem(5, 3)
     order = np.random.default_rng(1).permutation(13)
     H = np.block([[J.T @ J, np.zeros((8, 5))], [np.zeros((5, 8)), 9.0 * K.T @ K]])[np.ix_(order, order)]
-    of = ball.Quadratic(H, np.concatenate([J.T @ r, K.T @ s])[order])
+    of = trust_region.Quadratic(H, np.concatenate([J.T @ r, K.T @ s])[order])
     assert sorted(map(len, of.places)) == [5, 8]
-    delta = ball.within(of, radius)
-    monkeypatch.setattr(ball, "independent", lambda H: [np.arange(len(H))])
-    whole = ball.within(ball.Quadratic(H, of.g), radius)
+    delta = trust_region.within(of, radius)
+    monkeypatch.setattr(trust_region, "independent", lambda H: [np.arange(len(H))])
+    whole = trust_region.within(trust_region.Quadratic(H, of.g), radius)
     # rounding times the condition; within a ball both are right to 1 %, in the same rounds
     np.testing.assert_allclose(delta, whole, rtol=0, atol=1e-8 * np.abs(whole).max())
 
@@ -150,13 +150,13 @@ def test_parts_that_share_nothing_are_solved_as_the_whole(singular, radius, monk
 def test_the_factor_is_that_of_the_matrix():
     J, r, *_ = problem(6, 7)
     H = J.T @ J
-    L = ball.cholesky(H)
+    L = trust_region.cholesky(H)
     np.testing.assert_allclose(np.tril(L) @ np.tril(L).T, H, atol=1e-13 * np.abs(H).max())  # rounding
-    np.testing.assert_allclose(H @ ball.substitute(L, J.T @ r), J.T @ r, rtol=1e-10)
-    shifted = np.tril(ball.factorised(ball.with_diagonal(H, 0.5)))
+    np.testing.assert_allclose(H @ trust_region.substitute(L, J.T @ r), J.T @ r, rtol=1e-10)
+    shifted = np.tril(trust_region.factorised(trust_region.with_diagonal(H, 0.5)))
     np.testing.assert_allclose(shifted @ shifted.T, H + 0.5 * np.eye(6), atol=1e-13 * np.abs(H).max())
-    assert ball.cholesky(np.diag([1.0, -1.0])) is None
-    assert ball.cholesky(np.diag([1.0, 1e-14])) is None
+    assert trust_region.cholesky(np.diag([1.0, -1.0])) is None
+    assert trust_region.cholesky(np.diag([1.0, 1e-14])) is None
 
 
 @pytest.mark.parametrize(("seed", "width"), [(4, 1.0), (0, 10.0), (4, 10.0)])
@@ -166,9 +166,9 @@ def test_steps_do_not_go_in_circles_where_the_matrix_is_singular(monkeypatch, se
     J = rng.normal(size=(30, 200)) * np.exp(2.0 * rng.normal(size=200))
     b = 10.0 * rng.normal(size=30)
     lower, upper = -width * rng.uniform(size=200), width * rng.uniform(size=200)
-    solved, within = [], ball.within
-    monkeypatch.setattr(ball, "within", lambda *problem: solved.append(1) or within(*problem))
-    found = bounded.solve(J.T @ J, J.T @ b, lower, upper)
+    solved, within = [], trust_region.within
+    monkeypatch.setattr(trust_region, "within", lambda *problem: solved.append(1) or within(*problem))
+    found = trust_region.solve(J.T @ J, J.T @ b, lower, upper)
     assert len(solved) <= 10
     best = lsq_linear(J, -b, (lower, upper), tol=1e-14).cost  # half of |J δ + b|²
     assert np.sum((J @ found + b) ** 2) <= 2.0 * best + 1e-9 * b @ b
@@ -183,23 +183,23 @@ def test_a_way_of_rounding_that_leads_out_of_the_bounds_costs_nothing_of_the_oth
     values = np.concatenate([[1e-11], np.geomspace(1e-4, 1.0, 39)])
     along = np.concatenate([[1e-8 * np.sqrt(40)], values[1:] * rng.normal(size=39)])
     H, g = (axes * values) @ axes.T, axes @ along
-    assert ball.cholesky(H) is not None
-    found = bounded.solve(H, g, np.full(40, -5.0), np.full(40, 5.0))
+    assert trust_region.cholesky(H) is not None
+    found = trust_region.solve(H, g, np.full(40, -5.0), np.full(40, 5.0))
     least = -np.sum(along[1:] ** 2 / values[1:])  # without that way, and inside the bounds
-    assert bounded.quadratic(H, g, found) <= 0.999 * least  # a shift of 1e-6 takes a hundredth off what 1e-4 adds
+    assert trust_region.quadratic(H, g, found) <= 0.999 * least  # a shift of 1e-6 takes a hundredth off what 1e-4 adds
 
 
 def test_an_end_of_the_time_is_heard_between_two_steps():
     J, r, lower, upper = problem(40, 0)
     with interrupts.limited(0.0), pytest.raises(interrupts.OutOfTime):
-        bounded.solve(J.T @ J, J.T @ r, lower, upper)
+        trust_region.solve(J.T @ J, J.T @ r, lower, upper)
 
 
 @pytest.mark.parametrize("H", [np.zeros((0, 0)), np.full((3, 3), np.nan), np.diag([1.0, np.inf])], ids=str)
 def test_nothing_is_printed_about_matrices_that_cannot_be_factorised(capfd, H):
     size, wide = len(H), np.full(len(H), np.inf)
-    np.testing.assert_array_equal(bounded.solve(H, np.ones(size), -wide, wide), np.zeros(size))
-    assert ball.cholesky(H) is None
+    np.testing.assert_array_equal(trust_region.solve(H, np.ones(size), -wide, wide), np.zeros(size))
+    assert trust_region.cholesky(H) is None
     assert capfd.readouterr() == ("", "")
 
 
@@ -209,10 +209,10 @@ def test_of_a_singular_matrix_the_eigenvalues_are_taken_once(seed, monkeypatch):
     rng = np.random.default_rng(seed)
     J, b = rng.normal(size=(30, 200)), 10.0 * rng.normal(size=30)
     lower, upper = -rng.uniform(size=200), rng.uniform(size=200)
-    taken, solved, within_singular, within = [], [], ball.within_singular, ball.within
-    monkeypatch.setattr(ball, "within_singular", lambda *given: taken.append(1) or within_singular(*given))
-    monkeypatch.setattr(ball, "within", lambda *given: solved.append(1) or within(*given))
-    found = bounded.solve(J.T @ J, J.T @ b, lower, upper)
+    taken, solved, within_singular, within = [], [], trust_region.within_singular, trust_region.within
+    monkeypatch.setattr(trust_region, "within_singular", lambda *given: taken.append(1) or within_singular(*given))
+    monkeypatch.setattr(trust_region, "within", lambda *given: solved.append(1) or within(*given))
+    found = trust_region.solve(J.T @ J, J.T @ b, lower, upper)
     assert len(taken) == 1 < len(solved)
     best = lsq_linear(J, -b, (lower, upper), tol=1e-14).cost  # half of |J δ + b|²
     assert np.sum((J @ found + b) ** 2) <= 2.0 * best + 1e-6 * b @ b  # by eigenvalues in every step it is 2e-8, too
@@ -220,18 +220,18 @@ def test_of_a_singular_matrix_the_eigenvalues_are_taken_once(seed, monkeypatch):
 
 def test_a_large_singular_matrix_needs_no_eigenvalues(monkeypatch):
     J, r, lower, upper = problem(60, 0, rows=30)
-    exact = bounded.solve(J.T @ J, J.T @ r, 10.0 * lower, 10.0 * upper)
-    monkeypatch.setattr(bounded, "EIGENVALUES", 59)
-    monkeypatch.setattr(ball, "within_singular", None)
-    found = bounded.solve(J.T @ J, J.T @ r, 10.0 * lower, 10.0 * upper)
+    exact = trust_region.solve(J.T @ J, J.T @ r, 10.0 * lower, 10.0 * upper)
+    monkeypatch.setattr(trust_region, "EIGENVALUES", 59)
+    monkeypatch.setattr(trust_region, "within_singular", None)
+    found = trust_region.solve(J.T @ J, J.T @ r, 10.0 * lower, 10.0 * upper)
     assert np.sum((J @ found + r) ** 2) <= np.sum((J @ exact + r) ** 2) + 1e-9 * r @ r  # as above
 
 
 def test_a_long_solution_is_heard_of_between_its_steps(monkeypatch):
     H, g, lower, upper = coupled(60, 1e6, 0)
-    heard, alone = [], bounded.solve(H, g, lower, upper)
-    monkeypatch.setattr(bounded, "PATIENCE", 0.0)
-    found = bounded.solve(H, g, lower, upper, waiting=lambda: heard.append(1))
+    heard, alone = [], trust_region.solve(H, g, lower, upper)
+    monkeypatch.setattr(trust_region, "PATIENCE", 0.0)
+    found = trust_region.solve(H, g, lower, upper, waiting=lambda: heard.append(1))
     assert len(heard) > 2
     np.testing.assert_array_equal(found, alone)
 
@@ -239,7 +239,7 @@ def test_a_long_solution_is_heard_of_between_its_steps(monkeypatch):
 def test_a_singular_matrix_beyond_numbers_changes_nothing_and_prints_nothing(capfd):
     H = np.diag([1e308, 1e308, 0.0])  # its trace is infinite
     with np.errstate(all="ignore"):
-        found = bounded.solve(H, np.array([-1e300, 1.0, 0.0]), np.full(3, -1e-9), np.full(3, 1e-9))
+        found = trust_region.solve(H, np.array([-1e300, 1.0, 0.0]), np.full(3, -1e-9), np.full(3, 1e-9))
     assert np.isfinite(found).all()
     assert capfd.readouterr().out == ""
 
@@ -250,16 +250,16 @@ def test_a_sparse_matrix_has_the_solution_of_the_dense_one(size):
     A = rng.normal(size=(2 * size, size)) * (rng.uniform(size=(2 * size, size)) < 0.3)
     A[:, 1] = 0.0  # what no row knows
     H, right = A.T @ A + np.diag((A == 0).all(axis=0) * 0.0), A.T @ rng.normal(size=2 * size)
-    found = bounded.unbounded(csr_array(H), right)
+    found = trust_region.unbounded(csr_array(H), right)
     seen = np.diag(H) > 0
     expected = np.linalg.lstsq(H[np.ix_(seen, seen)], right[seen], rcond=None)[0]
     np.testing.assert_allclose(found[seen], expected, rtol=1e-6, atol=1e-9)  # the ridge, over the least eigenvalue
     assert (found[~seen] == 0).all()
-    both = [bounded.solve(M, -right, np.full(size, -0.1), np.full(size, 0.1)) for M in (csr_array(H), H)]
+    both = [trust_region.solve(M, -right, np.full(size, -0.1), np.full(size, 0.1)) for M in (csr_array(H), H)]
     np.testing.assert_allclose(*both, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("wrong", [np.inf, np.nan])
 def test_a_sparse_matrix_that_has_no_factor_moves_nothing(wrong):
     H = csr_array(np.diag([1.0, wrong, 2.0]))
-    np.testing.assert_array_equal(bounded.unbounded(H, np.ones(3)), 0.0)
+    np.testing.assert_array_equal(trust_region.unbounded(H, np.ones(3)), 0.0)

@@ -11,8 +11,7 @@ from scipy import stats
 from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
 from clothfit.objective.objective import Objective
-from clothfit.optimise.products.products import Products
-from clothfit.optimise.products.sampling import Sampling
+from clothfit.optimise.products import Products, Sampling
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters

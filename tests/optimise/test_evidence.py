@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.optimise.priors.evidence import Seen, most_likely, separate
+from clothfit.optimise.evidence import Seen, most_likely, separate
 
 NOISE = 0.05
 

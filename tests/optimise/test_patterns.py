@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from helpers.strangers import sheet
 
-from clothfit.optimise.priors.patterns import patterns
-from clothfit.optimise.priors.prior import first
+from clothfit.optimise.prior import first, patterns
 from clothfit.scene.families import spring_groups
 
 NOISE = 1e-3

@@ -12,7 +12,7 @@ from clothfit.motion.motion import at_frames
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy import nudging, pulls
+from clothfit.strategy import first_windows, step_forms
 
 WIND, FRAMES = {"x": 12.0, "y": 3.0, "z": 4.0}, 24
 
@@ -29,7 +29,7 @@ def windy():
 
 def test_what_is_seen_is_pulled_to_where_it_is_after_each_step(windy):
     scene, motion = windy
-    forces = pulls.pulled(scene, motion, 1.0).forces
+    forces = step_forms.pulled(scene, motion, 1.0).forces
     seen = motion.observed[1:]
     mass = scene.cloths[0].mass
     np.testing.assert_allclose(forces.gain, seen * mass / scene.delta**2, rtol=1e-12)  # m ω², ω = 1 / h
@@ -40,33 +40,33 @@ def test_what_is_seen_is_pulled_to_where_it_is_after_each_step(windy):
 
 def test_sparse_frames_pull_at_their_steps_with_the_same_impulse(windy):
     scene, motion = windy
-    forces = pulls.pulled(scene, at_frames(motion, slice(0, None, 3)), 1.0).forces
+    forces = step_forms.pulled(scene, at_frames(motion, slice(0, None, 3)), 1.0).forces
     assert not forces.gain[np.arange(len(forces.gain)) % 3 != 2].any()
-    third = pulls.pulled(scene, motion, 1.0).forces.gain[2::3] / 3.0  # 3 m (ω / 3 h)²
+    third = step_forms.pulled(scene, motion, 1.0).forces.gain[2::3] / 3.0  # 3 m (ω / 3 h)²
     np.testing.assert_allclose(forces.gain[2::3], third, rtol=1e-12)
 
 
 def test_frames_between_steps_pull_to_the_line_between_them(windy):
     scene, motion = windy
     times = 0.7 * motion.times  # in steps: 0, 0.7, 1.4, 2.1 …
-    forces = pulls.pulled(scene, replace(motion, times=times), 1.0).forces
+    forces = step_forms.pulled(scene, replace(motion, times=times), 1.0).forces
     both = motion.observed[1] & motion.observed[2]
     line = motion.positions[1] + (1.0 - 0.7) / 0.7 * (motion.positions[2] - motion.positions[1])
     np.testing.assert_allclose(forces.places[0][both], line[both], rtol=1e-12)
     np.testing.assert_array_equal(forces.gain[0] > 0, both)
 
 
-@pytest.mark.parametrize("pull", nudging.PULLS)
+@pytest.mark.parametrize("pull", first_windows.PULLS)
 def test_at_the_truth_nothing_is_left_to_pull(windy, pull):
     scene, motion = windy
-    found = pulls.nudged(Objective(scene, motion, 1e-10), pull)
-    assert found.cost(parameters(scene)) <= pulls.TOLERANCE**2 * found.still  # as its linear systems are solved
+    found = step_forms.nudged(Objective(scene, motion, 1e-10), pull)
+    assert found.cost(parameters(scene)) <= step_forms.TOLERANCE**2 * found.still  # as its linear systems are solved
 
 
 def test_a_stronger_pull_leaves_less(windy):
     scene, motion = windy
     objective, wrong = Objective(scene, motion, 1e-10), 0.2 * parameters(scene)
-    costs = [pulls.nudged(objective, pull).cost(wrong) for pull in nudging.PULLS]
+    costs = [step_forms.nudged(objective, pull).cost(wrong) for pull in first_windows.PULLS]
     assert costs == sorted(costs)
     assert costs[0] < 1e-2 * costs[-1]
 
@@ -74,8 +74,8 @@ def test_a_stronger_pull_leaves_less(windy):
 def test_a_third_of_the_truth_leads_to_it(windy):
     scene, motion = windy
     search = Search(Objective(scene, motion, 1e-10), parameters(scene) / 3.0, 0.0, 1000)
-    found = nudging.through_pulls(search)
-    assert len(found) == len(nudging.PULLS)
+    found = first_windows.through_pulls(search)
+    assert len(found) == len(first_windows.PULLS)
     for p in found:
         np.testing.assert_allclose(p, parameters(scene), rtol=1e-3)  # steps that would save 5 % are the last
     assert search.best.cost <= 1e-6 * search.objective.still
@@ -84,15 +84,15 @@ def test_a_third_of_the_truth_leads_to_it(windy):
 def test_pulls_too_stiff_for_explicit_steps_are_left_out():
     scene = load_text(json.dumps(even("nG", 200, windVel=WIND, integrationMethod=1, delta=0.002)))
     search = Search(Objective(scene, record_target(scene), 1e-10), parameters(scene) / 3.0, 0.0, 1000)
-    found = nudging.through_pulls(search)
-    assert 0 < len(found) < len(nudging.PULLS)
+    found = first_windows.through_pulls(search)
+    assert 0 < len(found) < len(first_windows.PULLS)
     np.testing.assert_allclose(found[-1], parameters(scene), rtol=0.1)  # steps that would save 5 % are the last
     np.testing.assert_allclose(search.best.p, parameters(scene), rtol=0.01)
 
 
 def test_forces_that_are_given_are_not_replaced(windy):
     scene, motion = windy
-    assert pulls.can_nudge(Objective(scene, motion))
-    given = scene.with_forces(pulls.pulled(scene, motion, 1.0).forces)
-    assert not pulls.can_nudge(Objective(given, motion))
-    assert not pulls.can_nudge(Objective(scene, motion, objective="velocity"))
+    assert step_forms.can_nudge(Objective(scene, motion))
+    given = scene.with_forces(step_forms.pulled(scene, motion, 1.0).forces)
+    assert not step_forms.can_nudge(Objective(given, motion))
+    assert not step_forms.can_nudge(Objective(scene, motion, objective="velocity"))

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clothfit.optimise.priors.evidence import inverse, variance
-from clothfit.optimise.priors.prior import FIRST_TAU, NARROWEST, WIDEST, first, none
+from clothfit.optimise.evidence import inverse, variance
+from clothfit.optimise.prior import FIRST_TAU, NARROWEST, WIDEST, first, none
 
 
 def linear(size, tau, noise, rows=None, seed=0):

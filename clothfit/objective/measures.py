@@ -1,0 +1,315 @@
+"""What of a motion is compared: objectives, and what they share.
+
+An objective takes the states s (F, n, 3) of one cloth at the times of the target's F frames (`target.sample`) and gives
+their differences from the target's in R groups of c numbers each. It is a class like `Measure`, made from (goal,
+system, name): a Target, the cloth's System and the name of the motion for messages.
+
+J is exact. A robust loss takes the norm of a group. A weight is a factor of the loss, so that a weight of 2 is the same
+as observing twice.
+
+To add an objective, write such a class and a line in `comparison.OBJECTIVES`.
+
+Positions: each observed vertex should be where the target has it. d = s − s*, m; a group is a vertex in a frame.
+
+Velocities: from frame to frame, each vertex should move as the target does, wherever it is.
+
+d = ((s_{f+1} − s_f) − (s*_{f+1} − s*_f)) / (t_{f+1} − t_f), m/s, where both frames are observed; a group is a vertex
+between two successive frames. A constant offset of the whole target changes nothing.
+
+Lengths of springs: each should be as long as in the target, wherever the cloth is and however it is rotated.
+
+d = |s_a − s_b| − |s*_a − s*_b|, m, for each spring both of whose ends are observed; a group is a spring in a frame.
+With e = s_a − s_b the derivative is e/|e| at a and −e/|e| at b; 0 where the length is 0.
+
+Spectra: each vertex should swing as strongly at each frequency as in the target, at whatever phase.
+
+With y_f = w_f (s_f − x₀), w the Hann window over the F frames scaled to Σ w² = F, and q = 0 … F/2 the frequencies,
+
+    C_q = c_q Σ_f y_f cos(2π q f / F),   S_q = c_q Σ_f y_f sin(2π q f / F),   A_q = sqrt(C_q² + S_q² + ε²) − ε
+
+for each coordinate; d = A − A*, m; a group is a vertex at a frequency. c_q² = 2/F (1/F at q = 0 and F/2, which have no
+mirror image), so that by Parseval's theorem Σ_q C_q² + S_q² = Σ_f y_f²: the numbers are as large as those of positions.
+ε rounds off the tip at amplitude 0, where a length has no derivative.
+
+The cost does not depend on the phase, so it is smoother than that of positions where two motions are out of step. The
+frames must be equally spaced, and a vertex that is not observed in all of them is left out.
+Reference: F. J. Harris, On the use of windows for harmonic analysis with the discrete Fourier transform,
+Proceedings of the IEEE 66 (1978).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.engine.system import System
+from clothfit.objective.target import Target
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+from typing import TYPE_CHECKING
+
+from clothfit.base.errors import InvalidMotion
+from clothfit.motion.times import TIME_SLACK
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+Integers: TypeAlias = NDArray[np.integer[Any]]
+
+
+class Measure(Protocol):
+    """One objective for one cloth and one target."""
+
+    groups: int  # R
+    reach: int  # how many vertices at how many times a group depends on
+    linear: bool  # whether J is the same for all s
+    weights: Array | None  # (R,), how often each group counts; None where all count once
+    seen: Flags  # (n,), the vertices that are compared at some time after the initial state
+
+    def residual(self, s: Array) -> Array:
+        """d (R, c) of the states s (F, n, 3); 0 where s is the target."""
+
+    def pullback(self, s: Array, r: Array) -> Array:
+        """Jᵀ r (F, n, 3) for r (R, c), J = ∂d/∂s."""
+
+    def jacobian(self, s: Array) -> csr_array:
+        """J as a sparse matrix (R·c, F·n·3), rows and columns in the order of the arrays."""
+
+
+Maker = Callable[[Target, System, str], Measure]
+
+
+def both(weights: Array, other: Array) -> Array:
+    """The weight of the difference of two values of these weights.
+
+    Weights are inverse variances, and variances add. The factor 2 lets two values of one weight keep that weight.
+    """
+    return np.asarray(2.0 * weights * other / (weights + other))
+
+
+def marked(pairs: Integers, n: int) -> Flags:
+    """Flags (n,), set at the vertices that are listed."""
+    flags = np.zeros(n, bool)
+    flags[pairs] = True
+    return flags
+
+
+def coordinates(frame: Integers, vertex: Integers, n: int) -> Integers:
+    """Columns (R, 3) of the coordinates of vertices (R,) in frames (R,)."""
+    return np.asarray(3 * (frame * n + vertex)[:, None] + np.arange(3))
+
+
+def matrix(rows: Integers, columns: Integers, values: Array, shape: tuple[int, int]) -> csr_array:
+    """A sparse matrix from its entries, arrays of one shape."""
+    from scipy.sparse import csr_array
+
+    entries = [np.ravel(part) for part in np.broadcast_arrays(values, rows, columns)]
+    return csr_array((entries[0], (entries[1], entries[2])), shape=shape)
+
+
+class Position:
+    """Differences of the positions; R observed positions, c = 3."""
+
+    linear = True
+    reach = 1
+
+    def __init__(self, goal: Target, system: System, name: str) -> None:
+        self.observed, self.seen, self._target = goal.observed, goal.seen, goal.positions
+        self.groups = int(goal.observed.sum())
+        self.weights = goal.weights[goal.observed] if len(goal.weights) else None
+
+    def residual(self, s: Array) -> Array:
+        """s − s* (R, 3), m."""
+        return np.asarray(s[self.observed] - self._target[self.observed])
+
+    def pullback(self, s: Array, r: Array) -> Array:
+        """Jᵀ r (F, n, 3)."""
+        out = np.zeros_like(s)
+        out[self.observed] = r
+        return out
+
+    def jacobian(self, s: Array) -> csr_array:
+        """J (3 R, 3 F n)."""
+        frame, vertex = np.nonzero(self.observed)
+        columns = coordinates(frame, vertex, s.shape[1])
+        return matrix(np.arange(columns.size).reshape(columns.shape), columns, np.ones(1), (columns.size, s.size))
+
+
+class Velocity:
+    """Differences of mean velocities; R pairs of observed positions, c = 3."""
+
+    linear = True
+    reach = 2
+
+    def __init__(self, goal: Target, system: System, name: str) -> None:
+        gaps = system.h * np.diff(goal.places)  # 0 where two frames count as one step
+        self.frame, self.vertex = np.nonzero(goal.observed[1:] & goal.observed[:-1] & (gaps > 0)[:, None])
+        self.groups = len(self.frame)
+        self.rate = 1.0 / gaps[self.frame][:, None]
+        self.goal = self._velocity(goal.positions)
+        self.seen = marked(self.vertex, goal.observed.shape[1])
+        first, second = ((self.frame + k, self.vertex) for k in (0, 1))
+        self.weights = both(goal.weights[first], goal.weights[second]) if len(goal.weights) else None
+
+    def _velocity(self, s: Array) -> Array:
+        return np.asarray(self.rate * (s[self.frame + 1, self.vertex] - s[self.frame, self.vertex]))
+
+    def residual(self, s: Array) -> Array:
+        """Difference of the velocities (R, 3), m/s."""
+        return self._velocity(s) - self.goal
+
+    def pullback(self, s: Array, r: Array) -> Array:
+        """Jᵀ r (F, n, 3)."""
+        out = np.zeros_like(s)
+        out[self.frame + 1, self.vertex] += self.rate * r
+        out[self.frame, self.vertex] -= self.rate * r
+        return out
+
+    def jacobian(self, s: Array) -> csr_array:
+        """J (3 R, 3 F n)."""
+        before, after = (coordinates(self.frame + k, self.vertex, s.shape[1]) for k in (0, 1))
+        rows = np.arange(before.size).reshape(before.shape)
+        rate = np.broadcast_to(self.rate, before.shape)
+        return matrix(
+            np.stack([rows, rows]), np.stack([before, after]), np.stack([-rate, rate]), (before.size, s.size)
+        )
+
+
+class EdgeLength:
+    """Differences of lengths; R springs in frames, c = 1."""
+
+    linear = False
+    reach = 2
+
+    def __init__(self, goal: Target, system: System, name: str) -> None:
+        ends = np.asarray(system.springs.ends)
+        self.frame, spring = np.nonzero(goal.observed[:, ends].all(axis=2))
+        self.groups = len(self.frame)
+        self.a, self.b = ends[spring].T
+        self.goal = self._lengths(goal.positions)
+        self.seen = marked(ends[spring[goal.places[self.frame] > 0]], goal.observed.shape[1])
+        first, second = (self.frame, self.a), (self.frame, self.b)
+        self.weights = both(goal.weights[first], goal.weights[second]) if len(goal.weights) else None
+
+    def _edges(self, s: Array) -> Array:
+        return np.asarray(s[self.frame, self.a] - s[self.frame, self.b])
+
+    def _lengths(self, s: Array) -> Array:
+        return np.asarray(np.linalg.norm(self._edges(s), axis=1, keepdims=True))
+
+    def _directions(self, s: Array) -> Array:
+        edges = self._edges(s)
+        lengths = np.linalg.norm(edges, axis=1, keepdims=True)
+        return edges / np.where(lengths > 0, lengths, 1.0)
+
+    def residual(self, s: Array) -> Array:
+        """Difference of the lengths (R, 1), m."""
+        return self._lengths(s) - self.goal
+
+    def pullback(self, s: Array, r: Array) -> Array:
+        """Jᵀ r (F, n, 3)."""
+        out, pull = np.zeros_like(s), r * self._directions(s)
+        np.add.at(out, (self.frame, self.a), pull)
+        np.add.at(out, (self.frame, self.b), -pull)
+        return out
+
+    def jacobian(self, s: Array) -> csr_array:
+        """J (R, 3 F n)."""
+        d = self._directions(s)
+        columns = np.stack([coordinates(self.frame, end, s.shape[1]) for end in (self.a, self.b)])
+        return matrix(np.arange(len(d))[:, None], columns, np.stack([d, -d]), (len(d), s.size))
+
+
+EPSILON = 1e-6
+"""ε, m: smaller than any capture resolves."""
+
+FEWEST_FRAMES = 4
+"""With fewer frames a spectrum means nothing."""
+
+
+class Spectrum:
+    """Differences of amplitudes; R = frequencies × vertices seen throughout, c = 3 coordinates."""
+
+    linear = False
+
+    def __init__(self, goal: Target, system: System, name: str) -> None:
+        check_grid(goal, name)
+        throughout: Flags = np.asarray(goal.observed.all(axis=0))
+        self.vertices = np.flatnonzero(throughout)
+        self.start = system.x0[self.vertices]
+        self.basis = basis(len(goal.step))
+        self.reach = len(goal.step)
+        self.groups = self.basis.shape[1] * len(self.vertices)
+        self.goal = self._amplitudes(goal.positions)[0]
+        self.seen: Flags = throughout & (goal.places[-1] > 0)
+        self.weights: Array | None = None
+        if len(goal.weights):
+            self.weights = np.tile(goal.weights[:, self.vertices].mean(axis=0), self.basis.shape[1])
+
+    def _amplitudes(self, s: Array) -> tuple[Array, Array]:
+        """A (Q V, 3), and its derivative by C and S (2, Q, V, 3), for V vertices and Q frequencies."""
+        parts = np.tensordot(self.basis, s[:, self.vertices] - self.start, axes=1)
+        root = np.sqrt((parts**2).sum(axis=0) + EPSILON**2)
+        return (root - EPSILON).reshape(-1, 3), parts / root
+
+    def residual(self, s: Array) -> Array:
+        """Difference of the amplitudes (R, 3), m."""
+        return self._amplitudes(s)[0] - self.goal
+
+    def pullback(self, s: Array, r: Array) -> Array:
+        """Jᵀ r (F, n, 3)."""
+        out, derivative = np.zeros_like(s), self._amplitudes(s)[1]
+        pulled = derivative * r.reshape(derivative.shape[1:])
+        out[:, self.vertices] = np.tensordot(self.basis, pulled, axes=((0, 1), (0, 1)))
+        return out
+
+    def jacobian(self, s: Array) -> csr_array:
+        """J (3 R, 3 F n): each amplitude depends on its coordinate in all frames."""
+        derivative = self._amplitudes(s)[1]
+        values = np.einsum("pqf,pqvc->qvcf", self.basis, derivative)
+        frames, vertices = np.meshgrid(np.arange(len(s)), self.vertices, indexing="ij")
+        columns = coordinates(frames.ravel(), vertices.ravel(), s.shape[1]).reshape(len(s), -1, 3).transpose(1, 2, 0)
+        rows = np.arange(derivative[0].size).reshape(*derivative.shape[1:], 1)
+        return matrix(rows, columns, values, (derivative[0].size, s.size))
+
+
+def basis(frames: int) -> Array:
+    """c_q w_f cos and c_q w_f sin of 2π q f / F, (2, Q, F)."""
+    f, q = np.arange(frames), np.arange(frames // 2 + 1)
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * f / frames)
+    window /= np.sqrt((window**2).mean())
+    alone = (q == 0) | (2 * q == frames)
+    scale = np.sqrt(np.where(alone, 1.0, 2.0) / frames)
+    angle = 2.0 * np.pi * (np.outer(q, f) % frames) / frames
+    return np.asarray(scale[:, None] * window * np.stack([np.cos(angle), np.sin(angle)]))
+
+
+def check_grid(goal: Target, name: str) -> None:
+    """Raise InvalidMotion unless the frames are equally spaced and enough."""
+    if len(goal.step) < FEWEST_FRAMES:
+        raise InvalidMotion(
+            f"{name}: {len(goal.step)} of its frames are compared; the spectrum needs at least {FEWEST_FRAMES}"
+        )
+    gaps = np.diff(goal.places)
+    wrong = np.abs(gaps - gaps.mean()) > 2 * TIME_SLACK
+    if wrong.any():
+        raise InvalidMotion(
+            f"{name}: times[{int(np.argmax(wrong)) + 1}]: the spectrum needs frames at equal distances in time"
+        )
