@@ -22,8 +22,9 @@ def motion(frames=26, step=0.02):
     return scene, times, x
 
 
-def read(data):
-    """Frames (F, height, width, 3) of a GIF, and their durations, ms."""
+def read(*given, width=160):
+    """Frames (F, height, width, 3) of the GIF of a motion, their durations, ms, and what else it says."""
+    data = gif.animation(*given, width=width)
     with Image.open(io.BytesIO(data)) as image:
         frames, durations = [], []
         for index in range(image.n_frames):
@@ -35,9 +36,10 @@ def read(data):
 
 def test_it_loops_at_the_speed_of_the_clock():
     scene, times, x = motion()
-    frames, durations, info = read(gif.animation(scene, times, x))
+    frames, durations, info = read(scene, times, x)
     assert info["loop"] == 0
-    assert frames.shape[2] == gif.GIF_WIDTH
+    assert frames.shape[2] == 160
+    assert read(scene, times[:1], x[:1], width=gif.GIF_WIDTH)[0].shape[2] == gif.GIF_WIDTH == 640
     assert len(frames) == 13  # of 26 frames at 20 ms every second, as two hundredths are too short for many viewers
     assert durations[:-1] == [40] * 12
     assert sum(durations) == pytest.approx(1000 * (times[24] + gif.LAST_FRAME_PAUSE), abs=5)  # to a hundredth
@@ -45,7 +47,7 @@ def test_it_loops_at_the_speed_of_the_clock():
 
 def test_it_shows_a_cloth_that_moves():
     scene, times, x = motion()
-    frames, _, _ = read(gif.animation(scene, times, x))
+    frames, _, _ = read(scene, times, x)
     filled = (np.abs(frames[0].astype(int) - ImageColor.getrgb(gif.GROUND)).max(axis=2) > 40).mean()
     assert 0.1 < filled < 0.9
     changes = [(np.abs(a.astype(int) - b) > 40).any(axis=2).mean() for a, b in pairwise(frames)]
@@ -55,8 +57,8 @@ def test_it_shows_a_cloth_that_moves():
 def test_the_target_is_green_and_what_is_unobserved_is_not_there():
     scene, times, x = motion(3)
     apart, nothing = x + [0.0, 2.0, 0.0], np.full_like(x, np.nan)
-    (with_target, *_), _, _ = read(gif.animation(scene, times, x, apart))
-    (without, *_), _, _ = read(gif.animation(scene, times, x, nothing))
+    (with_target, *_), _, _ = read(scene, times, x, apart)
+    (without, *_), _, _ = read(scene, times, x, nothing)
     assert greens(with_target) > 20 * greens(without)  # the word "target" is green as well
 
 
@@ -90,13 +92,13 @@ def test_a_motion_that_diverges_is_drawn_as_far_as_it_is_good():
     scene, times, x = motion()
     wild = x.copy()
     wild[13:] *= 1e9
-    assert read(gif.animation(scene, times, wild))[1] == read(gif.animation(scene, times[:13], x[:13]))[1]
+    assert read(scene, times, wild)[1] == read(scene, times[:13], x[:13])[1]
 
 
 def test_several_cloths_are_drawn():
     scene = load(document(cloth(), cloth(vertPos=[{"x": i % 4 + 5.0, "y": 0.0, "z": i // 4} for i in range(12)])))
     x = np.concatenate([one.positions for one in scene.cloths])[None]
-    (frame,), _, _ = read(gif.animation(scene, np.zeros(1), x))
+    (frame,), _, _ = read(scene, np.zeros(1), x)
     red, _, blue = frame.astype(int).transpose(2, 0, 1)
     assert (blue > red + 30).mean() > 0.03
     assert (red > blue + 30).mean() > 0.03
