@@ -6,6 +6,7 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import numba
 import pytest
 from helpers.scenes import trial, write_scene
 from hypothesis import HealthCheck, settings
@@ -18,10 +19,12 @@ settings.load_profile("tests")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as quick what is not marked as slow, so that `-m quick` selects it."""
+    """Mark as quick what is not marked as slow, so that `-m quick` selects it; without compilation only that is run."""
     for item in items:
         if item.get_closest_marker("slow") is None:
             item.add_marker("quick")
+        elif numba.config.DISABLE_JIT:
+            item.add_marker(pytest.mark.skip(reason="hundreds of steps need compilation"))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,6 +1,5 @@
 """Distances between motions and between parameters, against numbers known in advance."""
 
-import numba
 import numpy as np
 import pytest
 from helpers.scenes import cloth, document, even, trial
@@ -15,10 +14,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = pytest.mark.slow  # compiles a fit
 
 TRUTH = load(even("LG"))
 

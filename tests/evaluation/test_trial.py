@@ -2,7 +2,6 @@
 
 import gc
 
-import numba
 import numpy as np
 import pytest
 from helpers.physics import scene, thing
@@ -82,7 +81,6 @@ def test_in_free_fall_every_integrator_is_off_by_h_g_t_over_2(name, sign, ratio)
 
 
 @pytest.mark.slow  # compiles
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of steps need compilation")
 @pytest.mark.parametrize(
     ("name", "newton"), [("explicit", None), ("symplectic", None), ("implicit", 1), ("implicit", 2)]
 )

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from helpers.paths import SIDE
@@ -17,10 +16,7 @@ from clothfit.evaluation.trial import Setting, Trial, grid, judge, own
 from clothfit.evaluation.work_precision import WorkPrecision, front, known_frames, table, work_precision
 from clothfit.motion.divergence import Diverged
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = pytest.mark.slow  # compiles a fit
 
 ONE = clothfit.load(document(cloth(), cloth(3, 2), optimizationIterations=11, forwardSubSteps=3))
 

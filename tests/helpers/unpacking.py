@@ -1,6 +1,8 @@
 """What the page of a report does to unpack its data, in Python."""
 
 import base64
+import json
+import re
 import zlib
 from typing import Any
 
@@ -9,6 +11,13 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 from clothfit.report.packing import Record
+
+
+def content_of(html: bytes) -> dict[str, Any]:
+    """What a page tells, from its text."""
+    (text,) = re.findall(r'<script type="application/json" id="content">(.*?)</script>', html.decode())
+    found: dict[str, Any] = json.loads(text)
+    return found
 
 
 def inflated(text: str) -> bytes:

@@ -2,7 +2,6 @@
 
 import json
 
-import numba
 import numpy as np
 import pytest
 from helpers.physics import METHODS, ball, scene, sheet, thing, xyz
@@ -22,10 +21,7 @@ from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of motions are slow without compilation"),
-]
+pytestmark = pytest.mark.slow  # compiles a fit
 
 ON_A_BALL = {"windVel": xyz((2, 1, 0)), "colliders": [ball((1, -0.72, 1), 0.75)], "optimizationIterations": 40}
 KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "G"}

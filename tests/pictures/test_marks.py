@@ -2,7 +2,6 @@
 
 import io
 
-import numba
 import numpy as np
 import pytest
 from helpers.physics import chain, scene, thing, xyz
@@ -18,8 +17,6 @@ from clothfit.pictures.stage import stage
 from clothfit.scene.forces import Forces
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed; no animation is drawn")
-
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation")
 
 STEPS, H = 20, 0.02
 

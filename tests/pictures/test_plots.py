@@ -1,23 +1,25 @@
-"""Pictures of motions and fits: files that can be read, with something in each part."""
+"""Pictures of motions and fits: files that can be read, with something in each part; fitted motions over targets."""
 
 import io
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 from helpers.scenes import cloth, document, even
+from numpy.testing import assert_allclose, assert_array_equal
 
-from clothfit import energies, parameters, simulate, with_parameters
+from clothfit import energies, evaluate, parameters, simulate, with_parameters
 from clothfit.base.errors import InvalidInput
+from clothfit.motion.motion import as_motion
 from clothfit.optimise.progress import Progress
-from clothfit.pictures.overlay import overlaid
+from clothfit.pictures import charts, maps, plots
+from clothfit.pictures.overlay import distances, overlaid
 from clothfit.pictures.picture_file import DOTS_PER_INCH, GIF, check, save
 from clothfit.scene.scene import load
 
 matplotlib = pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
-
-from clothfit.pictures import charts, maps, plots  # noqa: E402  what is there without matplotlib comes first
 
 HISTORY = [
     Progress(1, 100, 4.0, 0.2, 0.1, 0, np.nan, "gauss-newton", 8, 8),
@@ -153,3 +155,65 @@ def test_two_cloths_of_which_one_is_fitted_have_a_map_of_that_one():
 def test_a_picture_of_another_kind_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match=r"ends in \.gif$"):
         check(tmp_path / "x.png", GIF)
+
+
+@pytest.fixture(scope="module")
+def stiffer():
+    truth = load(even("nG", 8))
+    return truth, with_parameters(truth, 1.3 * parameters(truth))
+
+
+def test_a_scene_over_itself_is_nowhere_apart(stiffer):
+    over = overlaid(stiffer[0], stiffer[0], None, 6)
+    assert_array_equal(over.rmse, 0.0)
+    assert over.own.shape == over.goal.shape == (6, 16, 3)
+
+
+def test_the_errors_of_the_frames_are_those_that_evaluate_tells(stiffer):
+    over, told = overlaid(*stiffer, None, 8), evaluate(*stiffer, horizon=8)
+    assert_allclose(np.sqrt((over.rmse**2).mean()), told.fitted.rmse, rtol=1e-9)
+    assert_allclose(over.largest.max(), told.fitted.max_error, rtol=1e-9)
+
+
+def test_finer_steps_are_shown_at_the_frames_of_the_true_scene(stiffer):
+    fine = stiffer[1].with_step(stiffer[1].delta / 2, 15)
+    over, told = overlaid(stiffer[0], fine, None, 8), evaluate(stiffer[0], fine, horizon=8)
+    assert over.own.shape == over.goal.shape == (8, 16, 3)
+    assert_allclose(np.sqrt((over.rmse**2).mean()), told.fitted.rmse, rtol=1e-9)
+
+
+def test_a_target_between_the_steps_is_met_there(stiffer):
+    truth, _ = stiffer
+    x = simulate(truth, 8, 1e-10).positions
+    target = as_motion(truth, 0.5 * (x[:-1] + x[1:]), truth.delta * (0.5 + np.arange(7)))
+    assert_allclose(overlaid(truth, truth, target, 8).rmse, 0.0, atol=1e-12)
+    assert len(overlaid(truth, truth, target, 5).times) == 4  # those that five frames reach
+
+
+def test_what_was_not_observed_is_neither_shown_nor_counted(stiffer):
+    truth, _ = stiffer
+    motion = simulate(truth, 4, 1e-10)
+    x, seen = motion.positions.copy(), np.ones((4, 16), bool)
+    seen[2, 3] = seen[3] = False
+    x[2, 3] += 100.0
+    over = overlaid(truth, truth, as_motion(truth, x, observed=seen), 4)
+    assert np.isnan(over.goal[2, 3]).all()
+    assert_allclose(over.rmse, [0, 0, 0, np.nan], atol=1e-12)
+
+
+def test_only_the_objects_that_are_fitted_count():
+    scene = load(document(cloth(optimizationSettings="nG"), cloth()))
+    x = np.zeros((2, 24, 3))
+    y = x.copy()
+    y[1, 0, 0], y[1, 12:] = 3.0, 50.0
+    rmse, largest = distances(scene, x, y)
+    assert_allclose(rmse, [0.0, 3.0 / np.sqrt(12)])
+    assert_allclose(largest, [0.0, 3.0])
+
+
+def test_a_motion_that_diverges_is_shown_until_then(stiffer):
+    truth, fitted = stiffer
+    wild = replace(fitted, method=0, delta=truth.delta * 1.0)
+    over = overlaid(truth, with_parameters(wild, [9e3]), None, 8)
+    assert 1 <= len(over.times) <= 8
+    assert np.isfinite(over.own).all()

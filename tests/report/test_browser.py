@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from helpers.browsers import SIZE, browser, differing, opened, pixels
@@ -18,10 +17,7 @@ from clothfit.report.log import Log, Point
 from clothfit.report.page import report_page
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation"),
-]
+pytestmark = pytest.mark.slow  # starts processes
 
 HOSTILE = "</script><img src=x onerror=\"window.pwned=1\"><script>window.pwned=2</script>{{content}}&amp;"
 FRAMES = 30

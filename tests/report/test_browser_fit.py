@@ -5,7 +5,6 @@ import io
 import json
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from helpers.browsers import accessibility_script, browser, differing, opened, pixels
@@ -17,10 +16,7 @@ from clothfit.report.log import Log, Point
 from clothfit.report.page import WEB, report_page
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation"),
-]
+pytestmark = pytest.mark.slow  # starts processes
 
 DESKTOP, PHONE = {"width": 1280, "height": 860}, {"width": 390, "height": 844}
 SUMMARY = {

@@ -1,12 +1,11 @@
 """What a page says of a fit: its verdict, its tables, the motions beside it, the residuals, and colours to be read."""
 
-import json
 import re
 
-import numba
 import numpy as np
 import pytest
 from helpers.scenes import even
+from helpers.unpacking import content_of
 
 from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate
@@ -18,7 +17,6 @@ from clothfit.report.tables import correlations, figure, ladder, median, steps, 
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
-needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of steps need compilation")
 LADDER = [{"model": "F", "values": 1, "rmse": 0.02, "holdout_rmse": 0.03, "seconds": 0.5},
           {"model": "L", "values": 33, "rmse": 0.001, "holdout_rmse": None, "seconds": 4.0}]  # fmt: skip
 STEPS = {"delta": 0.01, "tried": [{"substeps": 2, "integrator": "bdf2", "rmse": 0.02, "seconds": 1.0}]}
@@ -119,7 +117,6 @@ def three():
     return [load(even("nG", 12, springStiffness=[k] * 33)) for k in (30.0, 12.0, 29.0)]
 
 
-@needs_compilation
 @pytest.mark.slow
 def test_the_motion_before_the_fit_stands_beside_it(three):
     truth, start, fitted = three
@@ -137,12 +134,11 @@ def test_the_motion_before_the_fit_stands_beside_it(three):
     assert f"before the fit {1000 * before.near.rmse:.3g} mm, {percent:.2g} %" in text
 
 
-@needs_compilation
 @pytest.mark.slow
 def test_several_fits_of_a_target_stand_side_by_side(three):
     truth, start, fitted = three
-    html = report_page(start, fitted, simulate(truth, 12), log=Log(start=start), others=[(truth, Log())]).decode()
-    content = json.loads(re.findall(r'<script type="application/json" id="content">(.*?)</script>', html)[0])
+    html = report_page(start, fitted, simulate(truth, 12), log=Log(start=start), others=[(truth, Log())])
+    content = content_of(html)
     (table,) = (each for each in content["tables"] if each["id"] == "fits")
     assert [row[4][1] for row in table["rows"]] == [29.0, 12.0, 30.0]
     errors = [row[1][1] for row in table["rows"]]
@@ -150,7 +146,6 @@ def test_several_fits_of_a_target_stand_side_by_side(three):
     assert [each["name"] for each in content["beside"]] == [BEFORE, truth.name]
 
 
-@needs_compilation
 @pytest.mark.slow
 def test_a_motion_beside_it_that_diverges_is_a_note(three):
     truth, _, fitted = three

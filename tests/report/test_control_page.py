@@ -1,16 +1,13 @@
 """`control --report`: what the page of a controlled motion holds, and what a browser makes of it."""
 
-import json
-import re
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from helpers.browsers import browser, differing, opened, pixels
 from helpers.physics import scene
 from helpers.scenes import cloth
-from helpers.unpacking import unpacked_positions
+from helpers.unpacking import content_of, unpacked_positions
 
 from clothfit.control.control import Control, miss, reached
 from clothfit.control.course import course
@@ -21,10 +18,7 @@ from clothfit.report import control_contents
 from clothfit.report.page import control_page
 from clothfit.scene.forces import Forces
 
-pytestmark = [
-    pytest.mark.slow,  # starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation"),
-]
+pytestmark = pytest.mark.slow  # starts processes
 
 STEPS, H = 24, 0.02
 FREE = [3, 4, 5, 6, 7, 8, 9, 10, 11]
@@ -51,12 +45,6 @@ def found():
     free = tuple(miss(key, over.free, made) for key in keys)
     effort = over.effort.sum()
     return over, Control(Status.LIMIT, made, pushed.forces, motion, near, free, effort, 0.5, 7, 1.5, 2)
-
-
-def content_of(html):
-    """What a page tells, from its text."""
-    (text,) = re.findall(r'<script type="application/json" id="content">(.*?)</script>', html.decode())
-    return json.loads(text)
 
 
 def test_what_the_page_tells(found):

@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 
-import numba
 import numpy as np
 import pytest
 from helpers.browsers import browser, differing, opened, pixels
@@ -17,10 +16,7 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit, and starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation"),
-]
+pytestmark = pytest.mark.slow  # compiles a fit, and starts processes
 
 
 def scene():

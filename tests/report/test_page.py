@@ -4,11 +4,10 @@ import json
 import re
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from helpers.scenes import cloth, document, even, sphere, trial, write_scene
-from helpers.unpacking import unpacked, unpacked_positions
+from helpers.unpacking import content_of, unpacked, unpacked_positions
 
 from clothfit import report_page
 from clothfit.base.errors import InvalidInput
@@ -31,14 +30,6 @@ from clothfit.report.showing import default_length, shown
 from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow  # compiles a fit
-
-needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of steps need compilation")
-
-
-def content_of(html):
-    """What a page tells, from its text."""
-    (text,) = re.findall(r'<script type="application/json" id="content">(.*?)</script>', html.decode())
-    return json.loads(text)
 
 
 def table_of(content, name):
@@ -143,7 +134,6 @@ def both():
     return load(even("LG", 12)), load(even("LG", 12, springStiffness=[33.0] * 33))
 
 
-@needs_compilation
 def test_the_figures_are_those_of_evaluate(both):
     show, told = shown(*both, frames=30), evaluate(*both, horizon=30)
     assert show.evaluation == told
@@ -152,7 +142,6 @@ def test_the_figures_are_those_of_evaluate(both):
     assert (len(show.times), show.fitted_until) == (30, pytest.approx(0.02 * 11))
 
 
-@needs_compilation
 def test_a_target_gives_the_times_and_its_gaps(both):
     target = degrade(simulate(both[0]), observed=0.5, every=3)
     show = shown(*both, target)
@@ -161,14 +150,12 @@ def test_a_target_gives_the_times_and_its_gaps(both):
     assert show.evaluation == evaluate(*both, target=target)
 
 
-@needs_compilation
 def test_frames_between_steps_lie_on_the_straight_line(both):
     x = simulate(both[1], 5, 1e-10).positions
     target = as_motion(both[0], x[:2], times=np.array([0.01, 0.05]))
     assert np.allclose(shown(*both, target).fitted[1], (x[2] + x[3]) / 2, rtol=0, atol=1e-12)
 
 
-@needs_compilation
 def test_too_many_frames_are_thinned_and_the_curves_are_not(both):
     show = shown(*both, frames=30, most=2 * 16 * 12)
     assert len(show.times) == 10
@@ -176,7 +163,6 @@ def test_too_many_frames_are_thinned_and_the_curves_are_not(both):
     assert "one frame in 3 is shown" in show.notes[0]
 
 
-@needs_compilation
 def test_the_horizon_of_large_scenes_is_shorter_and_that_is_said(both):
     assert default_length(both[0], 10**9) == 500
     show = shown(*both, most=2 * 16 * 40)
@@ -184,7 +170,6 @@ def test_the_horizon_of_large_scenes_is_shorter_and_that_is_said(both):
     assert "ends after 40 frames" in show.notes[0]
 
 
-@needs_compilation
 def test_a_motion_that_diverges_is_shown_until_it_leaves(both):
     wild = replace(both[1], method=0)
     wild = wild.with_values([c.mass for c in wild.cloths], [np.full(33, 5e3)])
@@ -269,7 +254,6 @@ def test_what_is_no_log_is_refused(tmp_path, content):
 # --- the page
 
 
-@needs_compilation
 def test_a_page_stands_alone_and_tells_all(both):
     target = degrade(simulate(both[0]), noise=0.001)
     html = report_page(*both, target, commands=["clothfit report a 'b c'"], inputs=[("a", "0123")])
@@ -283,7 +267,6 @@ def test_a_page_stands_alone_and_tells_all(both):
     assert row_of(content, "values", "objects[0] stiffness")["fitted"] == "33"
 
 
-@needs_compilation
 def test_titles_and_names_cannot_leave_their_place(both):
     hostile = "</script><img src=x onerror=alert(1)>{{imports}}\u2028<!--"
     html = report_page(replace(both[0], title=hostile, name=hostile), replace(both[1], name=hostile)).decode()
@@ -293,7 +276,6 @@ def test_titles_and_names_cannot_leave_their_place(both):
     assert html.count('type="importmap"') == 1
 
 
-@needs_compilation
 def test_every_module_of_the_page_is_in_it(both):
     html = report_page(*both, frames=12).decode()
     (text,) = re.findall(r'<script type="importmap" nonce="\w+">(.*?)</script>', html)
@@ -316,7 +298,6 @@ def test_a_page_has_no_number_that_json_has_not():
         page({"title": "t", "x": float("nan")})
 
 
-@needs_compilation
 @pytest.mark.parametrize(
     "fields",
     [
@@ -330,7 +311,6 @@ def test_every_kind_of_scene_has_a_page(fields):
     assert len(content_of(report_page(scene, scene, frames=5))["motion"]["times"]) == 5
 
 
-@needs_compilation
 def test_every_kind_of_parameter_has_a_card():
     fits = {"vertVel": "L", "springRestLength": "L", "damping": "G", "dragCoefficient": "G"}
     own = cloth(optimizationSettings="LG", fit=fits, vertVel=[{"x": 3.0, "y": 4.0, "z": 0.0}] * 12)
@@ -356,7 +336,6 @@ def paths(folder):
     return folder
 
 
-@needs_compilation
 def test_the_page_goes_beside_the_fitted_scene(paths, capsys):
     log_file(paths, point(1), {"summary": SUMMARY})
     assert run(["report", "scene.json", "other.json", "--steps", "9", "--log", "fit.jsonl"]) == 0
@@ -372,7 +351,6 @@ def test_the_page_goes_beside_the_fitted_scene(paths, capsys):
     assert row_of(content, "values", "objects[0] stiffness")["95 % interval"] == "29 … 31"
 
 
-@needs_compilation
 def test_json_tells_the_figures(paths, capsys):
     assert run(["report", "scene.json", "other.json", "--target", "target.npz", "-o", "page.html", "--json", "-q"]) == 0
     out, err = capsys.readouterr()
@@ -384,7 +362,6 @@ def test_json_tells_the_figures(paths, capsys):
     assert told["bytes"] == (paths / "page.html").stat().st_size
 
 
-@needs_compilation
 def test_a_motion_that_diverges_ends_with_code_4_and_a_page(paths, capsys):
     write_scene(paths, even("nG", 5, integrationMethod=0, springStiffness=[5e3] * 33), "wild.json")
     assert run(["report", "scene.json", "wild.json"]) == 4
@@ -395,7 +372,6 @@ def test_a_motion_that_diverges_ends_with_code_4_and_a_page(paths, capsys):
     assert "diverged" in content_of((paths / "wild.report.html").read_bytes())["notes"][0]
 
 
-@needs_compilation
 def test_a_fit_makes_its_page(paths, capsys):
     arguments = ["estimate", "scene.json", "--target", "target.npz", "--start", "9", "--report", "{stem}.html"]
     assert run([*arguments, "--method", "l-bfgs-b", "-o", "my fit.json"]) == 0
@@ -424,7 +400,6 @@ def test_a_fits_page_does_not_go_where_the_scene_may_go(paths, capsys):
     assert err.startswith("error: --report must be a file of its own, not -")
 
 
-@needs_compilation
 def test_the_page_is_not_written_over_an_input_nor_the_result(paths, capsys):
     for taken in ("scene.json", "target.npz", "fitted.json"):
         assert run(["estimate", "scene.json", "--target", "target.npz", "-o", "fitted.json", "--report", taken]) == 3

@@ -1,13 +1,10 @@
 """The page and the picture of a cloth on a subspace beside its full simulation."""
 
-import json
-import re
-
 import numpy as np
 import pytest
 from helpers.browsers import browser, opened
 from helpers.subspaces import model_of, moving, scene_of
-from helpers.unpacking import unpacked, unpacked_positions
+from helpers.unpacking import content_of, unpacked, unpacked_positions
 
 from clothfit.pictures.plots import comparison
 from clothfit.report.page import subspace_page
@@ -23,9 +20,7 @@ def over():
 
 
 def test_it_plays_both_motions_and_says_what_both_cost(over):
-    html = subspace_page(over, "m.npz", ["again"], [("m.npz", "ab")])
-    (text,) = re.findall(r'<script type="application/json" id="content">(.*?)</script>', html.decode())
-    content = json.loads(text)
+    content = content_of(subspace_page(over, "m.npz", ["again"], [("m.npz", "ab")]))
     low, high = over.full.positions.min(), over.full.positions.max()
     for key, motion in (("fitted", over.own), ("target", over.full)):
         shown = unpacked_positions(content["motion"][key])
