@@ -88,7 +88,8 @@ class _Cache:
 
     def numbers(self, count: int) -> Array:
         """The next numbers, as float64."""
-        return np.fromfile(self.file, self.dtype, count).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # some NaN signal; they are refused where they may not be
+            return np.fromfile(self.file, self.dtype, count).astype(np.float64)
 
     def positions(self, frames: int, points: int) -> Array:
         """The positions (frames, points, 3) that follow. Raises InvalidMotion where one is not finite."""

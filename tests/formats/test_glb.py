@@ -8,11 +8,13 @@ import operator
 import random
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pygltflib
 import pytest
 import trimesh
+from helpers import files
 from helpers import scene_files as made
 from helpers.scene_files import wave
 
@@ -20,6 +22,8 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.formats import glb
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
+from clothfit.formats.glb import reduced
+from clothfit.formats.gltf_scene import Track
 
 CORNERS, FACES = made.CORNERS.astype(float), made.FACES
 HALF = np.sqrt(0.5)
@@ -27,17 +31,10 @@ HALF = np.sqrt(0.5)
 
 @pytest.fixture
 def read(tmp_path):
-    def reading(data):
-        path = tmp_path / "a.glb"
-        path.write_bytes(data)
-        return glb.read(path)
-
-    return reading
+    return partial(files.read, tmp_path, "a.glb")
 
 
-def written(animation):
-    (data,) = glb.encoded("a.glb", animation).values()
-    return data
+written = partial(files.written, "a.glb")
 
 
 def test_a_mesh_made_by_hand_is_read_as_it_is(read):
@@ -339,3 +336,78 @@ def test_texture_coordinates_that_cannot_be_are_left_out(read, index):
     found = read(made.whole(document, numbers))
     assert found.texture is None
     assert len(found.triangles) == len(FACES)
+
+
+# Motions on few shapes: their number, their error.
+
+
+# Displacements from the first frame of a motion of rank 3 have rank 3 at most; the rest is rounding to float32, whose
+# relative error is 6e-8, of numbers up to about 5 that are added.
+def test_a_motion_of_few_shapes_takes_few_targets():
+    motion = wave(rank=3)
+    morphs = reduced(motion.positions, 1e-5)
+    assert len(morphs.targets) == 3
+    assert morphs.error < 2e-6
+
+
+# Frames of more and more different sizes, or coordinates; of frames there are fewer than coordinates, or more.
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-5])
+@pytest.mark.parametrize("shape", [(20, 9, 3), (60, 9, 3)])
+def test_the_largest_error_is_below_the_tolerance_and_one_target_less_is_not_enough(shape, tolerance):
+    positions = np.random.default_rng(0).normal(size=shape) * np.geomspace(1, 1e-6, shape[0])[:, None, None]
+    morphs = reduced(positions, tolerance)
+    assert morphs.error <= tolerance
+    weights, targets = morphs.weights.astype(float), morphs.targets.astype(float)
+    without = weights - np.append(np.zeros(weights.shape[1] - 1), 1) * (weights - weights[0])  # the last one at rest
+    fewer = np.einsum("fk,knc->fnc", without, targets)
+    assert np.linalg.norm(fewer + morphs.base - positions, axis=2).max() > tolerance
+
+
+# Viewers clamp weights to 0 … 1. The sum is one of float32 numbers up to about 10, with a relative error of 6e-8 each.
+@pytest.mark.parametrize("shape", [(1, 5, 3), (2, 5, 3), (30, 9, 3), (60, 9, 3)])
+def test_weights_within_0_and_1_give_the_motion_and_use_all_of_it(shape):
+    positions = np.random.default_rng(1).normal(size=shape)
+    morphs = reduced(positions, 1e-5)
+    assert morphs.weights.min() >= 0
+    assert morphs.weights.max() <= 1
+    whole = morphs.base + np.einsum("fk,knc->fnc", morphs.weights.astype(float), morphs.targets.astype(float))
+    assert np.linalg.norm(whole - positions, axis=2).max() == pytest.approx(morphs.error, abs=1e-12)
+    assert morphs.error < 1e-5
+    if shape[0] > 1:
+        np.testing.assert_array_equal(morphs.weights.min(axis=0), 0)
+        np.testing.assert_array_equal(morphs.weights.max(axis=0), 1)
+
+
+def test_a_cloth_that_moves_one_way_keeps_its_first_frame_as_the_base():
+    first, way = np.random.default_rng(2).normal(size=(2, 9, 3))
+    for sign in (1, -1):
+        morphs = reduced(first + sign * np.linspace(0, 1, 12)[:, None, None] * way, 1e-5)
+        assert len(morphs.targets) == 1
+        np.testing.assert_allclose(morphs.base, first, atol=1e-6)  # float32 of numbers up to 3
+        np.testing.assert_allclose(morphs.targets[0], sign * way, atol=1e-6)
+
+
+# Values between keys: closed forms.
+
+
+# A cubic is given by its values and slopes at both ends.
+def test_a_spline_is_the_cubic_with_its_values_and_tangents():
+    times = np.array([0.0, 2.0, 3.0])
+    value, slope = times**3 - times, 3 * times**2 - 1
+    track = Track(times, np.stack([slope, value, slope], axis=1)[..., None], "CUBICSPLINE")
+    t = np.linspace(0, 3, 13)
+    np.testing.assert_allclose(track.at(t)[:, 0], t**3 - t, atol=1e-14)  # values up to 24, a few roundings
+
+
+def test_rotations_turn_evenly_and_the_shorter_way():
+    ends = np.array([[0, 0, 0, 1], [0, 0, -HALF, -HALF]])  # a quarter about z, with the other sign
+    angles = np.linspace(0, np.pi / 2, 5)
+    turned = Track(np.array([0.0, 1.0]), ends, "LINEAR").at(np.linspace(0, 1, 5), rotation=True)
+    turned *= np.sign(turned[:, 3:])  # of either sign it is the same rotation
+    np.testing.assert_allclose(turned[:, 2], np.sin(angles / 2), atol=1e-15)
+    np.testing.assert_allclose(turned[:, 3], np.cos(angles / 2), atol=1e-15)
+
+
+def test_values_stay_before_the_first_key_and_after_the_last():
+    track = Track(np.array([1.0, 2.0]), np.array([[3.0], [5.0]]), "LINEAR")
+    np.testing.assert_array_equal(track.at(np.array([0, 1, 1.5, 2, 9]))[:, 0], [3, 3, 4, 5, 5])

@@ -152,16 +152,6 @@ def test_wrong_text_is_told_with_its_line(tmp_path, data, message):
         read(tmp_path, data)
 
 
-def test_a_cut_file_is_read_or_refused(tmp_path):
-    whole = SQUARE + b"f 1/1/1 -2//3 3 \\\n 4\n"
-    for size in range(len(whole)):
-        try:
-            found = read(tmp_path, whole[:size])
-        except InvalidMotion:
-            continue
-        assert 1 <= found.positions.shape[1] <= 4
-
-
 @pytest.mark.parametrize(
     ("files", "message"),
     [

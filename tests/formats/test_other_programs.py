@@ -163,3 +163,27 @@ def test_new_takes_their_meshes(name):
     np.testing.assert_allclose(in_order(mesh.positions), in_order(expected), atol=SINGLE)
     np.testing.assert_allclose(normals(mesh.positions, mesh.triangles)[:, 1], 0.5, atol=1e-6)  # as before
     assert notes[0].startswith("read as ")
+
+
+# Alembic: transforms, and files that are damaged. Blender's files: test_other_programs.
+
+
+TRANSLATE, SCALE, ROTATE, MATRIX, ROTATE_X, ROTATE_Y, ROTATE_Z = 1, 0, 2, 3, 4, 5, 6
+
+
+# Points are row vectors: they are multiplied by the last operation first. A quarter about z takes x to y.
+def test_operations_apply_from_the_last_to_the_first():
+    values = np.array([1.0, 2, 3, 90, 2, 3, 4])
+    matrix = alembic._product(np.array([TRANSLATE, ROTATE_Z, SCALE]), values)
+    np.testing.assert_allclose([1, 1, 1, 1] @ matrix, [1 - 3, 2 + 2, 3 + 4, 1], atol=1e-15)
+
+
+@pytest.mark.parametrize(("code", "axis"), [(ROTATE_X, 0), (ROTATE_Y, 1), (ROTATE_Z, 2)])
+def test_turns_about_an_axis_are_turns_about_the_same_given_axis(code, axis):
+    one, other = alembic._product(np.array([code]), np.array([37.0])), 5.0 * np.eye(3)[axis]
+    np.testing.assert_allclose(one, alembic._product(np.array([ROTATE]), np.array([*other, 37.0])), atol=1e-15)
+    np.testing.assert_allclose(one, alembic._product(np.array([MATRIX]), one.reshape(-1)), atol=0)
+    following = np.eye(4)[(axis + 1) % 3] @ one  # x to y, y to z, z to x, by 37 degrees
+    assert following[(axis + 2) % 3] == pytest.approx(np.sin(np.radians(37)), rel=1e-14)
+
+

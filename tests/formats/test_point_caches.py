@@ -1,13 +1,12 @@
 """Point caches, PC2 and MDD: their bytes by hand, round trips to float32, headers that lie."""
 
-import io
 import struct
 
 import numpy as np
 import pytest
+from helpers import files
 
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats import point_cache
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes
 
@@ -22,17 +21,11 @@ EACH = pytest.mark.parametrize("suffix", FORMATS)
 
 
 def encoded(suffix, animation):
-    ((name, data),) = point_cache.encoded(f"a.{suffix}", animation).items()
-    assert name == f"a.{suffix}"
-    file = io.BytesIO()
-    data(file)
-    return file.getvalue()
+    return files.written(f"a.{suffix}", animation)
 
 
 def read(folder, suffix, data):
-    path = folder / f"a.{suffix}"
-    path.write_bytes(data)
-    return point_cache.read(path)
+    return files.read(folder, f"a.{suffix}", data)
 
 
 @EACH
@@ -46,13 +39,6 @@ def test_the_format_is_read(tmp_path, suffix):
     np.testing.assert_array_equal(found.positions, POINTS)
     assert (found.axes, found.triangles, found.notes, found.spacing) == (RIGHT, None, (), 1)
     assert (None if found.times is None else found.times.tolist()) == {"pc2": None, "mdd": [0, 0.25]}[suffix]
-
-
-@EACH
-def test_a_round_trip_costs_the_rounding_to_float32(tmp_path, suffix):
-    points = np.random.default_rng(0).normal(size=(5, 7, 3))
-    found = read(tmp_path, suffix, encoded(suffix, Animation(points, RIGHT, 0.02 * np.arange(5))))
-    np.testing.assert_array_equal(found.positions, points.astype(np.float32))
 
 
 def test_samples_that_are_no_frame_apart_are_told(tmp_path):
@@ -110,10 +96,3 @@ def test_other_versions_and_other_files_are_refused(tmp_path):
         read(tmp_path, "pc2", MDD)
 
 
-@EACH
-def test_a_folder_and_nothing_are_refused(tmp_path, suffix):
-    (tmp_path / f"b.{suffix}").mkdir()
-    with pytest.raises(InvalidMotion, match="is a folder"):
-        point_cache.read(tmp_path / f"b.{suffix}")
-    with pytest.raises(InvalidMotion, match="there is no such file"):
-        point_cache.read(tmp_path / f"c.{suffix}")

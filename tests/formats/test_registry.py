@@ -12,21 +12,12 @@ import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
 from clothfit.cli.program import run
-from clothfit.formats import glb
-from clothfit.formats.axes import Axes, Convention, Reading
 from clothfit.formats.registry import FORMATS
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
 SCENE = clothfit.load(trial("nG", 12))
 MOTION = clothfit.simulate(SCENE)
-HALF = 2.0**-24  # of the last of float32's 24 bits, relative
-SINGLES = HALF * np.abs(MOTION.positions).max()
-
-# The largest error of a coordinate, m; text is exact but for the unit, which costs two roundings.
-PRECISION = {"usda": SINGLES, "usdc": SINGLES, "glb": glb.TOLERANCE, "c3d": SINGLES, "trc": 1e-15, "csv": 0.0}
-
-
 @pytest.fixture
 def there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -39,30 +30,6 @@ def gapped():
     observed = np.ones(MOTION.positions.shape[:2], bool)
     observed[4:7, 5] = False
     return clothfit.as_motion(SCENE, MOTION.positions, MOTION.times, observed)
-
-
-@pytest.mark.parametrize("suffix", PRECISION)
-def test_a_motion_comes_back_to_the_precision_of_the_format(there, suffix):
-    clothfit.save_motion(MOTION, f"a.{suffix}", SCENE)
-    found = clothfit.load_motion(f"a.{suffix}", SCENE)
-    np.testing.assert_allclose(found.positions, MOTION.positions, rtol=0, atol=PRECISION[suffix])
-    np.testing.assert_allclose(found.times, MOTION.times, rtol=1.2e-7)  # float32, in glTF, and the rate in C3D
-    assert found.observed is None
-
-
-# What a file cannot tell of its axes is said when it is read.
-@pytest.mark.parametrize("suffix", PRECISION)
-def test_it_does_in_other_axes_too(there, suffix):
-    axes = Axes("z", "left", 0.01)
-    clothfit.save_motion(MOTION, f"a.{suffix}", SCENE, Convention(axes.scale, axes.up, axes.handedness))
-    found = clothfit.load_motion(f"a.{suffix}", SCENE, reading=reading_of(suffix, axes))
-    np.testing.assert_allclose(found.positions, MOTION.positions, rtol=0, atol=2 * PRECISION[suffix] + 1e-15)
-
-
-def reading_of(suffix, axes):
-    """What is to be said of a file: what its format has no place for."""
-    up, handedness = (None if suffix not in ("glb", "trc") else axes.up), (None if suffix == "csv" else axes.handedness)
-    return Reading(axes.scale if suffix == "glb" else None, up, handedness)
 
 
 @pytest.mark.parametrize("suffix", ["c3d", "trc", "csv"])

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from helpers.files import damaged
 from helpers.paths import TESTS
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
@@ -192,15 +193,6 @@ def test_round_trip_to_float32(tmp_path, own):
     np.testing.assert_array_equal(found.positions, own.positions.astype(np.float32))
     np.testing.assert_allclose(found.times if len(own.times) > 1 else [0.0], own.times, rtol=1e-15)
     assert found.notes == ()
-
-
-def damaged(data, chance):
-    if chance.randrange(4) == 0:
-        return data[: chance.randrange(len(data))]
-    changed = bytearray(data)
-    for _ in range(chance.choice([1, 2, 5])):
-        changed[chance.randrange(len(data))] = chance.choice([0, 127, 128, 255, chance.randrange(256)])
-    return bytes(changed)
 
 
 # The library itself may fall over such files, which is why it works in another process: each end is one that `usd.read`

@@ -110,6 +110,8 @@ TRC = (
     "2\t0.01\t1.5\t2\t3\n"
 )
 
+LONG = "time,marker,x,y,z\n0.01,hem,1.5,2,3\n0,hem,1,2,3\n0,cuff,4,5,6\n"
+
 MOTIVE = (
     "Format Version,1.23,Take Name,x,Export Frame Rate,100.000,Length Units,Millimeters,Coordinate Space,Global\n"
     "\n"

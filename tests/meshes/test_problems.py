@@ -1,14 +1,20 @@
 """What is wrong with a mesh: each problem in the smallest mesh that has it, and none in one that has none."""
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
+from helpers.scenes import changed, trial
 
-from clothfit import InvalidInput
+from clothfit import InvalidInput, InvalidScene, load
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
+from clothfit.meshes.new_scene import new_scene
 from clothfit.meshes.problems import problems
+from clothfit.meshes.topology import across, components, edges, first_of_each, together
 from clothfit.meshes.weld import weld
+from clothfit.scene.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
@@ -97,3 +103,167 @@ def test_a_torn_cube_is_12_parts_and_28_vertices_too_many():
     kinds = found(split(trimesh.creation.box()))
     assert (kinds["parts"].count, kinds["seam"].count) == (12, 28)
     assert not any(problem.fatal for problem in kinds.values())
+
+
+# Welding: what is joined, what is left out, and how motions of the mesh are read afterwards.
+
+
+def torn(case, seed=0):
+    """A mesh whose triangles share no vertices, in another order."""
+    order = np.random.default_rng(seed).permutation(case.triangles.size)
+    corners = np.argsort(order).astype(np.int32).reshape(-1, 3)
+    return Mesh(case.positions[case.triangles.reshape(-1)[order]], corners)
+
+
+def cube():
+    solid = trimesh.creation.box()
+    return Mesh(np.array(solid.vertices, float), solid.faces.astype(np.int32))
+
+
+def test_a_cube_with_split_corners_gets_its_8_vertices_back_and_is_closed():
+    welded = weld(torn(cube()))
+    assert welded.mesh.positions.shape == (8, 3)
+    assert (welded.joined, welded.triangles, welded.unused, welded.renumbered) == (28, 0, 0, True)
+    assert problems(welded.mesh) == []
+    solid = trimesh.Trimesh(welded.mesh.positions, welded.mesh.triangles, process=False)
+    assert solid.is_watertight
+    assert solid.volume == pytest.approx(1.0, rel=1e-12)  # of the unit cube; a few additions
+
+
+def test_every_vertex_of_the_mesh_stays_where_it_was():
+    before = torn(mesh.plane(5, 2.0, 1.0))
+    welded = weld(before)
+    np.testing.assert_array_equal(welded.mesh.positions[welded.vertices], before.positions)
+    np.testing.assert_array_equal(welded.vertices[before.triangles], welded.mesh.triangles)
+
+
+def test_springs_of_a_welded_plane_are_those_of_the_plane():
+    whole, again = mesh.plane(5, 2.0), weld(torn(mesh.plane(5, 2.0))).mesh
+    a, b = mesh.springs(whole, 30.0), mesh.springs(again, 30.0)
+    ends = [np.sort(np.linalg.norm(m.positions[s.ends].mean(axis=1), axis=1)) for m, s in ((whole, a), (again, b))]
+    np.testing.assert_allclose(*ends, rtol=1e-12)  # the same springs at the same places; means of two numbers
+    np.testing.assert_allclose(np.sort(a.stiffness), np.sort(b.stiffness), rtol=1e-12)  # sums in another order
+
+
+def test_a_mesh_without_seams_keeps_its_numbers():
+    sheet = mesh.plane(4, 1.0)
+    welded = weld(sheet)
+    np.testing.assert_array_equal(welded.mesh.positions, sheet.positions)
+    np.testing.assert_array_equal(welded.mesh.triangles, sheet.triangles)
+    assert not welded.renumbered
+
+
+def test_what_no_cloth_can_have_is_left_out():
+    sheet = mesh.plane(1, 1.0)
+    extra = np.array([[0, 0, 1], [4, 3, 0], [5, 4, 1]], np.int32)  # names one twice; as the first; another
+    two_sided = np.concatenate([sheet.triangles, sheet.triangles[:, ::-1], extra[:1]])
+    welded = weld(Mesh(np.vstack([sheet.positions, [[9.0, 9, 9]]]), two_sided.astype(np.int32)))
+    np.testing.assert_array_equal(welded.mesh.triangles, sheet.triangles)
+    assert (welded.triangles, welded.unused, welded.vertices[-1]) == (9, 1, -1)
+    assert problems(welded.mesh) == []
+
+
+def test_a_distance_joins_what_is_that_near():
+    sheet = mesh.plane(3, 1.0)
+    shaken = torn(sheet)
+    noise = np.random.default_rng(1).uniform(-1e-3, 1e-3, shaken.positions.shape)
+    shaken = shaken._replace(positions=shaken.positions + noise)
+    assert len(weld(shaken).mesh.positions) == len(shaken.positions)
+    assert len(weld(shaken, 0.01).mesh.positions) == len(sheet.positions)
+
+
+# --- the numbers of the mesh in the scene
+
+
+@pytest.fixture
+def welded():
+    """A torn plane with two stray vertices, and the scene of it."""
+    before = torn(mesh.plane(2, 1.0))
+    stray = Mesh(np.vstack([[[7.0, 7, 7]], before.positions, [[8.0, 8, 8]]]), before.triangles + np.int32(1))
+    found = weld(stray)
+    return stray, found, new_scene(found.mesh, numbering=found.vertices)
+
+
+def test_positions_of_the_mesh_become_those_of_the_scene_and_back(welded):
+    stray, found, scene = welded
+    assert mesh_counts(scene) == (len(stray.positions),)
+    np.testing.assert_array_equal(stray.positions[picks(scene)], scene.cloths[0].positions)
+    moving = np.random.default_rng(2).normal(size=(4, len(found.mesh.positions), 3))
+    again = unwelded(scene, moving)
+    assert again.shape == (4, len(stray.positions), 3)
+    np.testing.assert_array_equal(again[:, picks(scene)], moving)
+    np.testing.assert_array_equal(again[:, 0], moving[:, 0])  # the stray ones go with the first
+
+
+def test_several_objects_are_counted_one_after_another(welded):
+    _, found, scene = welded
+    document = json.loads(scene.source.text)
+    plain = trial("nG", 5)["objects"][0]
+    both = load({**document, "objects": [plain, *document["objects"], plain]})
+    n, m = len(plain["vertPos"]), len(found.vertices)
+    assert mesh_counts(both) == (n, m, n)
+    own = np.unique(found.vertices, return_index=True)[1][1:]
+    expected = np.concatenate([np.arange(n), n + own, n + m + np.arange(n)])
+    np.testing.assert_array_equal(picks(both), expected)
+
+
+def test_a_scene_without_the_field_has_its_own_numbers():
+    scene = load(trial("nG", 5))
+    assert numberings(scene) == [None]
+    assert picks(scene) is None
+    assert mesh_counts(scene) == (16,)
+
+
+WRONG = [[0, 1], "all", [*range(15), 16], [*range(16), -2], [*range(15), 15.0], 5, [True] * 16]
+
+
+@pytest.mark.parametrize("value", WRONG)
+def test_a_field_that_cannot_be_is_refused(value):
+    scene = load(changed(trial("nG", 5), ("objects", 0, FIELD), value))
+    with pytest.raises(InvalidScene, match=r"objects\[0\].meshVertices: must be a list"):
+        numberings(scene)
+
+
+# Edges, parts and places of meshes, against trimesh and the builder of springs.
+
+
+def test_the_sizes_of_parts_are_those_of_trimesh():
+    solids = [trimesh.creation.icosphere(n).apply_translation([4 * n, 0, 0]) for n in (0, 2, 1)]
+    joined = trimesh.util.concatenate(solids)
+    sizes, first = components(joined.edges.astype(np.int32), len(joined.vertices))
+    assert sizes.tolist() == sorted((len(solid.vertices) for solid in solids), reverse=True)
+    assert len(sizes) == joined.body_count
+    assert sorted(first.tolist()) == [0, 12, 174]  # behind 12 and 162 vertices
+
+
+def test_places_are_one_from_each_to_the_next():
+    row = np.array([[0.0, 0, 0], [5, 0, 0], [1, 0, 0], [2, 0, 0], [5.5, 0, 0]])
+    assert together(row, 1.0).tolist() == [0, 1, 0, 0, 1]
+    assert together(row, 0.9).tolist() == [0, 1, 2, 3, 1]
+    assert together(row[[0, 0, 1]], 0.0).tolist() == [0, 0, 2]
+
+
+def test_a_distance_that_joins_everything_is_refused_before_it_takes_memory():
+    with pytest.raises(InvalidInput, match="too many others"):
+        together(np.random.default_rng(0).random((20_000, 3)), 10.0)
+
+
+def test_pairs_across_are_those_of_the_bending_springs():
+    sheet = mesh.plane(6, 2.0, 1.0)
+    made = mesh.springs(sheet, 1.0)
+    pairs = across(edges(sheet.triangles))
+    assert sorted(map(tuple, pairs.tolist())) == sorted(map(tuple, made.ends[made.bends].tolist()))
+
+
+def test_edges_are_those_of_trimesh():
+    solid = trimesh.creation.icosphere(1)
+    met = edges(solid.faces.astype(np.int32))
+    np.testing.assert_array_equal(met.ends, np.sort(np.unique(np.sort(solid.edges, axis=1), axis=0), axis=1))
+    assert (met.count == 2).all()
+    assert (np.bincount(met.of, met.along) == 1).all()  # a closed solid: once each way
+
+
+def test_the_first_of_equal_rows_is_kept():
+    rows = np.array([[3, 1], [0, 2], [3, 1], [0, 2], [1, 3]], np.int32)
+    assert first_of_each(rows).tolist() == [True, True, False, False, True]
+    assert first_of_each(np.zeros((0, 3), np.int32)).tolist() == []

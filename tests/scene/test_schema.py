@@ -3,82 +3,79 @@
 import json
 
 import jsonschema
+import numpy as np
 import pytest
 from helpers.scenes import MISSING, changed, cloth, document, kind, problems, sphere
+from hypothesis import given
+from hypothesis import strategies as st
 
+from clothfit.base.messages import place
+from clothfit.scene import array_checks as checks
 from clothfit.scene import scene
 from clothfit.scene import schema as structure
+from clothfit.scene.schema import conforms
 
 SCHEMA = json.loads(structure.schema_path().read_text("utf-8"))
 
-INF = float("inf")
+INF, NAN = float("inf"), float("nan")
 WITH_SPHERE = document(colliders=[sphere()])
 
-# Path of the change, new value, place in the message, a word of the message.
-BROKEN = [
-    (("integrationMethod",), MISSING, "integrationMethod", "missing"),
-    (("delta",), MISSING, "delta", "missing"),
-    (("objects",), MISSING, "objects", "missing"),
-    (("objects", 0, "vertPos"), MISSING, "objects[0].vertPos", "missing"),
-    (("objects", 0, "vertIsFixed"), MISSING, "objects[0].vertIsFixed", "missing"),
-    (("objects", 0, "vertMass"), MISSING, "objects[0].vertMass", "missing"),
-    (("objects", 0, "springs"), MISSING, "objects[0].springs", "missing"),
-    (("objects", 0, "springStiffness"), MISSING, "objects[0].springStiffness", "missing"),
-    (("colliders", 0, "type"), MISSING, "colliders[0].type", "missing"),
-    (("colliders", 0, "pos"), MISSING, "colliders[0].pos", "missing"),
-    (("colliders", 0, "scale"), MISSING, "colliders[0].scale", "missing"),
-    (("colliders", 0, "pos", "y"), MISSING, "colliders[0].pos.y", "missing"),
-    (("windVel", "z"), MISSING, "windVel.z", "missing"),
-    (("title",), 5, "title", "5 is not text"),
-    (("title",), None, "title", "null is not text"),
-    (("delta",), True, "delta", "true is not a number"),
-    (("delta",), "0.02", "delta", '"0.02" is not a number'),
-    (("delta",), 0, "delta", "above 0"),
-    (("delta",), -0.02, "delta", "-0.02 is too small"),
-    (("delta",), float("nan"), "delta", "NaN is not a finite number"),
-    (("delta",), INF, "delta", "Infinity is not a finite number"),
-    (("delta",), 10**400, "delta", "finite"),
-    (("tolerance",), 0, "tolerance", "above 0"),
-    (("tolerance",), 1, "tolerance", "below 1"),
-    (("integrationMethod",), 4, "integrationMethod", "4 is not one of 0, 1, 2, 3"),
-    (("integrationMethod",), True, "integrationMethod", "true is not a whole number"),
-    (("integrationMethod",), 2.0, "integrationMethod", "2.0 is not a whole number"),
-    (("optimizationIterations",), 1, "optimizationIterations", "at least 2"),
-    (("optimizationIterations",), 99.5, "optimizationIterations", "99.5 is not a whole number"),
-    (("forwardSubSteps",), 0, "forwardSubSteps", "at least 1"),
-    (("printTimes",), 0, "printTimes", "0 is not true or false"),
-    (("windVel",), [0, 0, 0], "windVel", "a list is not an object"),
-    (("windVel", "x"), "strong", "windVel.x", '"strong" is not a number'),
-    (("windVel", "x"), INF, "windVel.x", "finite"),
-    (("objects",), {}, "objects", "an object is not a list"),
-    (("objects",), [], "objects", "empty"),
-    (("objects", 0), 7, "objects[0]", "7 is not an object"),
-    (("objects", 0, "vertMass"), 0.1, "objects[0].vertMass", "0.1 is not a list"),
-    (("objects", 0, "springs"), {}, "objects[0].springs", "an object is not a list"),
-    (("objects", 0, "triangles"), "abc", "objects[0].triangles", '"abc" is not a list'),
-    (("objects", 0, "dragCoefficient"), -0.1, "objects[0].dragCoefficient", "at least 0"),
-    (("objects", 0, "damping"), -1, "objects[0].damping", "at least 0"),
-    (("objects", 0, "damping"), INF, "objects[0].damping", "finite"),
-    (("objects", 0, "optimizationSettings"), "x", "objects[0].optimizationSettings", "two letters"),
-    (("objects", 0, "optimizationSettings"), "nLG", "objects[0].optimizationSettings", "two letters"),
-    (("objects", 0, "optimizationSettings"), "nx", "objects[0].optimizationSettings", '"nx"'),
-    (("objects", 0, "optimizationSettings"), "nn\n", "objects[0].optimizationSettings", "two letters"),
-    (("objects", 0, "optimizationSettings"), 3, "objects[0].optimizationSettings", "3 is not text"),
-    (("colliders",), 1, "colliders", "1 is not a list"),
-    (("colliders", 0, "type"), 5, "colliders[0].type", "5 is not one of 0, 1, 2, 3, 4"),
-    (("colliders", 0, "pos"), None, "colliders[0].pos", "null is not an object"),
-    (("colliders", 0, "scale", "x"), 0, "colliders[0].scale.x", "above 0"),
-    (("colliders", 0, "scale", "x"), -1, "colliders[0].scale.x", "above 0"),
-    (("colliders", 0, "rot", "y"), "up", "colliders[0].rot.y", "number"),
+REQUIRED = [
+    *[(name,) for name in ("integrationMethod", "delta", "objects")],
+    *[("objects", 0, name) for name in ("vertPos", "vertIsFixed", "vertMass", "springs", "springStiffness")],
+    *[("colliders", 0, name) for name in ("type", "pos", "scale")], ("colliders", 0, "pos", "y"), ("windVel", "z"),
+]  # fmt: skip
+
+# Path of the change, new values, a word of the message about the field.
+OF_FIELDS = [
+    *[(path, MISSING, "missing") for path in REQUIRED],
+    (("title",), 5, "5 is not text"),
+    (("title",), None, "null is not text"),
+    (("delta",), True, "true is not a number"),
+    (("delta",), "0.02", '"0.02" is not a number'),
+    (("delta",), 0, "above 0"),
+    (("delta",), -0.02, "-0.02 is too small"),
+    (("delta",), NAN, "NaN is not a finite number"),
+    (("delta",), INF, "Infinity is not a finite number"),
+    (("delta",), 10**400, "finite"),
+    (("tolerance",), 0, "above 0"),
+    (("tolerance",), 1, "below 1"),
+    (("integrationMethod",), 4, "4 is not one of 0, 1, 2, 3"),
+    (("integrationMethod",), True, "true is not a whole number"),
+    (("integrationMethod",), 2.0, "2.0 is not a whole number"),
+    (("optimizationIterations",), 1, "at least 2"),
+    (("optimizationIterations",), 99.5, "99.5 is not a whole number"),
+    (("forwardSubSteps",), 0, "at least 1"),
+    (("printTimes",), 0, "0 is not true or false"),
+    (("windVel",), [0, 0, 0], "a list is not an object"),
+    (("windVel", "x"), "strong", '"strong" is not a number'),
+    (("windVel", "x"), INF, "finite"),
+    (("objects",), {}, "an object is not a list"),
+    (("objects",), [], "empty"),
+    (("objects", 0), 7, "7 is not an object"),
+    (("objects", 0, "vertMass"), 0.1, "0.1 is not a list"),
+    (("objects", 0, "springs"), {}, "an object is not a list"),
+    (("objects", 0, "triangles"), "abc", '"abc" is not a list'),
+    (("objects", 0, "dragCoefficient"), -0.1, "at least 0"),
+    (("objects", 0, "damping"), -1, "at least 0"),
+    (("objects", 0, "damping"), INF, "finite"),
+    *[(("objects", 0, "optimizationSettings"), value, "two letters") for value in ("x", "nLG", "nn\n")],
+    (("objects", 0, "optimizationSettings"), "nx", '"nx"'),
+    (("objects", 0, "optimizationSettings"), 3, "3 is not text"),
+    (("colliders",), 1, "1 is not a list"),
+    (("colliders", 0, "type"), 5, "5 is not one of 0, 1, 2, 3, 4"),
+    (("colliders", 0, "pos"), None, "null is not an object"),
+    (("colliders", 0, "scale", "x"), 0, "above 0"),
+    (("colliders", 0, "scale", "x"), -1, "above 0"),
+    (("colliders", 0, "rot", "y"), "up", "number"),
 ]
 
 
-@pytest.mark.parametrize(("path", "value", "place", "word"), BROKEN, ids=[kind(*row[:2]) for row in BROKEN])
-def test_one_broken_field_gives_one_problem_with_its_place(path, value, place, word):
-    found = problems(changed(WITH_SPHERE, path, value))
-    assert len(found) == 1
-    assert found[0].startswith(f"{place}: ")
-    assert word in found[0]
+@pytest.mark.parametrize(("path", "value", "word"), OF_FIELDS, ids=[kind(*row[:2]) for row in OF_FIELDS])
+def test_one_broken_field_gives_one_problem_with_its_place(path, value, word):
+    (found,) = problems(changed(WITH_SPHERE, path, value))
+    assert found.startswith(f"{place(path)}: ")
+    assert word in found
 
 
 @pytest.mark.parametrize("text", ["[]", "1", "null", '"scene"', "true"])
@@ -149,3 +146,153 @@ def test_only_the_required_fields_are_needed_and_the_rest_has_the_defaults_of_th
     assert made.spheres == ()
     (only,) = made.cloths
     assert (only.triangles.shape, only.drag, only.damping, only.settings) == ((0, 3), 0, 0, "nn")
+
+
+# The quick look at a scene's structure: when it says yes, so does a validator of JSON Schema.
+
+
+JUDGE = jsonschema.Draft202012Validator(SCHEMA)
+
+values = st.one_of(
+    st.none(), st.booleans(), st.integers(-3, 3), st.floats(allow_nan=False, allow_infinity=False),
+    st.sampled_from(["", "nG", "nGL", "G", "x"]), st.lists(st.integers(0, 2), max_size=2),
+    st.dictionaries(st.sampled_from(["x", "y", "z", "type"]), st.integers(-1, 1), max_size=4),
+)  # fmt: skip
+names = st.sampled_from(
+    [*SCHEMA["properties"], *(("objects", 0, name) for name in SCHEMA["$defs"]["object"]["properties"]),
+     *(("colliders", 0, name) for name in SCHEMA["$defs"]["collider"]["properties"]), ("fit", "windVel")]
+)  # fmt: skip
+
+
+@given(st.lists(st.tuples(names, values), max_size=3))
+def test_what_conforms_is_valid(changes):
+    scene = document(cloth(2, 2), colliders=[sphere()], fit={})
+    for path, value in changes:
+        owner, (*steps, last) = scene, (path if isinstance(path, tuple) else (path,))
+        for step in steps:
+            held = dict(enumerate(owner)) if isinstance(owner, list) else owner
+            owner = held.get(step, {}) if isinstance(held, dict) else {}
+        if isinstance(owner, dict):
+            owner[last] = value
+    assert not conforms(scene, SCHEMA, SCHEMA) or JUDGE.is_valid(scene)
+
+
+def test_a_scene_as_it_comes_conforms():
+    assert conforms(document(cloth(), cloth(2, 2), colliders=[sphere()], fit={"windVel": True}), SCHEMA, SCHEMA)
+
+
+@pytest.mark.parametrize(
+    ("value", "schema"),
+    [(1.0, {"enum": [1]}), (True, {"enum": [1]}), (1, {"enum": [True]}), (1, {"const": 1}), (1, {"type": "boolean"})],
+)
+def test_in_doubt_it_says_no(value, schema):
+    assert not conforms(value, schema, schema)
+
+
+# The long arrays of a scene: every kind of wrong value is found and named by its place in the flat list.
+
+
+N = 12  # vertices of the default cloth
+SPRINGS = cloth()["springs"]
+S = len(SPRINGS) // 2
+BAD_INDICES = [(3.0, "3.0"), (True, "true"), ("3", '"3"')]
+
+# Path of the change inside objects[0], new value, place in the message after objects[0], where it is not that of the
+# change, a word of the message.
+OF_ARRAYS = [
+    (("vertPos", 5), 3, "", "3 is not a vector"),
+    (("vertPos", 5), None, "", "null is not a vector"),
+    (("vertPos", 5), [0, 0, 0], "", "a list is not a vector"),
+    (("vertPos", 5, "y"), MISSING, "", "missing"),
+    (("vertPos", 5, "y"), "1", "", '"1" is not a number'),
+    (("vertPos", 5, "y"), True, "", "true is not a number"),
+    (("vertPos", 5, "y"), None, "", "null is not a number"),
+    (("vertPos", 5, "z"), NAN, "", "NaN is not a finite number"),
+    (("vertPos", 5, "x"), -INF, "", "-Infinity is not a finite number"),
+    (("vertPos", 5, "x"), 10**400, "", "finite"),
+    (("vertPos", 5, "x"), 10**300, "springs[4]", "vertices 0 and 5 are too far apart"),
+    (("vertIsFixed", 2), 1, "", "1 is not true or false"),
+    (("vertIsFixed", 2), "true", "", '"true" is not true or false'),
+    (("vertIsFixed",), [False] * 11, "", "11 values for 12 vertices"),
+    (("vertMass", 3), True, "", "true is not a number"),
+    (("vertMass", 3), "1", "", '"1" is not a number'),
+    (("vertMass", 3), [1], "", "a list is not a number"),
+    (("vertMass", 3), 0, "", "above 0"),
+    (("vertMass", 3), -0.5, "", "-0.5 kg must be above 0"),
+    *[(("vertMass", 3), value, "", "finite") for value in (NAN, INF, 10**400)],
+    (("vertMass",), [1.0], "", "1 value for 12 vertices"),
+    (("vertMass",), [], "", "0 values for 12 vertices"),
+    (("springs", 3), N, "", "vertex 12 does not exist (the object has 12 vertices)"),
+    (("springs", 3), -1, "", "vertex -1 does not exist"),
+    (("springs", 3), 10**30, "", "does not exist"),
+    *[(("springs", 3), value, "", f"{text} is not an index") for value, text in BAD_INDICES],
+    (("springs", 3), SPRINGS[2], "springs[2]", "joined to itself"),
+    (("vertPos", 1), {"x": 0, "y": 0, "z": 0}, "springs[0]", "vertices 0 and 1 lie at the same place"),
+    (("springs",), [*SPRINGS, 0], "", f"{2 * S + 1} indices do not make pairs"),
+    (("springs",), SPRINGS[:-2], "springStiffness", f"{S} values for {S - 1} springs"),
+    (("springStiffness",), [1.0] * (S + 1), "", f"{S + 1} values for {S} springs"),
+    (("springStiffness", 4), -1, "", "-1.0 N/m must be 0 or more"),
+    (("springStiffness", 4), None, "", "null is not a number"),
+    (("springStiffness", 4), INF, "", "finite"),
+    (("triangles", 7), N, "", "vertex 12 does not exist"),
+    (("triangles", 7), -2, "", "vertex -2 does not exist"),
+    (("triangles", 7), 0.5, "", "0.5 is not an index"),
+    (("triangles",), [0, 1, 2, 3], "", "4 indices do not make triples"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "where", "word"), OF_ARRAYS, ids=[kind(*row[:2]) for row in OF_ARRAYS])
+def test_one_broken_value_is_named_first(path, value, where, word):
+    first = problems(changed(document(), ("objects", 0, *path), value))[0]
+    assert first.startswith(f"objects[0].{where or place(path)}: ")
+    assert word in first
+
+
+def test_an_object_needs_vertices():
+    empty = {name: [] for name in ("vertPos", "vertIsFixed", "vertMass", "springs", "springStiffness")}
+    assert problems(document(empty)) == ["objects[0].vertPos: is empty; an object needs at least one vertex"]
+
+
+def test_the_second_object_is_named_by_its_index():
+    found = problems(document(cloth(), cloth(2, 2, vertMass=[1, 1, 1, -1])))
+    assert found == ["objects[1].vertMass[3]: the mass -1.0 kg must be above 0"]
+
+
+def test_problems_of_all_arrays_are_collected_a_handful_each():
+    bad = cloth(vertMass=[-1.0] * N, springStiffness=[-1.0] * S, triangles=[99] * 6)
+    found = problems(document(bad))
+    places = [problem.split("[")[1] for problem in found]
+    assert len(places) == 3 * checks.HANDFUL
+    assert f"(and {N - checks.HANDFUL} more in this list)" in next(p for p in found if ".vertMass[4]" in p)
+
+
+def test_a_vector_tells_each_wrong_component():
+    found = problems(changed(document(), ("objects", 0, "vertPos", 2), {"x": "a", "z": False}))
+    assert [problem.split(":")[0] for problem in found] == [f"objects[0].vertPos[2].{axis}" for axis in "xyz"]
+
+
+def test_what_is_odd_but_right_passes():
+    twice = cloth(springs=[0, 1, 0, 1], springStiffness=[1.0, 0])
+    slivers = cloth(triangles=[0, 0, 1, 0, 1, 2, 0, 1, 2])
+    lonely = cloth(springs=[], springStiffness=[])
+    together = cloth(vertPos=[{"x": 0, "y": 0, "z": 0}] * N, springs=[], springStiffness=[])
+    made = scene.load(document(twice, slivers, lonely, together))
+    assert [len(item.springs) for item in made.cloths] == [2, S, 0, 0]
+
+
+def test_integers_and_large_integers_are_numbers():
+    made = scene.load(document(cloth(vertMass=[2**70] * N, springStiffness=[7] * S)))
+    assert made.cloths[0].mass.tolist() == [2.0**70] * N
+    assert made.cloths[0].stiffness.tolist() == [7.0] * S
+
+
+def test_new_values_are_copied_and_checked():
+    found: list[str] = []
+    given = np.ones(3)
+    made = checks.new_values(given, 3, "here", found)
+    given[:] = 5
+    assert made is not None
+    assert made.tolist() == [1, 1, 1]
+    wrong = ([1, 2], [[1, 2, 3]], ["a", "b", "c"], [1j, 1, 1], [[1], [1, 2]], None, [1, 2, NAN])
+    assert [checks.new_values(values, 3, "here", found) for values in wrong] == [None] * len(wrong)
+    assert len(found) == len(wrong)

@@ -1,0 +1,110 @@
+"""Every format: there and back in any axes to its own precision, damage, garbage, what is not there."""
+
+import random
+from itertools import product
+
+import numpy as np
+import pytest
+from helpers import marker_files
+from helpers.files import damaged, read, written
+from helpers.paths import TESTS
+from helpers.scene_files import wave
+from helpers.scenes import trial
+
+import clothfit
+from clothfit.base.errors import InvalidMotion
+from clothfit.formats import glb
+from clothfit.formats.axes import Axes, Convention, Reading
+from clothfit.formats.registry import FORMATS, foreign
+
+SCENE = clothfit.load(trial("nG", 5))
+MOTION = clothfit.simulate(SCENE)
+LARGEST = np.abs(MOTION.positions).max()
+HALF = 2.0**-24 * LARGEST  # of the last of float32's 24 bits
+
+# Suffix: the largest error of a coordinate, m (text is exact but for the unit), and what the file tells of its axes.
+PRECISION = {
+    "_*.obj": (0.0, ""), ".pc2": (HALF, ""), ".mdd": (HALF, ""), ".usda": (HALF, "up scale"),
+    ".usdc": (HALF, "up scale"), ".glb": (glb.TOLERANCE, ""), ".gltf": (glb.TOLERANCE, ""),
+    ".c3d": (HALF, "up scale"), ".trc": (1e-15, "scale"), ".csv": (0.0, "up handedness scale"),
+}  # fmt: skip
+AXES = [Axes(up, hand, scale) for up, hand, scale in product("yz", ("left", "right"), (1.0, 0.01))]
+FEW = [Axes("z", "left", 0.01)]  # for what a process reads
+
+
+def library(name):
+    """Skip what needs a library that is missing."""
+    if foreign(name).library is not None:
+        pytest.importorskip(foreign(name).library)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "axes"),
+    [(suffix, axes) for suffix in PRECISION for axes in (None, *(FEW if ".usd" in suffix else AXES))],
+)
+def test_a_motion_comes_back_in_any_axes_to_the_precision_of_the_format(tmp_path, suffix, axes):
+    library(f"a{suffix}")
+    name, (error, told) = str(tmp_path / f"a{suffix}"), PRECISION[suffix]
+    said = {} if axes is None else axes._asdict()
+    clothfit.save_motion(MOTION, name, SCENE, Convention(**said))
+    reading = Reading(**{field: value for field, value in said.items() if field not in told})
+    found = clothfit.load_motion(name, SCENE, reading=reading)
+    most = error if axes is None else 2 * error + 2e-15 * LARGEST  # the unit costs two roundings
+    np.testing.assert_allclose(found.positions, MOTION.positions, rtol=0, atol=most)
+    np.testing.assert_allclose(found.times, MOTION.times, rtol=1.2e-7)  # float32, in glTF, and the rate in C3D
+    assert (found.vertex_counts, found.observed) == (MOTION.vertex_counts, None)
+
+
+def blenders(name):
+    return (TESTS / "formats" / "blender" / name).read_bytes()
+
+
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n"
+    "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n1 1 0\n0 1 0.1\n3 0 1 2\n4 0 1 2 3\n"
+)
+OBJ = b"v 0 0 0\nvt 0 1\nv 1 0 0\nv 1 1 0\ng hem\nf 1/1/1 -2//3 3 \\\n 3\nv 0 1 0\nf 1 3 4\n"
+
+
+def goods(suffix):
+    """Good files of a format."""
+    if suffix in ("c3d", "trc", "csv"):
+        more = [marker_files.LONG.encode(), marker_files.MOTIVE.encode()] if suffix == "csv" else []
+        return [written(f"a.{suffix}", marker_files.motion()), *more]
+    if suffix in ("pc2", "mdd", "glb"):
+        return [written(f"a.{suffix}", wave(6, count=8))]
+    return {"abc": [blenders("sheet.abc")], "stl": [blenders("sheet-text.stl"), blenders("sheet-binary.stl")],
+            "ply": [PLY.encode()], "obj": [OBJ]}[suffix]  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", ["abc", "stl", "ply", "obj", "pc2", "mdd", "glb", "c3d", "trc", "csv"])
+def test_damaged_files_are_refused_or_read_and_nothing_else(tmp_path, suffix):
+    chance, files, messages = random.Random(0), goods(suffix), []
+    for i in range(300):
+        try:
+            found = read(tmp_path, f"a.{suffix}", damaged(files[i % len(files)], chance))
+        except InvalidMotion as error:
+            messages.append(str(error))
+            continue
+        seen = np.isfinite(found.positions).all(axis=2) | (suffix == "ply")  # `new` looks at those of meshes
+        assert (seen if found.observed is None else seen[found.observed]).all()
+        corners = np.zeros(0) if found.triangles is None else found.triangles
+        assert ((corners >= 0) & (corners < found.positions.shape[1])).all()
+    assert 40 < len(messages) < 300  # so that damage was done
+    assert all(text.startswith(f"a.{suffix}: ") and "\n" not in text for text in messages)
+
+
+GARBAGE = [b"", b"\0", b"hello\n", bytes(2000), b"\xff\xfe\x00", b"\xff" * 99, b"," * 1000, b"\t\n" * 500, b"PK\3\4",
+           b"v ", b"POINTCACHE2\0" + b"\x7f" * 99]  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [each for form in FORMATS for each in form.suffixes if form.name != "USD"])
+def test_garbage_a_folder_and_nothing_are_refused_with_the_name(tmp_path, suffix):
+    for data in GARBAGE:
+        with pytest.raises(InvalidMotion, match=rf"a\{suffix}: "):
+            read(tmp_path, f"a{suffix}", data)
+    (tmp_path / f"b{suffix.upper()}").mkdir()
+    for name, message in ((f"b{suffix.upper()}", "is a folder"), (f"c{suffix}", "there is no such file")):
+        with pytest.raises(InvalidMotion, match=message):
+            clothfit.load_motion(tmp_path / name, SCENE)
