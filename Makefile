@@ -1,7 +1,7 @@
 # make demo   set up and fit an example: is everything in place?
 # make test   set up and run the tests
 # make quick  set up and run those that neither compile a fit nor start a process: under a minute
-# make fuzz   set up and try hostile input for a minute; more: make fuzz FUZZ='--count 100000', or with --guided
+# make fuzz   set up and try hostile input for a minute; more: make fuzz FUZZ='--count 100000'
 # make lint   set up and check style and types
 # make blender  set up Blender as a Python module (370 MB) and try the add-on, files, exports and fits there; more:
 #             COUNT=100 cloths, less: PARTS='formats cloths'
@@ -49,7 +49,6 @@ test: $(VENV)/installed-test
 quick: $(VENV)/installed-test
 	$(BIN)/python -m pytest -q -m quick -n auto --maxprocesses 4 --dist worksteal
 
-# --guided needs atheris in the environment, of which there are wheels for some systems only; nothing else does.
 fuzz: $(VENV)/installed-test
 	cd tests && ../$(BIN)/python -m fuzz --keep ../build/faults $(FUZZ)
 

@@ -237,16 +237,10 @@ def test_trimesh_writes_a_mesh_that_is_read(read):
 VALUES = [0, 1, -1, 7, 2**31, 10**30, 1.5, 1e308, True, None, "a", "VEC3", [], {}, [0] * 3, [1] * 16, 5121]
 
 
-def places(value, path=()):
-    """The paths of all values in a document."""
-    members = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    return [inner for key, item in members for inner in [(*path, key), *places(item, (*path, key))]]
-
-
 def other(text, chance):
     """A document in which a value is another one, or gone."""
     document = json.loads(text)
-    *above, last = chance.choice(places(document))
+    *above, last = chance.choice(files.places(document))
     owner = functools.reduce(operator.getitem, above, document)
     if chance.randrange(3):
         owner[last] = chance.choice(VALUES)

@@ -1,36 +1,28 @@
 """Try hostile scenes, motions and checkpoints on the commands: in `tests`, python -m fuzz --seconds 60.
 
-Cases come from a seeded generator, so that --seed S --count N are the same N cases again. With --guided they are also
-bred by atheris, by the code they reach; there are wheels of it for some versions of Python on Linux and macOS, so the
-tests do not ask for it. Ends with exit code 1 when a case led to anything but a documented exit code, a short message,
-5 s and 1 GB of memory at most; the files that did are kept in --keep FOLDER.
+Cases come from a seeded generator, so that --seed S --count N are the same N cases again. Ends with exit code 1 when a
+case led to anything but a documented exit code, a short message, 5 s and 1 GB of memory at most; the files that did are
+kept in --keep FOLDER.
 """
 
 from __future__ import annotations
 
 import argparse
 import faulthandler
-import os
 import resource
 import sys
 import tempfile
 import time
 from collections import Counter
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from fuzz.cases import Case, Verdict
+from fuzz.cases import Case, Verdict, case, tried, workplace
 
 MOST_MEMORY = 1000  # MB
 HUNG = 60  # s after which a case is given up, and with it the run
 MOST_TOLD = 20
-LONGEST = 20_000  # bytes of a case that is bred
-
-
 @dataclass
 class Report:
     """What came of all cases."""
@@ -79,8 +71,6 @@ class Report:
 
 def generated(report: Report, seed: int, count: int | None, seconds: float, moving: bool = True) -> None:
     """Try cases of a seeded generator, so many or so long, also of what is `moving`; in a workplace."""
-    from fuzz.cases import case, tried
-
     end = time.perf_counter() + seconds
     number = 0
     while number < count if count is not None else time.perf_counter() < end:
@@ -91,77 +81,16 @@ def generated(report: Report, seed: int, count: int | None, seconds: float, movi
     faulthandler.cancel_dump_traceback_later()
 
 
-def guided(report: Report, seconds: float) -> None:
-    """Let atheris breed cases by the code they reach; in a workplace. Does not return.
-
-    A case is a byte for its kind and its file. Half of the mutations are the generator's.
-    """
-    import atheris  # type: ignore[import-not-found]
-
-    from fuzz.cases import COMMANDS, Case, tried
-    from fuzz.mutations import KINDS
-
-    kinds = ("scene", "motion")
-    corpus = Path("corpus")
-    corpus.mkdir()
-    for i, name in enumerate(("good.json", "good.npz")):
-        (corpus / name).write_bytes(bytes([i]) + Path(name).read_bytes())
-
-    def one_input(data: bytes) -> None:
-        kind = kinds[data[0] % 2] if data else "scene"
-        one = Case(kind, COMMANDS[kind][0], data[1:])
-        report.add(one, tried(one))
-        if time.perf_counter() > end:  # libFuzzer would end the process without a word
-            code = report.finish()
-            sys.stdout.flush()
-            os._exit(code)
-
-    def mutated(data: bytes, size: int, seed: int) -> bytes:
-        chance = Random(seed)
-        if chance.random() < 0.5:
-            return bytes(atheris.Mutate(data, size))
-        i = chance.randrange(2)
-        return bytes([i]) + KINDS[kinds[i]](chance)[: size - 1]
-
-    end = time.perf_counter() + seconds
-    limits = [f"-timeout={HUNG}", f"-max_len={LONGEST}", "-verbosity=0"]
-    atheris.Setup([sys.argv[0], *limits, str(corpus)], one_input, custom_mutator=mutated)
-    atheris.Fuzz()
-
-
-def watched() -> bool:
-    """Load what reads files so that atheris sees what is reached; returns whether it is installed.
-
-    It changes the code of all that is imported meanwhile, and kernels could then not be compiled.
-    """
-    try:
-        import atheris
-    except ImportError:
-        return False
-    with atheris.instrument_imports(include=["clothfit"]):
-        for name in ("scene.scene", "base.npz"):
-            import_module(f"clothfit.{name}")
-    return True
-
-
 def main() -> int:
     """Parse, try, report."""
     parser = argparse.ArgumentParser("python -m fuzz", description=__doc__.split("\n\n")[0])
     parser.add_argument("--seconds", type=float, default=60.0, help="how long [default: 60]")
     parser.add_argument("--count", type=int, help="so many cases instead")
     parser.add_argument("--seed", type=int, default=0, help="of the generator [default: 0]")
-    parser.add_argument("--guided", action="store_true", help="by coverage, with atheris where it is installed")
     parser.add_argument("--keep", type=Path, default=Path("faults"), help="where what led to a fault goes")
     options = parser.parse_args()
-    breeding = options.guided and watched()
-    from fuzz.cases import workplace
-
     report = Report(options.keep.absolute())
     with tempfile.TemporaryDirectory() as folder, workplace(folder):
-        if breeding:
-            guided(report, options.seconds)
-        elif options.guided:
-            print("atheris is not installed; the generator it is")
         generated(report, options.seed, options.count, options.seconds)
         return report.finish()
 

@@ -17,11 +17,12 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
+from helpers.files import damaged
 
 from clothfit.cli.program import run
 from clothfit.optimise.checkpoint import FORMAT_LINE, checksum
 from fuzz.moving import KEYED, TABLE, moving
-from fuzz.mutations import KINDS, damaged, motion, scene, with_token
+from fuzz.mutations import KINDS, motion, scene, text_bytes, with_token
 
 CODES = (0, 3, 4, 5)
 """The exit codes that a file can lead to: done, invalid, diverged, not converged."""
@@ -157,16 +158,16 @@ def foreign_bytes(chance: Random, suffix: str) -> bytes:
     file = BLENDER / chance.choice(BLENDERS[suffix]) if suffix in BLENDERS else Path(f"good{suffix}")
     data = file.read_bytes()
     text = suffix in TEXTS or file.stem.endswith("text")
-    return with_token(chance, data) if text and chance.random() < 0.6 else damaged(chance, data)
+    return text_bytes(chance, data) if text else damaged(data, chance)
 
 
 def checkpoint_bytes(chance: Random) -> bytes:
     """A damaged checkpoint, often with the checksum that belongs to the damage."""
     data = Path("good.checkpoint").read_bytes()
     if chance.random() < 0.3:
-        return damaged(chance, data)
+        return damaged(data, chance)
     rest = data.partition(b"\n")[2]
-    rest = with_token(chance, rest) if chance.random() < 0.5 else damaged(chance, rest)
+    rest = with_token(chance, rest) if chance.random() < 0.5 else damaged(rest, chance)
     return FORMAT_LINE + checksum(rest) + b"\n" + rest
 
 

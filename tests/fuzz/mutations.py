@@ -14,10 +14,12 @@ import struct
 import warnings
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from random import Random
 from typing import Any
 
 import numpy as np
+from helpers.files import damaged, places
 from helpers.scenes import cloth, document, sphere
 
 from fuzz.moving import TABLE, moving
@@ -68,12 +70,6 @@ def motion() -> dict[str, np.ndarray]:
     }
 
 
-def places(value: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
-    """The paths of all values in a document but itself."""
-    members = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    return [inner for key, item in members for inner in [(*path, key), *places(item, (*path, key))]]
-
-
 def changed_document(chance: Random, valid: Callable[[], dict[str, Any]]) -> Any:
     """A scene that was `valid`, with one to three of its values replaced, taken away, repeated or exchanged."""
     made = copy.deepcopy(valid())
@@ -121,7 +117,7 @@ def scene_bytes(chance: Random, valid: Callable[[], dict[str, Any]] = scene) -> 
         case 0 | 1:
             return with_token(chance, data)
         case 2:
-            return damaged(chance, data)
+            return damaged(data, chance)
         case 3:
             return text.encode(chance.choice(CODECS), "replace")
         case 4:
@@ -140,26 +136,9 @@ def with_token(chance: Random, data: bytes) -> bytes:
     return data[:at] + token + data[end if chance.random() < 0.8 else at :]
 
 
-def damaged(chance: Random, data: bytes) -> bytes:
-    """Bytes with some of them changed, lost, repeated or put in; or the end lost."""
-    made = bytearray(data)
-    for _ in range(chance.choice([1, 1, 2, 5])):
-        at = chance.randrange(len(made) + 1)
-        length = chance.choice([1, 1, 2, 4, 8, 100])
-        match chance.randrange(6):
-            case 0 if at < len(made):
-                made[at] ^= 1 << chance.randrange(8)
-            case 1:
-                del made[at : at + length]
-            case 2:
-                made[at:at] = made[at : at + length]
-            case 3:
-                made[at : at + length] = chance.randbytes(length)
-            case 4:
-                made[at : at + 4] = struct.pack("<I", chance.choice([0, 1, 2**31, 2**32 - 1, 0xFFFF, len(made)]))
-            case 5:
-                del made[at:]
-    return bytes(made)
+def text_bytes(chance: Random, data: bytes) -> bytes:
+    """A text, such as a table of keys, with another word in it, or damaged."""
+    return with_token(chance, data) if chance.random() < 0.6 else damaged(data, chance)
 
 
 def array(chance: Random, value: np.ndarray) -> np.ndarray:
@@ -197,7 +176,7 @@ def npy_bytes(chance: Random, value: np.ndarray) -> bytes:
     if chance.random() < 0.6:
         return data
     if chance.random() < 0.4:
-        return damaged(chance, data)
+        return damaged(data, chance)
     shape, descr = chance.choice([*SHAPES, value.shape]), chance.choice([*DESCRS, "<f8"])
     text = f"{{'descr': {descr!r}, 'fortran_order': {chance.random() < 0.5}, 'shape': {shape}, }}"
     text = chance.choice([text, text, text, text * 2, "(" * 5000, "-" * 9000, "[" * 60_000, "9**9**9", ""])
@@ -235,20 +214,10 @@ def motion_bytes(chance: Random) -> bytes:
     if chance.random() < 0.1:
         members.append(chance.choice([*members, ("other.npy", b"x"), ("positions", b""), ("../times.npy", b"")]))
     data = members[0][1] if chance.random() < 0.1 else zipped(chance, members)
-    return damaged(chance, data) if chance.random() < 0.3 else data
-
-
-def keys_bytes(chance: Random) -> bytes:
-    """A table of keys with another word in it, or damaged."""
-    data = TABLE.encode()
-    return with_token(chance, data) if chance.random() < 0.6 else damaged(chance, data)
-
-
-def moving_bytes(chance: Random) -> bytes:
-    """A scene in which all moves that can, changed."""
-    return scene_bytes(chance, moving)
+    return damaged(data, chance) if chance.random() < 0.3 else data
 
 
 KINDS: dict[str, Callable[[Random], bytes]] = {
-    "scene": scene_bytes, "moving": moving_bytes, "motion": motion_bytes, "keys": keys_bytes,
+    "scene": scene_bytes, "moving": partial(scene_bytes, valid=moving), "motion": motion_bytes,
+    "keys": partial(text_bytes, data=TABLE.encode()),
 }  # fmt: skip

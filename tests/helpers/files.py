@@ -1,10 +1,12 @@
-"""Files of other programs for tests: read and written as bytes, and damaged."""
+"""Files for tests: those of other programs as bytes, read and written; hostile bytes of any."""
 
 from __future__ import annotations
 
 import io
 from random import Random
 from typing import Any
+
+import numpy as np
 
 from clothfit.formats.animation import Animation
 from clothfit.formats.registry import foreign, module_of
@@ -30,21 +32,46 @@ def written(name: str, animation: Animation) -> bytes:
 
 
 def damaged(data: bytes, chance: Random) -> bytes:
-    """A file that is cut off, or has other bytes, another word, a number that is another place, or a part twice."""
-    kind, place = chance.randrange(5), chance.randrange(len(data))
-    changed = bytearray(data)
-    if kind == 0:
-        return data[:place]
-    if kind == 1:
-        for _ in range(chance.choice([1, 2, 5])):
-            at = chance.randrange(min(len(data), chance.choice([1024, len(data)])))
-            changed[at] = chance.choice([0, 127, 128, 255, chance.randrange(256)])
-    elif kind == 2:
-        changed[place : place + chance.choice([0, 1, 3])] = chance.choice(WORDS)
-    elif kind == 3:
-        number = chance.choice([0, 2**31, 2**63, 2**64 - 1, chance.randrange(len(data))])
-        changed[place : place + 8] = number.to_bytes(8, "little")
-    else:
-        other = chance.randrange(len(data))
-        changed[place : place + 20] = changed[other : other + chance.randrange(20)]
-    return bytes(changed)
+    """Bytes with some of them changed, lost, repeated, put in or another word; or the end lost."""
+    made = bytearray(data)
+    for _ in range(chance.choice([1, 1, 2, 5])):
+        at = chance.randrange(min(len(made), chance.choice([1024, len(made)])) + 1)
+        length = chance.choice([1, 1, 2, 4, 8, 100])
+        match chance.randrange(9):
+            case 0 if at < len(made):
+                made[at] ^= 1 << chance.randrange(8)
+            case 1:
+                del made[at : at + length]
+            case 2:
+                made[at:at] = made[at : at + length]
+            case 3:
+                made[at : at + length] = chance.randbytes(length)
+            case 4:
+                number = chance.choice([0, 1, 2**31, 2**32 - 1, 0xFFFF, len(made)])
+                made[at : at + 4] = number.to_bytes(4, "little")
+            case 5:
+                number = chance.choice([0, 2**63, 2**64 - 1, chance.randrange(len(made) + 1)])
+                made[at : at + 8] = number.to_bytes(8, "little")
+            case 6:
+                made[at : at + chance.choice([0, 1, 3])] = chance.choice(WORDS)
+            case 7:
+                other = chance.randrange(len(made) + 1)
+                made[at : at + 20] = made[other : other + chance.randrange(20)]
+            case _:
+                del made[at:]
+    return bytes(made)
+
+
+def places(value: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """The paths of all values in a document but itself."""
+    members = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [inner for key, item in members for inner in [(*path, key), *places(item, (*path, key))]]
+
+
+def leaves(value: Any, path: str = "") -> dict[str, Any]:
+    """The values of a document that hold no others, by their paths; numbers with a point as float32."""
+    if isinstance(value, dict):
+        return {k: v for name, each in value.items() for k, v in leaves(each, f"{path}.{name}").items()}
+    if isinstance(value, list):
+        return {k: v for i, each in enumerate(value) for k, v in leaves(each, f"{path}[{i}]").items()}
+    return {path: np.float32(value) if isinstance(value, float) else value}

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from fuzz.__main__ import Report, generated
 from fuzz.cases import CODES, COMMANDS, FOREIGN, Case, case, checkpoint_bytes, foreign_bytes, judged, tried, workplace
-from fuzz.mutations import motion, motion_bytes, moving_bytes, scene, scene_bytes
+from fuzz.mutations import KINDS, motion, motion_bytes, scene, scene_bytes
 from helpers.scenes import changed, load_text
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -166,7 +166,7 @@ def test_mutated_scenes(chance):
 @many
 @given(chances)
 def test_mutated_scenes_in_which_everything_moves(chance):
-    assert_faultless(Case("moving", ("info", "{file}"), moving_bytes(chance)))
+    assert_faultless(Case("moving", ("info", "{file}"), KINDS["moving"](chance)))
 
 
 @many

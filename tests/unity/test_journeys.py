@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.files import leaves
 
 from clothfit import load
 from clothfit.cli.program import run
@@ -21,14 +22,6 @@ FITTED = re.compile(r"\.objects\[0\]\.(springStiffness\[\d+\]|damping)|\.windVel
 @pytest.fixture
 def project(tmp_path):
     return tmp_path / "Mein Projekt é 窗 $x"
-
-
-def leaves(value, path=""):
-    if isinstance(value, dict):
-        return {k: v for name, each in value.items() for k, v in leaves(each, f"{path}.{name}").items()}
-    if isinstance(value, list):
-        return {k: v for i, each in enumerate(value) for k, v in leaves(each, f"{path}[{i}]").items()}
-    return {path: np.float32(value) if isinstance(value, float) else value}
 
 
 def files(project):

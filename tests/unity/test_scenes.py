@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from helpers import networks
+from helpers.files import leaves
 from helpers.paths import EXAMPLES, SIDE
 
 from clothfit import load
@@ -20,19 +21,6 @@ from clothfit.subspace.play import play
 pytestmark = pytest.mark.slow  # starts a compiler and processes
 
 real = pytest.mark.skipif(not SIDE.is_file(), reason="the reference scene is not beside the checkout")
-
-
-def numbers(value, path=""):
-    """The leaves of a document with their paths; numbers as float32."""
-    if isinstance(value, dict):
-        for name, each in value.items():
-            yield from numbers(each, f"{path}.{name}")
-    elif isinstance(value, list):
-        for i, each in enumerate(value):
-            yield from numbers(each, f"{path}[{i}]")
-    else:
-        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        yield path, float(np.float32(value)) if is_number else value
 
 
 def read(path):
@@ -102,7 +90,7 @@ def test_all_that_the_package_writes_is_valid_and_read_back(harness, tmp_path):
 @pytest.mark.parametrize("name", ["side.json", "flag.json", "drape.json", "world/flag.json", "world/curtain.json"])
 def test_scenes_of_others_come_back_with_all_numbers(harness, tmp_path, name):
     harness("copy", EXAMPLES / name, tmp_path / "copy.json")
-    assert dict(numbers(read(tmp_path / "copy.json"))) == dict(numbers(read(EXAMPLES / name)))
+    assert leaves(read(tmp_path / "copy.json")) == leaves(read(EXAMPLES / name))
 
 
 def test_vertices_in_one_place_are_one_vertex(harness, tmp_path):
@@ -133,7 +121,7 @@ def test_every_fitted_value_comes_back_and_nothing_else_changes(harness, tmp_pat
         each |= {"friction": 0.4, "stiffness": 500 + k}
     fitted.write_text(json.dumps(document), "utf-8")
     harness("import", "everything", fitted, again)
-    before, wanted, found = (dict(numbers(read(each))) for each in (path, fitted, again))
+    before, wanted, found = (leaves(read(each)) for each in (path, fitted, again))
     assert found == wanted
     assert len([name for name in before if before[name] != wanted[name]]) > 300
 
