@@ -55,7 +55,7 @@ def given(tmp_path):
 # --- models
 
 
-@pytest.mark.parametrize("model", ["F", "R", "M", "L", "G"])
+@pytest.mark.parametrize("model", ["M", "G"])
 def test_a_model_takes_the_place_of_the_flags(given, capsys, model):
     path, *target = given("nR")
     code, summary, _ = estimated(capsys, path, *target, "--model", model)
@@ -67,7 +67,7 @@ def test_a_model_takes_the_place_of_the_flags(given, capsys, model):
 
 def test_the_ladder_is_in_the_summary_and_printed(given, capsys):
     path, *target = given()
-    code, summary, _ = estimated(capsys, path, *target)
+    code, summary, said = estimated(capsys, path, *target)
     found = summary["ladder"]
     assert code == 0
     assert [each["model"] for each in found] == ["F", "R", "M", "L"]
@@ -77,22 +77,19 @@ def test_the_ladder_is_in_the_summary_and_printed(given, capsys):
     assert counts == sorted(counts)
     assert counts[-1] == 33
     assert summary["rmse"] == pytest.approx(errors[-1])
-    assert run(["estimate", path, *target, "--no-intervals"]) == 0
-    head, *rows = capsys.readouterr().out.splitlines()
-    assert head.split() == ["model", "values", "RMSE", "seconds"]
+    begin = said.splitlines().index(f"{'model':<18}{'values':>8}{'RMSE':>12}{'':>12}{'seconds':>10}".rstrip())
+    rows = said.splitlines()[begin + 1 : begin + 5]
     assert [row.split()[0] for row in rows] == ["F", "R", "M", "L"]
     assert re.match(r"F one factor +1 +[\d.]+ mm +[\d.]+$", rows[0])
 
 
 def test_what_is_kept_out_is_in_the_ladder(given, capsys):
     path, *target = given()
-    code, summary, _ = estimated(capsys, path, *target, "--model", "auto")
+    code, summary, said = estimated(capsys, path, *target, "--model", "auto")
     assert code == 0
     assert all(each["holdout_rmse"] > 0 for each in summary["ladder"])
     assert summary["parameters"][0]["mode"] in [each["model"] for each in summary["ladder"]]
-    assert run(["estimate", path, *target, "--no-intervals", "--model", "auto"]) == 0
-    out = capsys.readouterr().out
-    assert re.search(r"^model +values +RMSE +kept out +seconds$", out, re.MULTILINE)
+    assert re.search(r"^model +values +RMSE +kept out +seconds$", said, re.MULTILINE)
 
 
 def test_one_factor_is_enough_for_a_truth_by_one_factor(tmp_path, capsys):
@@ -118,7 +115,7 @@ def test_the_ladder_of_a_fit_that_needs_none_is_empty(tmp_path, capsys):
 
 def test_the_step_that_is_chosen_is_in_the_summary_and_in_the_file(given, capsys):
     path, *target = given("nF", method=3)
-    code, summary, _ = estimated(capsys, path, *target)
+    code, summary, err = estimated(capsys, path, *target)
     step = summary["step"]
     assert code == 0
     assert set(step) == STEP_KEYS
@@ -128,9 +125,8 @@ def test_the_step_that_is_chosen_is_in_the_summary_and_in_the_file(given, capsys
     fitted = load(summary["output"])
     assert (fitted.delta, fitted.method) == (step["delta"], 3)
     assert [each["substeps"] for each in step["tried"]] == [2**i for i in range(len(step["tried"]))]
-    assert run(["estimate", path, *target, "--no-intervals"]) == 0
     said = f"time step: {1000 * step['delta']:g} ms by bdf2, {step['substeps']} steps to a frame of the target"
-    assert said in capsys.readouterr().err
+    assert said in err
 
 
 def test_the_step_is_kept_where_that_is_asked(given, capsys):
