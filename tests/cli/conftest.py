@@ -13,12 +13,18 @@ from clothfit.fit.estimate import estimate
 from clothfit.scene.scene import load
 
 
+class Named(io.BytesIO):
+    """What is read, with the name that Python gives to standard input."""
+
+    name = "<stdin>"
+
+
 @pytest.fixture
 def standard_input(monkeypatch):
     """Puts what a file holds on the standard input of this process."""
 
     def put(path):
-        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(Path(path).read_bytes())))
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=Named(Path(path).read_bytes())))
 
     return put
 

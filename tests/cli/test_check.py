@@ -4,7 +4,7 @@ import json
 
 import numba
 import pytest
-from helpers.scenes import cloth, document, sphere, started, trial, write_scene
+from helpers.scenes import cloth, document, sphere, trial, write_scene
 
 from clothfit.cli.program import run
 from clothfit.objective.objective import Objective
@@ -154,9 +154,8 @@ def test_a_scene_that_diverges_is_code_4(path, capsys, tmp_path):
     assert "diverged at step" in err.splitlines()[-1]
 
 
-def test_from_standard_input(path):
-    with open(path, "rb") as scene:
-        done = started("check", "-", stdin=scene)
-    assert done.returncode == 0
-    assert done.stdout.splitlines()[-1] == b"standard input: the gradient is right"
-    assert started("check", "-", "--target", "-").returncode == 3
+def test_from_standard_input(path, capsys, standard_input):
+    standard_input(path)
+    code, out, _ = said(capsys, "-")
+    assert (code, out.splitlines()[-1]) == (0, "standard input: the gradient is right")
+    assert said(capsys, "-", "--target", "-")[0] == 3

@@ -5,7 +5,7 @@ import json
 import numba
 import numpy as np
 import pytest
-from helpers.scenes import even, started, trial, write_scene
+from helpers.scenes import even, trial, write_scene
 
 from clothfit.cli.common.console import COMPILING
 from clothfit.cli.program import run
@@ -91,11 +91,11 @@ def test_a_target_takes_the_place_of_the_truth(paths, tmp_path, capsys):
     assert found["rmse"] == pytest.approx(noise * np.sqrt(3), rel=0.14)
 
 
-def test_a_scene_from_standard_input(paths):
-    with open(paths[1], "rb") as fitted:
-        done = started("evaluate", paths[0], "-", "--json", "--steps", "20", stdin=fitted)
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert json.loads(done.stdout)["frames"] == 20
+def test_a_scene_from_standard_input(paths, capsys, standard_input):
+    standard_input(paths[1])
+    assert run(["evaluate", paths[0], "-", "--json", "--steps", "20"]) == 0
+    out, err = capsys.readouterr()
+    assert (err, json.loads(out)["frames"]) == ("", 20)
 
 
 @pytest.mark.parametrize(

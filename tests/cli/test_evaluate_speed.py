@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numba
 import pytest
@@ -29,13 +30,25 @@ ROW_KEYS = {
 QUICK = ("--speed", "--steps", "10", "--budget", "1")
 
 
+@pytest.fixture(scope="module")
+def measured():
+    """What is measured of the scene, once for all tests."""
+    return precision.work_precision(load(even("nG", 20)), 11, 1.0)
+
+
 def refuse(constant):
     raise AssertionError(f"{constant} is not JSON")
 
 
 @pytest.fixture
-def path(tmp_path, monkeypatch):
-    """A scene that flags a stiffness, in the folder that is worked in."""
+def path(tmp_path, monkeypatch, measured):
+    """A scene that flags a stiffness, in the folder that is worked in; it was measured before."""
+
+    def work_precision(scene, frames, seconds, report):
+        assert (frames, seconds) == (11, 1.0)
+        return replace(measured, scene=scene.name)
+
+    monkeypatch.setattr(precision, "work_precision", work_precision)
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path, even("nG", 20))
     return "scene.json"
@@ -95,8 +108,9 @@ def test_what_diverged_is_listed(tmp_path, capsys):
     assert re.search(r"^diverged: explicit h, h/2", capsys.readouterr().out, re.MULTILINE)
 
 
-def test_a_reference_that_is_not_known_to_the_end_is_said(path, capsys, monkeypatch):
-    monkeypatch.setattr(precision, "known_frames", lambda trials, reference: 6)
+def test_a_reference_that_is_not_known_to_the_end_is_said(path, capsys, monkeypatch, measured):
+    less = replace(measured, scene="scene.json", reference=measured.reference.upto(6))
+    monkeypatch.setattr(precision, "work_precision", lambda *_: less)
     assert run(["evaluate", path, *QUICK]) == 0
     assert "frames from 6 on (t = 0.12 s) are not judged" in capsys.readouterr().err
     assert run(["evaluate", path, *QUICK, "--json"]) == 0

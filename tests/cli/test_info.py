@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from helpers.paths import EXAMPLES
-from helpers.scenes import MISSING, changed, cloth, document, sphere, started, trial, write_scene
+from helpers.scenes import MISSING, changed, cloth, document, sphere, trial, write_scene
 
 from clothfit.cli.program import run
 from clothfit.cli.validate import split
@@ -75,10 +75,10 @@ def test_a_step_that_the_editor_does_not_have_is_said(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["of_the_editor"] is False
 
 
-def test_info_through_a_pipe():
-    with open(SIDE, "rb") as scene:
-        done = started("info", "-", "--json", "-q", stdin=scene)
-    assert (done.returncode, json.loads(done.stdout)["scene"]) == (0, "standard input")
+def test_info_through_a_pipe(capsys, standard_input):
+    standard_input(SIDE)
+    assert run(["info", "-", "--json", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["scene"] == "standard input"
 
 
 def test_info_of_what_is_no_scene(tmp_path, capsys):
@@ -167,18 +167,11 @@ def test_problems_are_split_into_place_and_message(sentence, place):
     assert sentence == (found["message"] if place is None else f"{place}: {found['message']}")
 
 
-def test_validate_loads_no_compiler():
-    call = "import sys; from clothfit.cli.program import run; run(['validate', sys.argv[1]]); "
-    call += "print('numba' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", call, SIDE], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "False"
-
-
-def test_info_loads_no_compiler_and_no_scipy():
-    call = "import sys; from clothfit.cli.program import run; run(['info', sys.argv[1]]); "
+def test_validate_and_info_load_no_compiler_and_no_scipy():
+    call = "import sys; from clothfit.cli.program import run; [run([name, sys.argv[1]]) for name in sys.argv[2:]]; "
     call += "print({'numba', 'scipy.linalg', 'scipy.sparse'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", call, SIDE], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "set()"
+    words = [sys.executable, "-c", call, SIDE, "validate", "info"]
+    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()[-1] == "set()"
 
 
 def test_a_scene_without_flags_and_springs(tmp_path, capsys):

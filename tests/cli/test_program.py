@@ -208,28 +208,24 @@ def closed_pipe(*arguments):
     return process.wait(timeout=50), err
 
 
-WRITERS = [["estimate", "-q", "-o", "-"], ["simulate", "-q", "--json"], ["simulate", "--help"]]
+WRITERS = [["new", "plane", "-q", "-o", "-"], ["simulate", "scene.json", "-q", "--json"], ["simulate", "--help"]]
 
 
 @pytest.mark.parametrize("writer", WRITERS)
-def test_a_reader_that_left_is_no_reason_to_complain(small, writer):
-    code, err = closed_pipe(*writer, small)
-    assert code != 0
+def test_a_reader_that_left_is_no_reason_to_complain(small, monkeypatch, tmp_path, writer):
+    monkeypatch.chdir(tmp_path)
+    code, err = closed_pipe(*writer)
+    assert code not in (0, 1)  # 1 is a fault of the program
     assert "Traceback" not in err
     assert "error" not in err
     assert "Exception" not in err
 
 
-@pytest.mark.parametrize("writer", WRITERS[1:])
-def test_a_reader_that_left_is_not_a_fault_of_the_program(small, writer):
-    assert closed_pipe(*writer, small)[0] != 1
-
-
 @needs_full_disk
-@pytest.mark.parametrize("writer", [["--help"], ["simulate", "-q", "-o", "-"]])
-def test_a_full_disk_behind_standard_output_is_code_3(small, writer):
+@pytest.mark.parametrize("writer", [["--help"], ["new", "plane", "-q", "-o", "-"]])
+def test_a_full_disk_behind_standard_output_is_code_3(writer):
     with open("/dev/full", "wb") as full:
-        done = started(*writer, small, stdout=full)
+        done = started(*writer, stdout=full)
     assert (done.returncode, done.stderr) == (3, b"error: standard output: No space left on device\n")
 
 
@@ -240,9 +236,15 @@ def without(stream, *arguments):
     return subprocess.run(call, capture_output=True, env=environment(), check=False, timeout=50)
 
 
-def test_a_closed_standard_output_does_not_matter_to_a_file(small, tmp_path):
-    done = without(">&-", "simulate", small)
+def test_a_closed_standard_output_does_not_matter_to_a_file(tmp_path):
+    done = without(">&-", "new", "plane", "-o", str(tmp_path / "x.json"))
     assert (done.returncode, b"Traceback" in done.stderr) == (0, False)
+
+
+def test_with_standard_error_closed_a_fit_runs_and_standard_output_holds_data_only(small):
+    done = without("2>&-", "estimate", small, "--max-evaluations", "2")
+    assert done.returncode in (0, 5)
+    assert done.stdout == b""
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["new", "plane", "-o", "-"], ["new", "plane", "--json", "-q"]])
@@ -254,21 +256,8 @@ def test_data_for_a_closed_standard_output_is_not_lost_in_silence(arguments, tmp
     assert b"Traceback" not in done.stderr
 
 
-def test_with_standard_error_closed_standard_output_holds_data_only(small):
-    assert without("2>&-", "simulate", small).stdout == b""
-
-
-def test_with_standard_error_closed_a_fit_still_runs(small):
-    assert without("2>&-", "estimate", small).returncode == 0
-
-
 def test_a_closed_standard_input_is_an_unreadable_scene(small):
     assert without("<&-", "simulate", "-", "-o", "x.npz").returncode == 3
-
-
-def test_messages_survive_a_terminal_that_knows_only_ascii(small):
-    done = started("simulate", small, env=environment(PYTHONIOENCODING="ascii"))
-    assert done.returncode == 0
 
 
 # --- errors with --json
@@ -317,7 +306,8 @@ def test_the_locale_c_gets_ascii(small):
     assert done.returncode == 0
     assert b"m/s^2" in done.stdout
     assert done.stdout.isascii()
-    assert b" -> " in started("simulate", small, env=plain).stderr
+    assert b" -> " in started("new", "plane", "-o", f"{small}.x", env=plain).stderr
+    assert started("new", "plane", "-o", f"{small}.x", env=environment(PYTHONIOENCODING="ascii")).returncode == 0
 
 
 # --- options as they are typed, before or after the command

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.scenes import cloth, document, started, trial, write_scene
+from helpers.scenes import cloth, document, trial, write_scene
 
 from clothfit.cli.program import run
 from clothfit.fit.estimate import record_target
@@ -72,11 +72,11 @@ def test_json_has_the_keys_that_scripts_read(path, capsys):
     assert "9 frames, 50% seen, noise 1 mm" in err
 
 
-def test_through_pipes(path):
-    with open(path, "rb") as scene:
-        done = started("target", "-", "--every", "4", "-q", stdin=scene)
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert done.stdout.startswith(b"PK")
+def test_through_pipes(path, capsysbinary, standard_input):
+    standard_input(path)
+    assert run(["target", "-", "--every", "4", "-q"]) == 0
+    out, err = capsysbinary.readouterr()
+    assert (out[:2], err) == (b"PK", b"")
 
 
 def test_a_scene_that_diverges_is_code_4_and_no_file(tmp_path, capsys):
