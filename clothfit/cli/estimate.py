@@ -79,7 +79,7 @@ SECTIONS = {  # of the help
               help="How to fit the masses, stiffnesses and rest lengths that SCENE flags: F, one factor on their "
               "values; R, a factor for each family and region; M, smooth maps; G, one value; L, each by itself; or "
               "auto: the simplest of F, R, M and L, unless a freer one is clearly better on frames that are kept out. "
-              "With --simulator L fits the values of each constraint of xpbd, of each vertex in blender.  "
+              "With --simulator xpbd L fits the values of each constraint.  "
               "[default: the flags]")
 @click.option("--substeps", metavar="K",
               help="Time steps to a frame of the target, or auto, which takes more where the fit gains by them.  "

@@ -1,19 +1,21 @@
 """What the README and the pages of docs/ show is what happens: their commands, the output, the README's Python."""
 
 import io
+import json
 import re
 import shlex
 import shutil
 import subprocess
 import sys
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 
+import click
 import numba
 import pytest
 from helpers.paths import ROOT
 
 import clothfit
-from clothfit.cli.program import run
+from clothfit.cli.program import group, run
 
 CUT = "[…]"
 BEST = "Pareto-best"
@@ -83,6 +85,12 @@ def test_the_first_page_shows_all_of_a_day():
     assert {command.split()[0] for command, _ in commands("first")} >= {"simulate", "target", "estimate", "evaluate"}
 
 
+def shorten(path, frames):
+    """Let a scene end after fewer frames, if the file is one."""
+    if path.suffix == ".json":
+        path.write_text(json.dumps(json.loads(path.read_text("utf-8")) | {"optimizationIterations": frames}), "utf-8")
+
+
 def test_its_first_command_makes_the_fit_that_its_first_picture_shows(checkout):
     (first,) = blocks("sh")
     fit = first.strip().removeprefix("clothfit ").partition(" --report")[0]
@@ -91,19 +99,27 @@ def test_its_first_command_makes_the_fit_that_its_first_picture_shows(checkout):
     steps = [line for line in shown.splitlines() if " --gif" not in line]
     assert any(line.startswith(f"clothfit {fit} ") for line in shown.splitlines())
     subprocess.run([sys.executable, *steps[0].split()[1:]], check=True)
-    commands = [*(line.removeprefix("clothfit ") for line in steps[1:]), first.removeprefix("clothfit ")]
-    assert [run(shlex.split(command)) for command in commands] == [0] * len(commands)
-    assert (checkout / "fit.html").stat().st_size > 500_000
-    evaluation = clothfit.evaluate(clothfit.load("theirs.json"), clothfit.load("fitted.json"), horizon=100)
+    for line in [*steps[1:], first]:
+        arguments = shlex.split(line.removeprefix("clothfit "))
+        assert run(arguments) == 0
+        shorten(checkout / arguments[-1], 25)  # of 100
+    assert (checkout / "fit.html").stat().st_size > 200_000
+    evaluation = clothfit.evaluate(clothfit.load("theirs.json"), clothfit.load("fitted.json"), horizon=25)
     assert evaluation.fitted.rmse < 1e-4  # the --rmse of the command
 
 
-def test_the_picture_of_a_fit_is_drawn_as_its_page_says(checkout):
-    pytest.importorskip("matplotlib", reason="matplotlib draws the picture")
-    pictures = (ROOT / "docs" / "pictures.md").read_text("utf-8").replace("\n", " ")
-    capture, fit = (re.search(rf"`clothfit ({words}[^`]*)`", pictures)[1] for words in ("target ", "estimate ex"))
-    assert [run(shlex.split(command)) for command in (capture, fit)] == [0, 0]
-    assert (checkout / "estimate.png").read_bytes().startswith(b"\x89PNG")
+@pytest.mark.parametrize("page", PAGES)
+def test_the_commands_that_a_page_only_names_are_understood(page):
+    shown = [line for block in blocks("sh", page) for line in block.splitlines() if line.startswith("clothfit ")]
+    text = re.sub(r"^```.*?^```", "", PAGES[page], flags=re.DOTALL | re.MULTILINE)
+    for line in [*shown, *re.findall(r"`(clothfit [a-z]+ [^`]*)`", text)]:
+        name, *arguments = shlex.split(line.removeprefix("clothfit "), comments=True)
+        command = group.get_command(None, name)
+        while isinstance(command, click.Group):
+            name, *arguments = arguments
+            command = command.get_command(None, name)
+        with suppress(click.MissingParameter, click.exceptions.Exit):  # a text may leave out a file, or ask for help
+            command.make_context(name, arguments)
 
 
 def test_its_python_runs(checkout, capsys):
