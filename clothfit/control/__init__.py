@@ -6,7 +6,7 @@ along motions that springs hold near that path), `descent` (from there to the le
 play back to the same motion, bit for bit), `feedback` (gains around it), and `following`, which calls them.
 Handles, wind, velocities and forces in a basis (`vibration`): `unknowns` (the numbers that a search moves), `shooting`
 (how far they lead from the keys, by the simulation), `columns` (the derivative of all of them) and `steering`.
-`checkpoint` keeps what a killed search needs; `course` has what pictures and reports show of the result.
+`course` has what pictures and reports show of the result.
 
 To add a control: an input of the step with its derivatives (`engine/forces/applied.py` is the model), and a block in
 `unknowns`. To add what a key can ask for: `keyframes`, and its residuals in `closed_loop` and `shooting`.

@@ -10,8 +10,8 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.checkpoint import Checkpoint, digest
 from clothfit.base.errors import InvalidInput
-from clothfit.control.checkpoint import Checkpoint, identity
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, immovable
 from clothfit.control.descent import Report
@@ -19,13 +19,14 @@ from clothfit.control.feedback import with_gains
 from clothfit.control.following import Followed, Kept, follow
 from clothfit.control.keyframes import Key, last_step, left_of
 from clothfit.control.steering import Steered, steer
+from clothfit.engine.inputs.sources import arrays_from_files
 from clothfit.kernels.clock import computing
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.optimise.status import Status
 from clothfit.scene.forces import Forces
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import Scene, dumps
 
 NEAR = 1e-3
 """m: a key that the cloth passes no farther than this is reached; a hard one within a thousandth of it."""
@@ -183,3 +184,18 @@ def reached(key: Key, motion: Motion, scene: Scene, stuck: Flags | None = None) 
     stuck = np.zeros(len(key.vertices), bool) if stuck is None else stuck
     count = int((away & stuck).sum()) if key.share is None else len(stuck) * bool(away.any() and stuck.all())
     return Reached(key.step * scene.delta, key.cloth, miss(key, motion.positions, scene), key.hard, speed, count)
+
+
+def identity(scene: Scene, keys: Sequence[Key], controls: Controls, costs: Costs) -> dict[str, str]:
+    """What must be the same for a search to go on."""
+    parts: list[bytes | Array] = [dumps(scene), *arrays_from_files(scene)]
+    for key in keys:
+        given = key.velocities, key.share
+        parts += [np.array([key.step, key.cloth, key.weight, key.hard], float), key.vertices.astype(float)]
+        parts += [key.positions, *(np.zeros(0) if each is None else each for each in given)]
+    for flags in controls.forces or ():
+        parts.append(np.asarray(flags, float))
+    for handle in controls.handles:
+        parts.append(np.concatenate([[handle.cloth], handle.vertices]).astype(float))
+    said = controls.wind, controls.velocity, controls.every, controls.modes, controls.pushes, costs
+    return {"scene, keys or options": digest(*parts, repr(said).encode())}

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.checkpoint import Checkpoint
 from clothfit.control import recording
-from clothfit.control.checkpoint import Checkpoint, Search, packed, unpacked
 from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs
 from clothfit.control.controls import Controls
 from clothfit.control.descent import Descent, Report
@@ -96,10 +97,37 @@ def solved(
     return loop, descent, status
 
 
+@dataclass
+class Search:
+    """Where the search for the forces of a cloth is, in its closed loop."""
+
+    path: Array  # (T + 1, n, 3), m, of the loop
+    forces: Array  # (T, n, 3), N, the best so far
+    multipliers: Array  # (M,), of the keys that are penalties, one after another
+    rate: float  # of the loop's springs, 1/s
+    penalty: float
+    steepest: float  # slope where it began
+    ended: str  # which status it ended with; "" where it has not
+
+
+def packed(searches: Mapping[int, Search]) -> dict[str, Any]:
+    """The searches of some cloths, by number, as a checkpoint has them."""
+    found: dict[str, Any] = {"cloths": list(searches)}
+    for cloth, own in searches.items():
+        found |= {f"{name}{cloth}": value for name, value in asdict(own).items()}
+    return found
+
+
+def unpacked(state: Mapping[str, Any]) -> dict[int, Search]:
+    """The searches in such a state; none where there are none."""
+    names = Search.__dataclass_fields__
+    return {cloth: Search(*(state[f"{name}{cloth}"] for name in names)) for cloth in state.get("cloths", ())}
+
+
 class Kept:
     """What a checkpoint has of the searches of all cloths."""
 
-    def __init__(self, file: Checkpoint | None, state: Mapping[str, Array]) -> None:
+    def __init__(self, file: Checkpoint | None, state: Mapping[str, Any]) -> None:
         self.file, self.searches = file, unpacked(state)
 
     def restored(
@@ -114,7 +142,7 @@ class Kept:
             size = wish.multiplier.size
             loop.wishes[i] = replace(wish, multiplier=own.multipliers[at : at + size].reshape(-1, 3))
             at += size
-        return loop, own.f, list(Status)[int(own.ended)] if own.ended >= 0 else None
+        return loop, own.forces, Status(own.ended) if own.ended else None
 
     def note(self, cloth: int, descent: Descent, ended: Status | None = None) -> None:
         """Keep where the search of a cloth is."""
@@ -122,12 +150,9 @@ class Kept:
             return
         loop = descent.loop
         left = np.concatenate([np.zeros(0), *(wish.multiplier.reshape(-1) for wish in loop.wishes)])
-        over = ended in (Status.CONVERGED, Status.STALLED)
-        number = float(list(Status).index(ended)) if ended and over else -1.0
-        self.searches[cloth] = Search(
-            loop.path, descent.best.f, loop.rate, loop.penalty, left, number, loop.steepest
-        )
-        self.file.save(lambda: packed(self.searches), now=ended is not None)
+        over = str(ended) if ended in (Status.CONVERGED, Status.STALLED) else ""
+        self.searches[cloth] = Search(loop.path, descent.best.f, left, loop.rate, loop.penalty, loop.steepest, over)
+        self.file.keep(lambda: packed(self.searches), now=ended is not None)
 
 
 def begun(

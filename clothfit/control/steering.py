@@ -16,8 +16,8 @@ import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
+from clothfit.base.checkpoint import Checkpoint
 from clothfit.base.errors import InvalidInput
-from clothfit.control.checkpoint import Checkpoint
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, steered
 from clothfit.control.descent import NEAR, NEAR_HARD, Report
@@ -145,7 +145,7 @@ class Steering:
         with interrupts.grace(np.inf):
             self.again([self.found.z, self.latest])
         if self.file:
-            self.file.save(lambda: {"z": self.found.z}, now=True)
+            self.file.keep(lambda: {"z": self.found.z}, now=True)
         return status
 
     def rounds(self, whole: float) -> Status:
@@ -257,7 +257,7 @@ class Steering:
             missed = problem.missed(shot)
             self.report(0.0, float(missed.max()), problem.evaluations)
             if self.file:
-                self.file.save(lambda: {"z": self.latest})
+                self.file.keep(lambda: {"z": self.latest})
             return r
 
         def jacobian(z: Array, *_: Any) -> LinearOperator | Array:

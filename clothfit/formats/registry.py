@@ -96,6 +96,9 @@ NUMPY = Content("NumPy", ".npy", kind=MOTION)
 ZIP = b"PK\x03\x04"
 PACKED = {
     b"subspace.npy": Content("a subspace", remedy="it goes with clothfit subspace play", kind=SUBSPACE),
+    b"fit.npy": Content("a checkpoint", remedy="it goes with estimate --resume", kind=CHECKPOINT),
+    b"search.npy": Content("a checkpoint", remedy="it goes with control --resume"),
+    b"training.npy": Content("a training's state", remedy="it goes with subspace build --resume"),
     b"recorded.npy": Content("recorded motions", remedy="they go with clothfit subspace build", kind=RECORDED),
 }
 """Zip archives by the name of their first file."""
@@ -103,7 +106,6 @@ PACKED = {
 CONTENTS = {
     **{begin: Content(each.name.split()[0], suffix) for each in FORMATS for begin, suffix in each.begins},
     b"\x93NUMPY": NUMPY,
-    b"clothfit checkpoint ": Content("a checkpoint", remedy="it goes with estimate --resume", kind=CHECKPOINT),
     b'{"format": "clothfit-': FOR_A_TOOL,
     b'"""Set the values that clothfit found': FOR_A_TOOL,
     b"object,vertices,springs,": FOR_A_TOOL,

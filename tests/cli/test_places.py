@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.scenes import even, trial, write_scene
 
+from clothfit.base.checkpoint import encoded
 from clothfit.cli.program import run
 from clothfit.export.tools import exported
 from clothfit.formats.registry import kind_of
@@ -38,7 +39,7 @@ def files(tmp_path, monkeypatch, capsys):
     for name, content in exported(scene, "blender").items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / "map.csv").write_text("marker,object,vertex\nm1,0,3\n")
-    (tmp_path / "f.checkpoint").write_bytes(b"clothfit checkpoint 5 damaged")
+    (tmp_path / "f.checkpoint").write_bytes(encoded("fit", {}, {}))
     capsys.readouterr()
 
 

@@ -5,10 +5,11 @@ import pytest
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth
 
+from clothfit.base.checkpoint import Checkpoint, decoded, encoded
 from clothfit.base.errors import InvalidInput
-from clothfit.control.checkpoint import Checkpoint, Search, packed, unpacked
 from clothfit.control.control import find_controls
 from clothfit.control.controls import Controls, Handle
+from clothfit.control.following import Search, packed, unpacked
 from clothfit.control.keyframes import Key
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
@@ -58,17 +59,17 @@ def test_another_search_does_not_go_on(tmp_path):
     file = Checkpoint(tmp_path / "state")
     find_controls(own, keys, Controls(velocity=True), report=Cut(2), checkpoint=file)
     resumed = Checkpoint(tmp_path / "state", resume=True)
-    with pytest.raises(InvalidInput, match="belongs to another search"):
+    with pytest.raises(InvalidInput, match="belongs to another search: another scene, keys or options"):
         find_controls(own, keys, Controls(wind=True), checkpoint=resumed)
     with pytest.raises(InvalidInput, match="belongs to another search"):
         find_controls(own.with_step(0.01), keys, Controls(velocity=True), checkpoint=resumed)
     (tmp_path / "state").write_bytes((tmp_path / "state").read_bytes()[:-40])
-    with pytest.raises(InvalidInput, match="is not a checkpoint"):
+    with pytest.raises(InvalidInput, match="is damaged: its checksum is wrong"):
         find_controls(own, keys, Controls(velocity=True), checkpoint=resumed)
     with pytest.raises(InvalidInput, match="no such checkpoint"):
         find_controls(own, keys, checkpoint=Checkpoint(tmp_path / "none", resume=True))
     np.savez(tmp_path / "other.npz", z=np.zeros(3))
-    with pytest.raises(InvalidInput, match="is not a checkpoint of clothfit control"):
+    with pytest.raises(InvalidInput, match="is not a checkpoint that this clothfit can read"):
         Checkpoint(tmp_path / "other.npz").check()
 
 
@@ -77,10 +78,10 @@ def test_several_cloths_are_kept():
     given = {}
     for number, t, n, m in ((2, 4, 5, 0), (0, 3, 2, 6)):
         path, f, left = (rng.normal(size=size) for size in ((t + 1, n, 3), (t, n, 3), m))
-        given[number] = Search(path, f, 20.0, 0.5, left, -1.0, 2.0)
-    found = unpacked(packed(given))
-    assert list(found) == [0, 2]
+        given[number] = Search(path, f, left, 20.0, 0.5, 2.0, "stalled" if m else "")
+    found = unpacked(decoded("search", encoded("search", {}, packed(given)), "x")[1])
+    assert list(found) == [2, 0]
     for number, own in given.items():
-        for field in ("path", "f", "multipliers"):
+        for field in Search.__dataclass_fields__:
             np.testing.assert_array_equal(getattr(found[number], field), getattr(own, field))
     assert unpacked({}) == {}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.strangers import small, with_finer_steps
 
+from clothfit.base import checkpoint as module
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import BDF2, IMPLICIT
@@ -17,7 +18,6 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise import checkpoint as module
 from clothfit.optimise.checkpoint import State
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import ladder

@@ -19,8 +19,8 @@ from random import Random
 import numpy as np
 from helpers.files import damaged
 
+from clothfit.base.checkpoint import archived, opened
 from clothfit.cli.program import run
-from clothfit.optimise.checkpoint import FORMAT_LINE, checksum
 from fuzz.moving import KEYED, TABLE, moving
 from fuzz.mutations import KINDS, motion, scene, text_bytes, with_token
 
@@ -166,9 +166,10 @@ def checkpoint_bytes(chance: Random) -> bytes:
     data = Path("good.checkpoint").read_bytes()
     if chance.random() < 0.3:
         return damaged(data, chance)
-    rest = data.partition(b"\n")[2]
-    rest = with_token(chance, rest) if chance.random() < 0.5 else damaged(rest, chance)
-    return FORMAT_LINE + checksum(rest) + b"\n" + rest
+    head, held = opened("fit", data)
+    about = head.partition(b"\n")[2]
+    about = with_token(chance, about) if chance.random() < 0.5 else damaged(about, chance)
+    return archived("fit", about, held)
 
 
 def tried(one: Case, slow: float = SLOW) -> Verdict:

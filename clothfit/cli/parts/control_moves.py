@@ -18,7 +18,7 @@ from clothfit.cli.parts import checkpoints
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags
-    from clothfit.control.checkpoint import Checkpoint
+    from clothfit.base.checkpoint import Checkpoint
     from clothfit.control.controls import Controls, Handle
     from clothfit.control.keyframes import Key
     from clothfit.scene.cloth import Cloth
@@ -160,7 +160,7 @@ def checkpoint(path: str | None, resume: bool, out: Output, used: Sequence[str],
     """Where a search keeps its state; None where there is no place. Raises InvalidInput when what is asked for cannot
     be.
     """
-    from clothfit.control.checkpoint import Checkpoint
+    from clothfit.base.checkpoint import Checkpoint
 
     return checkpoints.chosen(path, resume, out, used, console, partial(Checkpoint, resume=resume))
 

@@ -1,12 +1,11 @@
 """A model that steps by networks, from one that steps by physics on the same bases; and what a training goes on from.
 
-The state of a training is an `.npz` archive beside MODEL: `training`, JSON with what it belongs to and the numbers of
-each object, and the arrays of `training.archived`, with the object's number and a point before their names.
+The state of a training is in a checkpoint beside MODEL: the numbers of each object, and the arrays of
+`training.archived`, with the object's number and a point before their names.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
@@ -15,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.base import npz
+from clothfit.base import checkpoint as files
+from clothfit.base.arrays import Array
+from clothfit.base.checkpoint import digest
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
 from clothfit.engine.system import build as build_system
@@ -32,8 +33,6 @@ from clothfit.subspace.physics.samples import nothing
 from clothfit.subspace.play import positions, rolled, stepper
 from clothfit.subspace.recorded.recording import Data
 from clothfit.subspace.sensitivity import SOUGHT, floor_of_recorded
-
-HEAD = "training"
 
 
 @dataclass(frozen=True)
@@ -116,40 +115,34 @@ def judge(part: Part, found: Report, data: Data, c: int) -> None:
     found.us_per_frame, found.full_us_per_step = cost(part, scene, c, min(data.steps, TIMED))
 
 
-def identity(model: Model, data: Data, school: Schooling) -> dict[str, Any]:
+class Checkpoint(files.Checkpoint):
+    """Where a training keeps what it needs to go on."""
+
+    kind = "training"
+
+
+def identity(model: Model, data: Data, school: Schooling) -> dict[str, str]:
     """What a state belongs to: the same data, bases, recipe and seed."""
-    own = hashlib.sha256(dumps(data.scene))
-    own.update(repr(RECIPES[school.recipe]).encode())  # which another version may have with other numbers
-    own.update(json.dumps([asdict(each) for each in data.episodes]).encode())
-    for part in model.parts:
-        own.update(np.ascontiguousarray(part.basis, np.float32).tobytes())
-    return {"of": own.hexdigest(), "recipe": school.recipe, "seed": school.seed}
+    recipe = repr((school.recipe, RECIPES[school.recipe], school.seed))  # which another version may have with others
+    parts: list[bytes | Array] = [dumps(data.scene), recipe.encode()]
+    parts += [json.dumps([asdict(each) for each in data.episodes]).encode(), *(part.basis for part in model.parts)]
+    return {"data, basis, recipe or seed": digest(*parts)}
 
 
-def keep(path: str | os.PathLike[str], own: Sequence[Pupil], about: dict[str, Any]) -> None:
+def keep(path: str | os.PathLike[str], own: Sequence[Pupil], about: dict[str, str]) -> None:
     """Write the state of a training. Raises InvalidInput where the file cannot be written."""
     states = [each.training.state for each in own]
-    head = json.dumps({**about, "objects": [trainings.numbers(state) for state in states]})
-    arrays: dict[str, Any] = {HEAD: np.frombuffer(head.encode(), np.uint8)}
-    for c, state in enumerate(states):
-        arrays |= {f"{c}.{name}": each for name, each in trainings.archived(state).items()}
-    write_atomically(path, npz.archive(arrays))
+    held = {f"{c}.{name}": each for c, state in enumerate(states) for name, each in trainings.archived(state).items()}
+    numbers = [trainings.numbers(state) for state in states]
+    write_atomically(path, files.encoded(Checkpoint.kind, about, {"objects": numbers, **held}))
 
 
-def restored(path: str, own: Sequence[Pupil], about: dict[str, Any]) -> None:
+def restored(path: str, own: Sequence[Pupil], about: dict[str, str]) -> None:
     """Put trainings where a file has them. Raises InvalidInput where it is none, or another training's."""
+    found = Checkpoint(path, identity=about).state()
     try:
-        with open(path, "rb") as file:
-            head = json.loads(npz.stored(file, (HEAD,), "")[HEAD].read().tobytes())
-            if {name: head[name] for name in about} != about:
-                raise InvalidInput(f"{path}: it is the training of another model: data, basis, recipe or seed differ")
-            for c, each in enumerate(own):
-                state = each.training.state
-                names = [f"{c}.{name}" for name in trainings.archived(state)]
-                held = {name.partition(".")[2]: one.read() for name, one in npz.stored(file, names, "").items()}
-                trainings.restore(state, held, head["objects"][c])
-    except InvalidInput:
-        raise
-    except (*npz.FAULTS, KeyError, TypeError, AttributeError, IndexError) as error:
-        why = getattr(error, "strerror", None) or "it is no training of clothfit subspace build"
-        raise InvalidInput(f"{path}: {why}") from None
+        for c, each in enumerate(own):
+            held = {name.removeprefix(f"{c}."): one for name, one in found.items() if name.startswith(f"{c}.")}
+            trainings.restore(each.training.state, held, found["objects"][c])
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError):
+        raise InvalidInput(files.impossible(Checkpoint.kind, path)) from None

@@ -36,11 +36,11 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
     assert run(["subspace", "play", "a.npz", "--frames", "25", "-o", "m.npz", "-q"]) == 0
     assert np.load("m.npz")["positions"].shape == (25, 16, 3)
     assert run([*own, "--rounds", "60", "--recipe", "paper", "-o", "a.npz", "--resume", "-q"]) == 3
-    assert "it is the training of another model" in capsys.readouterr().err
+    assert "belongs to another training: another data, basis, recipe or seed" in capsys.readouterr().err
     changed = dataclasses.replace(OWN, least=0.5)  # as of another version of this program
     monkeypatch.setitem(RECIPES, "own", changed)
     assert run([*own, "--rounds", "70", "-o", "a.npz", "--resume", "-q"]) == 3
-    assert "it is the training of another model" in capsys.readouterr().err
+    assert "belongs to another training: another data, basis, recipe or seed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
