@@ -16,12 +16,15 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from typing import Any
 
 REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Signals that ask the program to end: Ctrl-C, a polite kill, a closed terminal."""
+
+Handler = Callable[[int, object], object]
+"""Of a signal: is called with its number and the frame that it interrupts."""
 
 SAME_REQUEST = 1.0
 """Seconds within which two requests count as one."""
@@ -47,7 +50,7 @@ _state = State()
 _here = threading.local()
 
 
-def handle(handler: Callable[[int, object], object]) -> None:
+def handle(handler: Handler) -> None:
     """Install a handler of requests. A program started by `nohup` goes on ignoring a closed terminal."""
     for kind in REQUESTS:
         if kind in (signal.SIGINT, signal.SIGTERM) or signal.getsignal(kind) is not signal.SIG_IGN:
@@ -126,30 +129,39 @@ def answer() -> None:
 
 
 @contextmanager
+def handled(make: Callable[[Handler], Handler]) -> Iterator[None]:
+    """Within the block, in the main thread, let `make` put another handler of requests in the place of each."""
+    before: dict[signal.Signals, Any] = {}
+    if threading.current_thread() is threading.main_thread():  # the only one that handles signals
+        before = {kind: handler for kind in REQUESTS if callable(handler := signal.getsignal(kind))}
+    try:
+        for kind, handler in before.items():
+            signal.signal(kind, make(handler))
+        yield
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+
+
+@contextmanager
 def deferred() -> Iterator[None]:
     """Let requests wait for the next `check` once there is a result (`hold`).
 
     A second request, later than `SAME_REQUEST`, to something that does not look raises KeyboardInterrupt there. The end
     of the outermost block forgets the request.
     """
-    before: dict[signal.Signals, Any] = {}
-    if _state.depth == 0 and threading.current_thread() is threading.main_thread():
-        before = {kind: handler for kind in REQUESTS if callable(handler := signal.getsignal(kind))}
     _state.depth += 1
     try:
-        for kind, handler in before.items():
-            signal.signal(kind, _waiting(handler))
-        yield
+        with handled(_waiting) if _state.depth == 1 else nullcontext():
+            yield
     finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
         _state.depth -= 1
         if _state.depth == 0:
             _state.holding = False
             clear()
 
 
-def _waiting(handler: Callable[[int, object], object]) -> Callable[[int, object], None]:
+def _waiting(handler: Handler) -> Handler:
     """What stands for a handler within `deferred`."""
 
     def wait(number: int, frame: object) -> None:
@@ -172,27 +184,21 @@ def postponed() -> Iterator[Callable[[], None]]:
     that calls back into Python. They are handled where the yielded function is called, which checks as `check_request`
     does, and at the end.
     """
-    before: dict[int, Any] = {}
-    kept: list[int] = []
+    kept: list[tuple[Handler, int]] = []
 
     def handle_kept() -> None:
         while kept:
-            number = kept.pop(0)
-            before[number](number, None)
+            handler, number = kept.pop(0)
+            handler(number, None)
 
     def look() -> None:
         handle_kept()
         check_request()
 
     try:
-        if threading.current_thread() is threading.main_thread():  # the only one that handles signals
-            before |= {kind: handler for kind in REQUESTS if callable(handler := signal.getsignal(kind))}
-        for kind in before:
-            signal.signal(kind, lambda number, frame: kept.append(number))
-        yield look
+        with handled(lambda handler: lambda number, frame: kept.append((handler, number))):
+            yield look
     finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
         handle_kept()
 
 

@@ -40,15 +40,8 @@ SECTIONS = {
 @click.option("--memory", metavar="SIZE",
               help="Use at most this much memory, such as 200MB.  [default: half of what is free]")
 def command(
-    scene_path: str,
-    steps: int | None,
-    target_path: str | None,
-    reading: Reading,
-    forces_path: str | None,
-    seed: int,
-    memory: str | None,
-    as_json: bool,
-    console: Console,
+    scene_path: str, steps: int | None, target_path: str | None, reading: Reading, forces_path: str | None, seed: int,
+    memory: str | None, as_json: bool, console: Console,
 ) -> None:
     """Check the gradient that a fit of SCENE would follow, at the scene's own values.
 

@@ -18,12 +18,13 @@ from clothfit.cli.common.options import duration, standard_command
 from clothfit.cli.common.output import STREAM, Output, is_among, output_for, print_json, same_file
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 from clothfit.cli.parts import control_moves, control_results
+from clothfit.formats.axes import Convention
 from clothfit.many.job import INTERRUPTED
 
 if TYPE_CHECKING:
     from clothfit.control.control import Control
     from clothfit.control.keyframes import Key
-    from clothfit.formats.axes import Convention, Reading
+    from clothfit.formats.axes import Reading
     from clothfit.scene.scene import Scene
 
 INTERVAL = 2.0
@@ -71,24 +72,10 @@ SECTIONS = {
               help="Write a page that plays the motion among its keys, with the forces, in 3-D.")
 @pictures.options
 def command(
-    scene_path: str,
-    keys_path: str,
-    reading: Reading,
-    moves: control_moves.Moves,
-    most: float | None,
-    smooth: float | None,
-    even: float | None,
-    time_budget: str | None,
-    checkpoint_path: str | None,
-    resume: bool,
-    path: str | None,
-    forces_path: str | None,
-    save_path: str | None,
-    table_path: str | None,
-    report_path: str | None,
-    pictures: pictures.Pictures,
-    as_json: bool,
-    console: Console,
+    scene_path: str, keys_path: str, reading: Reading, moves: control_moves.Moves, most: float | None,
+    smooth: float | None, even: float | None, time_budget: str | None, checkpoint_path: str | None, resume: bool,
+    path: str | None, forces_path: str | None, save_path: str | None, table_path: str | None, report_path: str | None,
+    pictures: pictures.Pictures, as_json: bool, console: Console,
 ) -> int:
     """Find the gentlest controls under which the cloths of SCENE pass through keyframes.
 
@@ -110,7 +97,7 @@ def command(
     out = output_for(path, scene_path, ".controlled.npz", (keys_path,))
     kept = forces_output(forces_path, scene_path, keys_path, out) if moves.pushes else None
     saved = scene_output(save_path, scene_path, keys_path, (out, kept)) if moves.others else None
-    motions.check(out, own_axes(), (scene_path, keys_path))
+    motions.check(out, Convention(), (scene_path, keys_path))
     used = scene_path, keys_path, out.path, *(each.path for each in (kept, saved) if each)
     shows = control_results.asked(table_path, report_path, used)
     pictures.check(*used, *shows.files)
@@ -136,20 +123,13 @@ def command(
                 writing(kept.write, archive(found.forces))
             if saved:
                 writing(saved.write, dumps(found.scene, folder_of(saved.path)))
-            writing(motions.write, found.motion, out, scene, own_axes(), console)
+            writing(motions.write, found.motion, out, scene, Convention(), console)
         control_moves.closed(file, checkpoint_path is not None, str(found.status), console)
     good = report(found, kept, saved, out, console)
     if as_json:
         print_json("control", summary(found, kept, saved, out), out)
     shows.write(scene, keys, found, pictures, (kept, saved), (keys_path,), console)
     return INTERRUPTED if found.status == "interrupted" else 0 if good else 5
-
-
-def own_axes() -> Convention:
-    """The axes of each format."""
-    from clothfit.formats.axes import Convention
-
-    return Convention()
 
 
 def checked(most: float | None, smooth: float | None, even: float | None) -> None:

@@ -45,16 +45,8 @@ SECTIONS = {
 @motions.reads
 @partial(motions.axes, prefix="to-", what="OUT")
 def command(
-    in_path: str,
-    out_path: str,
-    scene_path: str | None,
-    mesh_path: str | None,
-    reading: Reading,
-    to_scale: float | None,
-    to_up: str | None,
-    to_handedness: str | None,
-    as_json: bool,
-    console: Console,
+    in_path: str, out_path: str, scene_path: str | None, mesh_path: str | None, reading: Reading,
+    to_scale: float | None, to_up: str | None, to_handedness: str | None, as_json: bool, console: Console,
 ) -> None:
     """Convert a motion from the format of IN to that of OUT; their suffixes name the formats.
 

@@ -133,34 +133,12 @@ SECTIONS = {  # of the help
 @running.ends_with_input
 @pictures.options
 def command(
-    scene_paths: tuple[str, ...],
-    target_paths: tuple[str, ...],
-    reading: Reading,
-    forces_path: str | None,
-    objectives: tuple[str, ...],
-    start: str | None,
-    substeps: str | None,
-    time_budget: str | None,
-    bounds: tuple[str, ...],
-    max_evaluations: int,
-    rmse: float | None,
-    tolerance: float | None,
-    checkpoint: str | None,
-    resume: bool,
-    no_intervals: bool,
-    path: str | None,
-    report_path: str | None,
-    in_place: bool,
-    starts: int,
-    seed: int,
-    jobs: int | None,
-    cluster: str | None,
-    log: str | None,
-    pictures: pictures.Pictures,
-    tool: estimate_simulator.Asked,
-    as_json: bool,
-    console: Console,
-    **as_given: Any,
+    scene_paths: tuple[str, ...], target_paths: tuple[str, ...], reading: Reading, forces_path: str | None,
+    objectives: tuple[str, ...], start: str | None, substeps: str | None, time_budget: str | None,
+    bounds: tuple[str, ...], max_evaluations: int, rmse: float | None, tolerance: float | None, checkpoint: str | None,
+    resume: bool, no_intervals: bool, path: str | None, report_path: str | None, in_place: bool, starts: int, seed: int,
+    jobs: int | None, cluster: str | None, log: str | None, pictures: pictures.Pictures, tool: estimate_simulator.Asked,
+    as_json: bool, console: Console, **as_given: Any,
 ) -> int:
     """Fit the parameters that SCENE flags and write the scene with only those numbers changed.
 
@@ -211,13 +189,8 @@ def command(
 
 
 def fit_one(
-    scene_path: str,
-    files: Files,
-    options: FitOptions,
-    recording: Recording,
-    page: estimate_results.Page | None,
-    console: Console,
-    as_json: bool,
+    scene_path: str, files: Files, options: FitOptions, recording: Recording, page: estimate_results.Page | None,
+    console: Console, as_json: bool,
 ) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)

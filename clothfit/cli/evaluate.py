@@ -51,20 +51,9 @@ SECTIONS = {
               help="Of a subspace: write a page here that plays it over the full motion, side by side.")
 @pictures.options
 def command(
-    scene_path: str,
-    fitted_path: str | None,
-    target_path: str | None,
-    reading: Reading,
-    steps: int | None,
-    forces_path: str | None,
-    speed: bool,
-    error: float | None,
-    budget: float | None,
-    inputs_path: str | None,
-    page_path: str | None,
-    pictures: pictures.Pictures,
-    as_json: bool,
-    console: Console,
+    scene_path: str, fitted_path: str | None, target_path: str | None, reading: Reading, steps: int | None,
+    forces_path: str | None, speed: bool, error: float | None, budget: float | None, inputs_path: str | None,
+    page_path: str | None, pictures: pictures.Pictures, as_json: bool, console: Console,
 ) -> None:
     """Measure how far the motion and the parameters of FITTED are from those of SCENE.
 
@@ -117,15 +106,8 @@ def refuse(given: dict[str, object], why: str) -> None:
 
 
 def compare(
-    scene_path: str,
-    fitted_path: str,
-    target_path: str | None,
-    reading: Reading,
-    steps: int | None,
-    forces_path: str | None,
-    pictures: pictures.Pictures,
-    as_json: bool,
-    console: Console,
+    scene_path: str, fitted_path: str, target_path: str | None, reading: Reading, steps: int | None,
+    forces_path: str | None, pictures: pictures.Pictures, as_json: bool, console: Console,
 ) -> None:
     """Compare a fitted scene with the true one."""
     one_stream(scene_path, fitted_path, target_path)

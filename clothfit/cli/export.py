@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
-from clothfit.cli.common.output import STREAM, make_folder, output_for, print_json, uninterrupted
+from clothfit.cli.common.output import STREAM, print_json, write_into
 from clothfit.cli.common.scenes import read_scene
 from clothfit.export.tools import TOOLS
 
@@ -59,7 +58,7 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     if warning := own_step(scene, tool):
         console.warn(f"{scene.name}: {warning}")
     made = exported(scene, tool)
-    write(made, folder, fitted_path)
+    write_into(folder, made, fitted_path)
     springs = sum(len(cloth.springs) for cloth in scene.cloths)
     parts = (
         counted(len(scene.cloths), "object", "objects"),
@@ -72,15 +71,6 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
         print_json("export", summary(scene, tool, folder, list(made)))
 
 
-def write(made: Mapping[str, bytes], folder: str, given_path: str) -> None:
-    """Write files to a folder; none of them over what was read."""
-    make_folder(folder)
-    outputs = [(output_for(os.path.join(folder, name), given_path, "", ()), data) for name, data in made.items()]
-    with uninterrupted():
-        for out, data in outputs:
-            out.put(data)
-
-
 def of_model(model_path: str, path: str | None, as_json: bool, console: Console) -> None:
     """Export a subspace."""
     from clothfit.subspace import onnx
@@ -91,7 +81,7 @@ def of_model(model_path: str, path: str | None, as_json: bool, console: Console)
     model = load_model(model_path)
     folder = folder_of(path, model_path, ONNX)
     made = onnx.files(model)
-    write(made, folder, model_path)
+    write_into(folder, made, model_path)
     name = os.path.basename(model_path)
     if model.method != NETWORK:
         console.warn(f"{name}: its steps are physics, which is no graph; the decoder alone is written")

@@ -14,7 +14,7 @@ from clothfit.base.messages import counted, owned
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import print_json
-from clothfit.cli.common.scenes import read_scene
+from clothfit.cli.common.scenes import read_scene, vector
 from clothfit.formats.registry import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, kind_of
 
 if TYPE_CHECKING:
@@ -277,8 +277,3 @@ def spread(values: Spread, unit: str) -> str:
     if values.least == values.most:
         return f"{values.least:.4g} {unit} each"
     return f"{values.least:.4g} … {values.most:.4g} {unit}, half below {values.median:.4g}"
-
-
-def vector(values: Sequence[float]) -> str:
-    """Three components, for people."""
-    return f"({', '.join(f'{value:.4g}' for value in values)})"

@@ -54,16 +54,8 @@ SECTIONS = {
 @click.option("-o", "--output", "path", metavar="FILE",
               help="File of the page.  [default: <stem of the first FITTED>.report.html]")
 def command(
-    scene_path: str,
-    fitted_paths: tuple[str, ...],
-    target_path: str | None,
-    reading: Reading,
-    steps: int | None,
-    forces_path: str | None,
-    log_paths: tuple[str, ...],
-    path: str | None,
-    as_json: bool,
-    console: Console,
+    scene_path: str, fitted_paths: tuple[str, ...], target_path: str | None, reading: Reading, steps: int | None,
+    forces_path: str | None, log_paths: tuple[str, ...], path: str | None, as_json: bool, console: Console,
 ) -> None:
     """Write a page that plays FITTED over SCENE, or over a target motion, in 3-D, with charts.
 
@@ -107,12 +99,7 @@ def command(
 
 
 def write(
-    truth: Scene,
-    fits: Sequence[Scene],
-    target: Motion | None,
-    frames: int | None,
-    logs: Sequence[Log],
-    origin: Origin,
+    truth: Scene, fits: Sequence[Scene], target: Motion | None, frames: int | None, logs: Sequence[Log], origin: Origin,
     out: Output,
 ) -> tuple[Shown, int]:
     """Make the page of one fit, with others beside it, and write it; tells what it shows, and its size, bytes."""

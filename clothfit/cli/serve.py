@@ -38,13 +38,7 @@ SECTIONS = {
               help="Port on this machine.  [default: a free one]")
 @click.option("--open", "opens", is_flag=True, help="Open the page in a browser.")
 def command(
-    scene_path: str,
-    target_path: str | None,
-    reading: Reading,
-    port: int,
-    opens: bool,
-    as_json: bool,
-    console: Console,
+    scene_path: str, target_path: str | None, reading: Reading, port: int, opens: bool, as_json: bool, console: Console,
 ) -> None:
     """Serve a page on this machine that plays SCENE, with sliders, a hand and a fit.
 

@@ -62,18 +62,9 @@ SECTIONS = {
 @motions.writes
 @pictures.options
 def command(
-    scene_path: str,
-    steps: int | None,
-    tolerance: float | None,
-    forces_path: str | None,
-    feedback: bool,
-    with_energy: bool,
-    dump_path: str | None,
-    path: str | None,
-    convention: Convention,
-    pictures: pictures.Pictures,
-    as_json: bool,
-    console: Console,
+    scene_path: str, steps: int | None, tolerance: float | None, forces_path: str | None, feedback: bool,
+    with_energy: bool, dump_path: str | None, path: str | None, convention: Convention, pictures: pictures.Pictures,
+    as_json: bool, console: Console,
 ) -> None:
     """Simulate the cloths of SCENE and write their positions.
 

@@ -53,18 +53,8 @@ SECTIONS = {
               help="File of the motion, in any format.  [default: <stem>.target.npz]")
 @motions.writes
 def command(
-    scene_path: str,
-    steps: int | None,
-    noise: float,
-    observed: float,
-    every: int,
-    fps: float | None,
-    seed: int,
-    tolerance: float | None,
-    forces_path: str | None,
-    path: str | None,
-    convention: Convention,
-    as_json: bool,
+    scene_path: str, steps: int | None, noise: float, observed: float, every: int, fps: float | None, seed: int,
+    tolerance: float | None, forces_path: str | None, path: str | None, convention: Convention, as_json: bool,
     console: Console,
 ) -> None:
     """Record the motion of SCENE with its own parameters, perfect or as a capture would see it.

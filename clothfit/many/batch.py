@@ -8,16 +8,13 @@ once more, alone, after all others are done, so that no other job can be the cau
 from __future__ import annotations
 
 import queue
-import signal
-import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from clothfit.base.errors import InvalidInput
-from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
+from clothfit.base.interrupts import SAME_REQUEST, handled
 from clothfit.many.job import FAULT, INTERRUPTED, NOT_STARTED, Died, Job, Lost, Outcome, failed
 
 TICK = 0.25  # s between checks whether the pool still exists
@@ -78,7 +75,7 @@ class Batch:
 
     def run(self) -> None:
         """Run all jobs."""
-        with _requests_to(lambda: self._events.put(REQUEST)):
+        with handled(lambda _: lambda number, frame: self._events.put(REQUEST)):
             if len(self.jobs) > 1 and self.pool.prepare(self._events.put):
                 self.running.add(PREPARATION)
             while self.waiting or self.alone or self.running:
@@ -171,18 +168,3 @@ class Batch:
             self.report(number, outcome)
         self.running.clear()
         self._drop(NOT_STARTED if outcome == CUT_SHORT else outcome)
-
-
-@contextmanager
-def _requests_to(handle: Callable[[], None]) -> Iterator[None]:
-    """Within the block, call `handle` for a request to end where Python would raise KeyboardInterrupt."""
-    before: dict[signal.Signals, Any] = {}
-    if threading.current_thread() is threading.main_thread():
-        before = {kind: signal.getsignal(kind) for kind in REQUESTS if callable(signal.getsignal(kind))}
-    for kind in before:
-        signal.signal(kind, lambda number, frame: handle())
-    try:
-        yield
-    finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)

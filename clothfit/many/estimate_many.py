@@ -66,10 +66,7 @@ def result(outcomes: list[Outcome]) -> Result:
 
 
 def fit_all(
-    makers: Sequence[Callable[[int], Job]],
-    starts: int,
-    pool: Pool,
-    done: Callable[[int, Result], None] | None = None,
+    makers: Sequence[Callable[[int], Job]], starts: int, pool: Pool, done: Callable[[int, Result], None] | None = None,
     died: Callable[[int], None] | None = None,
 ) -> list[Result]:
     """Fit scenes, each from `starts` starts; returns their results in order.
@@ -132,16 +129,9 @@ def check_numbers(starts: int, seed: int, jobs: int | None) -> None:
 
 
 def estimate_many(
-    scenes: Sequence[Path | Scene],
-    targets: Sequence[Any] | None = None,
-    start: float | Array | Path | Scene | None = None,
-    *,
-    starts: int = 1,
-    seed: int = 0,
-    jobs: int | None = None,
-    cluster: str | None = None,
-    done: Callable[[int, Result], None] | None = None,
-    **options: Unpack[Keywords],
+    scenes: Sequence[Path | Scene], targets: Sequence[Any] | None = None,
+    start: float | Array | Path | Scene | None = None, *, starts: int = 1, seed: int = 0, jobs: int | None = None,
+    cluster: str | None = None, done: Callable[[int, Result], None] | None = None, **options: Unpack[Keywords],
 ) -> list[Result]:
     """Fit several scenes, each in a process of its own; returns a `Result` for each, in their order.
 

@@ -24,11 +24,7 @@ FACTOR = 10.0
 
 
 def numbered(
-    scene: Scene,
-    target: Targets | None,
-    start: float | Array | Scene | None,
-    number: int,
-    seed: int,
+    scene: Scene, target: Targets | None, start: float | Array | Scene | None, number: int, seed: int,
     tolerance: float | None = None,
 ) -> float | Array | Scene | None:
     """The start with that number: `start` itself for 0, else a scene with drawn values.

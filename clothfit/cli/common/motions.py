@@ -157,11 +157,7 @@ def there(path: str) -> list[str]:
 
 
 def write(
-    motion: Motion,
-    out: Output,
-    scene: Scene,
-    convention: Convention,
-    console: Console,
+    motion: Motion, out: Output, scene: Scene, convention: Convention, console: Console,
     extra: Mapping[str, Array] | None = None,
 ) -> None:
     """Write a motion of the scene to its file or files, with other arrays beside it where they can hold any."""
@@ -180,13 +176,8 @@ def write(
 
 
 def write_foreign(
-    motion: Motion,
-    out: Output,
-    convention: Convention,
-    console: Console,
-    triangles: Indices | None = None,
-    names: tuple[str, ...] | None = None,
-    timed: bool = True,
+    motion: Motion, out: Output, convention: Convention, console: Console, triangles: Indices | None = None,
+    names: tuple[str, ...] | None = None, timed: bool = True,
 ) -> Axes:
     """Write a motion as another program has it; says and returns which axes it got."""
     from clothfit.formats.registry import foreign

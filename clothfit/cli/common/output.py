@@ -96,11 +96,7 @@ class Output:
 
 
 def output_for(
-    path: str | None,
-    scene_path: str,
-    suffix: str,
-    inputs: tuple[str | None, ...],
-    overwrite: bool = False,
+    path: str | None, scene_path: str, suffix: str, inputs: tuple[str | None, ...], overwrite: bool = False,
     text: bool = False,
 ) -> Output:
     """Decide where the result goes and check that it can go there.
@@ -123,12 +119,44 @@ def output_for(
     return Output(path, overwrite)
 
 
+def beside(path: str | None, used: Iterable[str | None]) -> Output | None:
+    """Where something goes that is written beside a result, where that is asked for: none of the `used` files. Raises
+    InvalidInput.
+    """
+    if path is None:
+        return None
+    check_unused(path, used)
+    return output_for(path, "", "", (), text=True)
+
+
+def page_beside(path: str | None, used: Iterable[str | None]) -> Output | None:
+    """The same for the page of a --report."""
+    if path == STREAM:
+        raise InvalidInput("--report must be a file of its own, not -")
+    return beside(path, used)
+
+
+def check_unused(path: str, used: Iterable[str | None]) -> None:
+    """Raise InvalidInput where a file is among those `used` otherwise."""
+    if is_among(path, used):
+        raise InvalidInput(f"cannot write {path}: it is an input or another output")
+
+
 def make_folder(path: str) -> None:
     """Make a folder where there is none. Raises InvalidInput."""
     try:
         os.makedirs(path, exist_ok=True)
     except OSError as error:
         raise InvalidInput(f"cannot make the folder {path}: {error.strerror or error}") from None
+
+
+def write_into(folder: str, made: Mapping[str, bytes], scene_path: str, inputs: tuple[str | None, ...] = ()) -> None:
+    """Write files to a folder; none of them over what was read. Raises InvalidInput."""
+    make_folder(folder)
+    outputs = [output_for(os.path.join(folder, name), scene_path, "", inputs) for name in made]
+    with uninterrupted():
+        for out, data in zip(outputs, made.values(), strict=True):
+            out.put(data)
 
 
 def write_scene(scene: Scene, out: Output) -> None:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
-from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import is_among, same_file
+from clothfit.cli.common.output import check_unused
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
@@ -52,12 +51,11 @@ class Pictures:
         """
         from clothfit.pictures import picture_file as picture
 
-        if self.plot is not None and self.gif is not None and same_file(self.plot, self.gif):
-            raise InvalidInput(f"cannot write {self.gif}: it is an input or another output")
+        if self.plot is not None and self.gif is not None:
+            check_unused(self.gif, [self.plot])
         for path, kinds in ((self.plot, picture.PLOTS), (self.gif, picture.GIF)):
             if path is not None:
-                if is_among(path, used):
-                    raise InvalidInput(f"cannot write {path}: it is an input or another output")
+                check_unused(path, used)
                 picture.check(path, kinds)
 
     def simulated(self, scene: Scene, motion: Motion, energy: Energy | None, console: Console) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -142,3 +143,8 @@ def with_inputs(scene: Scene, path: str | None) -> Scene:
 
     check_there(path)
     return applied(scene, load(path), str(Path(path).parent), path)
+
+
+def vector(values: Sequence[float]) -> str:
+    """Three components, for people; -0 is 0."""
+    return f"({', '.join(f'{value + 0.0:.4g}' for value in values)})"

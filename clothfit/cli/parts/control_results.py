@@ -13,7 +13,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli import report
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import STREAM, Output, is_among, output_for, same_file
+from clothfit.cli.common.output import Output, beside, page_beside
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
@@ -72,20 +72,8 @@ def asked(table: str | None, page: str | None, used: Sequence[str | None]) -> Sh
     """What is asked for, checked before the work begins; `used` are other files. Raises InvalidInput."""
     if table is not None and not table.lower().endswith(".csv"):
         raise InvalidInput(f"--table must be a file .csv; {table} was given")
-    if page == STREAM:
-        raise InvalidInput("--report must be a file of its own, not -")
-    if table is not None and page is not None and same_file(table, page):
-        raise InvalidInput(f"cannot write {page}: it is an input or another output")
-    return Shows(free(table, used), free(page, used), report.command_line(click.get_current_context()))
-
-
-def free(path: str | None, used: Sequence[str | None]) -> Output | None:
-    """An output, where it is asked for, that is none of the `used` files. Raises InvalidInput."""
-    if path is None:
-        return None
-    if is_among(path, used):
-        raise InvalidInput(f"cannot write {path}: it is an input or another output")
-    return output_for(path, "", "", (), text=True)
+    command = report.command_line(click.get_current_context())
+    return Shows(beside(table, used), page_beside(page, (*used, table)), command)
 
 
 def ended(found: Control) -> str:

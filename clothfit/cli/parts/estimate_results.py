@@ -40,12 +40,7 @@ AS_IN_FIT = (
 
 
 def finish(
-    scene: Scene,
-    found: Fit,
-    out: Output,
-    console: Console,
-    as_json: bool,
-    more: dict[str, Any] | None = None,
+    scene: Scene, found: Fit, out: Output, console: Console, as_json: bool, more: dict[str, Any] | None = None,
     log: FitLog | None = None,
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""

@@ -12,7 +12,7 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import STREAM, make_folder, output_for, print_json, uninterrupted
+from clothfit.cli.common.output import STREAM, print_json, write_into
 from clothfit.cli.common.scenes import read_scene
 from clothfit.cli.parts.estimate_files import Files, read_target
 
@@ -124,11 +124,7 @@ def fit(
 
     found = estimate(scene, motion, options)
     made = written.files(scene, found, options)
-    make_folder(folder)
-    outputs = [output_for(str(Path(folder) / name), scene_path, "", files.inputs) for name in made]
-    with uninterrupted():
-        for out, data in zip(outputs, made.values(), strict=True):
-            out.put(data)
+    write_into(folder, made, scene_path, files.inputs)
     for number, each in enumerate(found):
         describe(number, each, console)
     console.say(f"{scene.name}: values of {asked.simulator} → {folder}: {', '.join(made)}")
@@ -167,5 +163,3 @@ def error(rmse: float, travel: float) -> str:
     if rmse == float("inf"):
         return "of a cloth that runs away"
     return f"{metres(rmse)} ({100 * rmse / travel:.2g} % of the way)"
-
-

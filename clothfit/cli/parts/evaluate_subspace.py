@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import STREAM, is_among, print_json
+from clothfit.cli.common.output import Output, page_beside, print_json
 from clothfit.cli.common.pictures import Pictures
 from clothfit.cli.common.scenes import check_there, frames_of, read_scene
 
@@ -37,7 +36,7 @@ def measure(
 
     check_there(scene_path, model_path)
     pictures.check(scene_path, model_path, inputs_path, page_path)
-    page = page_for(page_path, (scene_path, model_path, inputs_path, *pictures.files))
+    page = page_beside(page_path, (scene_path, model_path, inputs_path, *pictures.files))
     model = load_model(model_path)
     scene = with_inputs(read_scene(scene_path, console), inputs_path)
     console.announce_compilation()
@@ -51,22 +50,8 @@ def measure(
     draw(over, model_path, inputs_path, pictures, page, console)
 
 
-def page_for(path: str | None, used: tuple[str | None, ...]) -> str | None:
-    """Where the page goes, checked before the work begins. Raises InvalidInput."""
-    if path is None:
-        return None
-    if path == STREAM:
-        raise InvalidInput("--report must be a file of its own, not -")
-    if is_among(path, used):
-        raise InvalidInput(f"cannot write {path}: it is an input or another output")
-    from clothfit.base.writing import check_writable
-
-    check_writable(path)
-    return path
-
-
 def draw(
-    over: Compared, model_path: str, inputs_path: str | None, pictures: Pictures, page: str | None, console: Console
+    over: Compared, model_path: str, inputs_path: str | None, pictures: Pictures, page: Output | None, console: Console
 ) -> None:
     """Write the pictures and the page that are asked for."""
     if pictures.plot is not None:
@@ -77,15 +62,14 @@ def draw(
         console.say(f"picture → {pictures.plot}")
     pictures.animated(over.scene, over.full.times, over.own.positions, over.full.positions, console)
     if page is not None:
-        from clothfit.base.writing import write_atomically
         from clothfit.cli import report
         from clothfit.report.page import subspace_page
 
         files: dict[str | None, object] = dict.fromkeys((model_path, inputs_path))
         origin = [report.command_line(click.get_current_context())], report.digests([over.scene], files)
         made = subspace_page(over, os.path.basename(model_path), *origin)
-        write_atomically(page, made)
-        console.say(f"page, {len(made) / 1e6:.2g} MB → {page}")
+        page.write(made)
+        console.say(f"page, {len(made) / 1e6:.2g} MB → {page.name}")
 
 
 def show(found: Judgement, console: Console) -> None:

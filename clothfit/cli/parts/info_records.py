@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres
+from clothfit.cli.common.scenes import vector
 from clothfit.formats.axes import Reading
 from clothfit.inspection.overview import doubts, extent
 
@@ -245,8 +245,3 @@ def log_rows(own: dict[str, Any]) -> dict[str, str]:
         "status": f"{own['status']}{rmse}" if own["finished"] else "without its summary: the fit has not ended",
         **({"output": str(own["output"])} if own["output"] else {}),
     }
-
-
-def vector(values: Sequence[float]) -> str:
-    """Three components, for people; -0 is 0."""
-    return f"({', '.join(f'{value + 0.0:.4g}' for value in values)})"

@@ -13,9 +13,9 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import length
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import with_inputs
+from clothfit.formats.axes import Convention
 
 if TYPE_CHECKING:
-    from clothfit.formats.axes import Convention
     from clothfit.scene.scene import Scene
     from clothfit.subspace.crowd import Crowded
     from clothfit.subspace.model import Model
@@ -55,12 +55,12 @@ def play_one(
     distance = length(given["push_out"], "--push-out")
     out = output_for(path, model_path, ".played.npz", (given["inputs_path"],))
     kept = coordinates_for(given["coordinates"], (model_path, given["inputs_path"], out.path))
-    motions.check(out, own_axes(), (model_path,), frames)
+    motions.check(out, Convention(), (model_path,), frames)
     console.announce_compilation()
     played = play_model(model, scene, frames, distance)
     for sentence in played.clamped:
         console.warn(sentence)
-    motions.write(played.motion, out, scene, own_axes(), console)
+    motions.write(played.motion, out, scene, Convention(), console)
     if kept is not None:
         kept.write(npz.archive({f"q{c}": q.astype(np.float32) for c, q in enumerate(played.coordinates)}))
     each = {name.replace(" ", "_"): 1e6 * s / max(frames - 1, 1) for name, s in played.seconds.items()}
@@ -94,14 +94,14 @@ def play_many(
         names = [str(Path(path).with_stem(f"{Path(path).stem}-{i + 1:0{width}d}")) for i in range(count)]
     outs = [output_for(name, model_path, "", (given["inputs_path"],)) for name in names]
     for out in outs:
-        motions.check(out, own_axes(), (model_path,), frames)
+        motions.check(out, Convention(), (model_path,), frames)
     console.announce_compilation()
     scenes = crowd.varied(model, scene, count, frames, given["seed"] or 0)
     found = crowd.play(model, scenes, frames)
     for sentence in found.clamped:
         console.warn(sentence)
     for i, out in enumerate(outs):
-        motions.write(crowd.motion(model, scenes[i], found, i), out, scenes[i], own_axes(), console)
+        motions.write(crowd.motion(model, scenes[i], found, i), out, scenes[i], Convention(), console)
     show_many(found, count, frames, console)
     if as_json:
         done = {"frames": frames, "instances": count, "us_per_frame": found.us, "clamped": found.clamped}
@@ -114,10 +114,3 @@ def show_many(found: Crowded, count: int, frames: int, console: Console) -> None
     whole = sum(found.us.values())
     console.result(f"{count} instances, {frames} frames: a frame of each takes {whole:.0f} µs: {parts}")
     console.result(f"a frame of all of them takes {1e-3 * count * whole:.3g} ms, on one thread")
-
-
-def own_axes() -> Convention:
-    """The axes of each format."""
-    from clothfit.formats.axes import Convention
-
-    return Convention()
