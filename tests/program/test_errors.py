@@ -16,6 +16,7 @@ import jsonschema
 import numpy as np
 import pytest
 from helpers import marker_files, scene_files
+from helpers.paths import ROOT
 from helpers.scenes import MISSING, changed, even, trial
 
 import clothfit
@@ -318,6 +319,11 @@ def test_what_diverges_ends_with_4(fails, arguments, message, scene):
 def test_a_gradient_that_is_wrong_ends_with_its_code(fails, gradient, code, message):
     pullback = "clothfit.objective.objective.Objective.add_pullback"
     fails(code, "check scene.json", message, [(pullback, lambda *arguments: arguments[-1].fill(gradient))])
+
+
+def test_the_first_page_lists_the_exit_codes():
+    text = (ROOT / "README.md").read_text("utf-8")
+    assert re.findall(r"^\| (\d+) \| ", text, re.MULTILINE) == ["0", "1", "2", "3", "4", "5", "130"]
 
 
 SCENE, ONES = clothfit.load(SMALL), np.ones(3)
