@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.meshes.mesh import any_sides, keys
+from clothfit.meshes.mesh import any_sides
 from clothfit.scene.cloth import Cloth
+from clothfit.scene.directions import keys
 
 
 class Roles(NamedTuple):

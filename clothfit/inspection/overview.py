@@ -14,10 +14,10 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.messages import counted, kilograms, meant, metres, named, owned, place
-from clothfit.meshes.mesh import keys
-from clothfit.meshes.topology import across, components, edges
+from clothfit.meshes.problems import components
 from clothfit.scene import schema as structure
 from clothfit.scene.cloth import Cloth
+from clothfit.scene.directions import edges_of, keys, opposite, pairs_of
 from clothfit.scene.families import Groups, spring_groups, vertex_groups
 from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
 from clothfit.scene.layout import Layout
@@ -134,9 +134,9 @@ def spring_kinds(springs: Indices, triangles: Indices) -> tuple[Flags, Flags]:
     A bending spring joins the vertices opposite an edge. Of two springs between the same vertices that could be either
     the second counts as bending.
     """
-    met = edges(triangles)
-    key, edge, bend = (keys(pairs) for pairs in (springs, met.ends, across(met)))
-    is_edge, is_bend = np.isin(key, edge), np.isin(key, bend)
+    met = edges_of(triangles)
+    key, bend = keys(springs), keys(opposite(triangles, pairs_of(met)))
+    is_edge, is_bend = np.isin(key, met.key), np.isin(key, bend)
     _, first = np.unique(key, return_index=True)
     again = ~np.isin(np.arange(len(key)), first)
     bends = is_bend & (~is_edge | again)

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.formats.animation import Parts
+from clothfit.scene import directions
 from clothfit.scene.kinds import AIR_DENSITY
 
 BENDING_SHARE = 0.25  # a bending spring's share of the object's stiffness
@@ -123,17 +124,8 @@ def sides(triangles: Indices) -> Sides:
 def any_sides(triangles: Indices) -> Sides:
     """The same for any triangles, of which more than two may share an edge."""
     edge = np.sort(triangles[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
-    _, found, group = np.unique(keys(edge), return_index=True, return_inverse=True)
+    _, found, group = np.unique(directions.keys(edge), return_index=True, return_inverse=True)
     return Sides(edge, triangles[:, [2, 1, 0]].reshape(-1), found[group].astype(np.int32))
-
-
-def keys(pairs: Indices) -> npt.NDArray[np.int64]:
-    """A number for each pair (P, 2) of vertices in either order, sorted by the smaller and then the larger vertex:
-    NumPy sorts numbers much faster than rows.
-    """
-    low, high = np.sort(pairs, axis=1).astype(np.int64).T
-    found: npt.NDArray[np.int64] = (low << 32) + high
-    return found
 
 
 def edges(triangles: Indices) -> Indices:

@@ -12,13 +12,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from clothfit.base.arrays import Flags, Indices
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.errors import InvalidInput
+from clothfit.base.graph import connected_components
 from clothfit.base.messages import counted, metres
 from clothfit.meshes.mesh import Mesh, areas
-from clothfit.meshes.topology import Numbers, across, components, edges, first_of_each, together
+from clothfit.scene.directions import along, edges_of, opposite, pairs_of
+
+Numbers: TypeAlias = npt.NDArray[np.integer[Any]]
+
+MOST_PAIRS = 100
+"""The most pairs of near vertices per vertex; with more, the distance finds more than seams."""
 
 INDICES_SHOWN = 5
 """The most indices in a message."""
@@ -102,16 +111,16 @@ def repeated(mesh: Mesh) -> Problem | None:
 
 def crowded(mesh: Mesh) -> Problem | None:
     """Edges that more than two triangles share."""
-    met = edges(_distinct(mesh.triangles))
-    wrong = np.flatnonzero(met.count > 2)
+    met = edges_of(_distinct(mesh.triangles))
+    wrong = np.flatnonzero(met.uses > 2)
     sentence = "more than two triangles share {}{}; at most 2 can: cut the mesh there"
     return _problem("non-manifold", met.ends[wrong, 0], ("edge", "edges"), sentence, fatal=True, of="at vertices ")
 
 
 def shrunk(mesh: Mesh) -> Problem | None:
     """Springs between two vertices at the same place: along an edge, or between the two opposite it."""
-    met = edges(mesh.triangles)
-    pairs = np.concatenate([met.ends, across(met)])
+    met = edges_of(mesh.triangles)
+    pairs = np.concatenate([met.ends, np.sort(opposite(mesh.triangles, pairs_of(met)), axis=1)])
     away = mesh.positions[pairs[:, 0]] - mesh.positions[pairs[:, 1]]
     wrong = pairs[((away * away).sum(axis=1) == 0) & (pairs[:, 0] != pairs[:, 1])]
     sentence = "{} have no length{}: two vertices that need one are at the same place"
@@ -120,9 +129,10 @@ def shrunk(mesh: Mesh) -> Problem | None:
 
 def turned(mesh: Mesh) -> Problem | None:
     """Edges whose two triangles face opposite ways: they walk it in the same direction."""
-    met = edges(_distinct(mesh.triangles))
-    along = np.bincount(met.of, met.along, len(met.ends))
-    wrong = np.flatnonzero((met.count == 2) & (along != 1))
+    triangles = _distinct(mesh.triangles)
+    met = edges_of(triangles)
+    once = np.bincount(met.of.reshape(-1), along(triangles).reshape(-1), len(met.ends)) == 1
+    wrong = np.flatnonzero((met.uses == 2) & ~once)
     sentence = "at {} two triangles face opposite ways{}; that changes how the cloth looks, not how it moves"
     return _problem("orientation", met.ends[wrong, 0], ("edge", "edges"), sentence, of="vertices ")
 
@@ -182,3 +192,43 @@ def _problem(
     text = sentence.format(counted(len(wrong), *noun), f" ({of}{', '.join(map(str, first))}{more})")
     hint = f"; --weld {cure}" if cure else ""
     return Problem(kind, len(wrong), first, text + hint, fatal or bool(cure), bool(cure))
+
+
+def together(positions: Array, distance: float) -> Indices:
+    """For each of the positions (n, 3) the first index of its group, in which steps of at most `distance`, m, lead from
+    one to the next. Raises InvalidInput where that joins more than seams.
+    """
+    from scipy.spatial import KDTree
+
+    n = len(positions)
+    if not 0 <= distance < np.inf:
+        raise InvalidInput(f"weld: the distance must be at least 0 and finite; {distance:g} m was given")
+    tree = KDTree(positions)
+    if tree.count_neighbors(tree, distance) > (MOST_PAIRS + 1) * n:
+        raise InvalidInput(f"weld: within {metres(distance)} of most vertices are too many others; give a smaller one")
+    label = connected_components(tree.query_pairs(distance, output_type="ndarray"), n)
+    first = np.full(label.max(initial=-1) + 1, n)
+    np.minimum.at(first, label, np.arange(n))
+    found: Indices = first[label].astype(np.int32)
+    return found
+
+
+def components(pairs: Indices, n: int) -> tuple[Indices, Indices]:
+    """The parts into which pairs (P, 2) connect n vertices: the number of vertices of each, largest first, and its
+    first vertex; vertices in no pair are left out.
+    """
+    label = connected_components(pairs, n)
+    used = np.unique(pairs)
+    _, first, sizes = np.unique(label[used], return_index=True, return_counts=True)
+    order = np.argsort(-sizes, kind="stable")
+    return sizes[order].astype(np.int32), used[first][order].astype(np.int32)
+
+
+def first_of_each(rows: Indices) -> Flags:
+    """Which of the rows (R, k) are the first of their kind."""
+    order = np.lexsort(rows.T)  # keeps equal ones in their order; faster than np.unique of rows
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    found = np.zeros(len(rows), bool)
+    found[order[new]] = True
+    return found

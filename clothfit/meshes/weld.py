@@ -13,8 +13,7 @@ import numpy as np
 from clothfit.base.arrays import Indices
 from clothfit.formats.animation import Parts
 from clothfit.meshes.mesh import Mesh
-from clothfit.meshes.problems import tiny
-from clothfit.meshes.topology import first_of_each, together
+from clothfit.meshes.problems import first_of_each, tiny, together
 
 
 class Welded(NamedTuple):

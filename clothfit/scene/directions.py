@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.graph import connected_components
 
 ALONG, ACROSS, DIAGONAL, NONE = range(4)
@@ -86,6 +86,16 @@ def pairs_of(edges: Edges) -> Pairs:
     later = np.arange(len(order)) != np.repeat(starts, edges.uses)
     met = np.stack([first[later], order[later]], axis=1)
     return Pairs(edges.of.reshape(-1)[order[later]], met // 3, met % 3)
+
+
+def opposite(triangles: Indices, pairs: Pairs) -> Indices:
+    """The two vertices (P, 2) opposite the edge that a pair of the triangles (T, 3) shares, in its order."""
+    return triangles[pairs.triangle, pairs.side]
+
+
+def along(triangles: Indices) -> Flags:
+    """Which sides of the triangles (T, 3) they walk from the smaller index to the larger."""
+    return triangles[:, [1, 2, 0]] < triangles[:, [2, 0, 1]]
 
 
 def classes(positions: Array, triangles: Indices, edges: Edges, given: Array | None = None) -> Slots:

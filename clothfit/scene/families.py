@@ -139,7 +139,7 @@ def _found(key: Keys, keys: Keys, family: Slots) -> tuple[Flags, Slots]:
 def _hinges(triangles: Indices, edges: Edges, of_edge: Slots) -> tuple[Keys, Slots]:
     """Pairs of vertices opposite a shared edge, as keys, and their families."""
     pairs = directions.pairs_of(edges)
-    opposite = triangles[pairs.triangle, pairs.side]
+    opposite = directions.opposite(triangles, pairs)
     apart = opposite[:, 0] != opposite[:, 1]
     bends = np.array([ACROSS, ALONG, DIAGONAL, NONE]) + len(WAYS)
     return directions.keys(opposite)[apart], bends[of_edge[pairs.edge]][apart]

@@ -11,9 +11,9 @@ from clothfit import InvalidInput, InvalidScene, load
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 from clothfit.meshes.new_scene import new_scene
-from clothfit.meshes.problems import problems
-from clothfit.meshes.topology import across, components, edges, first_of_each, together
+from clothfit.meshes.problems import components, first_of_each, problems, together
 from clothfit.meshes.weld import weld
+from clothfit.scene.directions import along, edges_of, opposite, pairs_of
 from clothfit.scene.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -251,16 +251,17 @@ def test_a_distance_that_joins_everything_is_refused_before_it_takes_memory():
 def test_pairs_across_are_those_of_the_bending_springs():
     sheet = mesh.plane(6, 2.0, 1.0)
     made = mesh.springs(sheet, 1.0)
-    pairs = across(edges(sheet.triangles))
+    pairs = np.sort(opposite(sheet.triangles, pairs_of(edges_of(sheet.triangles))), axis=1)
     assert sorted(map(tuple, pairs.tolist())) == sorted(map(tuple, made.ends[made.bends].tolist()))
 
 
 def test_edges_are_those_of_trimesh():
     solid = trimesh.creation.icosphere(1)
-    met = edges(solid.faces.astype(np.int32))
+    faces = solid.faces.astype(np.int32)
+    met = edges_of(faces)
     np.testing.assert_array_equal(met.ends, np.sort(np.unique(np.sort(solid.edges, axis=1), axis=0), axis=1))
-    assert (met.count == 2).all()
-    assert (np.bincount(met.of, met.along) == 1).all()  # a closed solid: once each way
+    assert (met.uses == 2).all()
+    assert (np.bincount(met.of.reshape(-1), along(faces).reshape(-1)) == 1).all()  # a closed solid: once each way
 
 
 def test_the_first_of_equal_rows_is_kept():

@@ -21,9 +21,9 @@ from clothfit.engine.inputs.files import loaded, stamp_of
 from clothfit.engine.inputs.interpolation import growth, resolved
 from clothfit.meshes.mesh import Mesh, areas
 from clothfit.meshes.mesh_file import read_mesh
-from clothfit.meshes.problems import THIN, tiny
-from clothfit.meshes.topology import edges, together
+from clothfit.meshes.problems import THIN, tiny, together
 from clothfit.scene.cloth import Body, Collider
+from clothfit.scene.directions import along, edges_of
 from clothfit.scene.keys import Keys
 
 
@@ -135,17 +135,19 @@ def without_area(place: Array, triangles: Indices) -> Indices:
 
 def neighbours(triangles: Indices) -> Indices:
     """The triangle behind the sides AB, BC and CA of each, (T, 3). Raises InvalidInput where that is not one."""
-    met = edges(triangles)
+    met = edges_of(triangles)
+    of = met.of[:, [2, 0, 1]].reshape(-1)  # of AB, BC, CA; there side k is opposite corner k
+    ways = np.bincount(met.of.reshape(-1), along(triangles).reshape(-1), len(met.uses))
     for wrong, fault in (
-        (met.count == 1, "is not closed: {} of one triangle only"),
-        (met.count > 2, "{} of more than two triangles"),
-        (np.bincount(met.of, met.along, len(met.count)) != 1, "at {} two triangles face opposite ways"),
+        (met.uses == 1, "is not closed: {} of one triangle only"),
+        (met.uses > 2, "{} of more than two triangles"),
+        (ways != 1, "at {} two triangles face opposite ways"),
     ):
         if wrong.any():
             first = "between vertices {} and {}".format(*met.ends[np.flatnonzero(wrong)[0]])
             raise InvalidInput(f"{fault.format(sides(wrong, fault))}, the first {first}")
-    pairs = np.argsort(met.of, kind="stable").reshape(-1, 2)
-    other = np.empty(len(met.of), np.int32)
+    pairs = np.argsort(of, kind="stable").reshape(-1, 2)
+    other = np.empty(len(of), np.int32)
     other[pairs] = pairs[:, ::-1]
     return (other // 3).reshape(-1, 3)
 
