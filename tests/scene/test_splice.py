@@ -62,7 +62,7 @@ mass = finite.filter(bool)  # 0.0 and -0.0 are equal, so one is not replaced by 
 anything = st.recursive(
     st.none() | st.booleans() | finite | st.integers() | st.text(),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
-    max_leaves=10,
+    max_leaves=5,
 )
 
 
