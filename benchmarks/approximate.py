@@ -91,10 +91,10 @@ def pullback(system, x, v, w, u, later, tolerance, work, x_bar, v_bar, grad):
     add(-1.0 / h, stiff, x_bar)
 
 
-@kernel
+@kernel(absent=None)
 def add_pins(inputs, coupled, out):
     """Add A_pf λ, which `pull_pins` left, to A λ at the pins."""
-    if inputs is None or len(inputs.fitted.pin) == 0:
+    if len(inputs.fitted.pin) == 0:
         return
     for i in inputs.pins:
         for c in range(3):

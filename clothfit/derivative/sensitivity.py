@@ -30,8 +30,9 @@ from clothfit.engine.inputs.tables import set_direction, set_inputs, with_consta
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
+from clothfit.engine.solve.joined import is_there
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, mobile
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile
 from clothfit.kernels.kernel import kernel
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ class Carried:
             self.dv[:, column] = np.where(system.vertex.free[:, None], start, 0.0)[free].reshape(-1)
         self.pins.start(self.dx, self.dv)
         self.touching: contact_columns.Columns | None = None
-        if system.surface is not None:
+        if meets_itself(system):
             from clothfit.derivative import contact_columns  # which few scenes need
 
             self.touching = contact_columns.Columns(system, self.place, self.by.row)
@@ -230,7 +231,7 @@ class Carried:
 def is_dense(system: System) -> bool:
     """Whether a step's columns can go together: not where pins whose paths are fitted touch a cloth that meets itself.
     """
-    return system.surface is None or np.array_equal(mobile(system), system.vertex.free)
+    return not meets_itself(system) or np.array_equal(mobile(system), system.vertex.free)
 
 
 def at_start(system: System, columns: Columns) -> Array:
@@ -290,7 +291,7 @@ class Solver:
         """dW for B = `right` (3 f, Q), which stays as it is."""
         if not len(right):  # nothing is free
             return right.copy()
-        if self.blocks is None or A.joined is not None:  # whose pattern is another one at each step
+        if self.blocks is None or is_there(A.joined):  # whose pattern is another one at each step
             self.blocks = block_cholesky.blocks_of(sparse.to_scipy(*A))
             self.cut = None
         if block_cholesky.is_cheaper(self.blocks, self.columns):
@@ -301,7 +302,7 @@ class Solver:
 
     def parts(self, A: sparse.BlockMatrix, blocks: block_cholesky.Blocks) -> tuple[list[Array], list[Array]]:
         """The blocks of A."""
-        if A.joined is not None:
+        if is_there(A.joined):
             matrix = sparse.to_scipy(*A)
             return block_cholesky.Cut(matrix, blocks)(matrix.data)
         if self.cut is None:  # by the places of the numbers in the arrays of A

@@ -19,7 +19,8 @@ from clothfit.engine import march
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.solve import linear
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, early
+from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, early, meets_itself
+from clothfit.kernels.kernel import record
 
 STRETCH = 20_000
 """Vertices × steps between two checks for an interrupt: about 10 ms."""
@@ -29,6 +30,7 @@ STEP_WORK, DIRECT_WORK = 7, 500
 """Work of a step beside its solves, and of a direct solve, in iterations of conjugate gradients."""
 
 
+@record
 class Rollout(NamedTuple):
     """T steps of one cloth with n vertices and up to N iterations per step: a whole motion, or a part of it."""
 
@@ -139,7 +141,7 @@ def empty(system: System, steps: int) -> Rollout:
     made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], budget, *start)
     if system.colliders is not None:
         made = made._replace(met=np.zeros((steps, *system.colliders.met.shape), bool))
-    return made if system.surface is None else made._replace(touches=np.empty(steps, object))
+    return made._replace(touches=np.empty(steps, object)) if meets_itself(system) else made
 
 
 def iterations_of(system: System) -> int:
@@ -174,7 +176,7 @@ def fill(
     then, and may raise.
     """
     taken = Taken(system)
-    if system.surface is not None:
+    if meets_itself(system):
         from clothfit.engine import touching  # which few scenes need
 
         return touching.fill(taken, tolerance, work, part, look)

@@ -17,13 +17,17 @@ from clothfit.engine.forces import applied, bodies, spheres, springs, surfaces, 
 from clothfit.engine.forces.selfcontact import force, pairs
 from clothfit.engine.inputs import fitted_paths, pin_derivatives, sampling, tables
 from clothfit.engine.solve import sparse
+from clothfit.kernels.kernel import record
 from clothfit.scene.cloth import SPHERE, Cloth, Collider
 from clothfit.scene.scene import Scene
 
 EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
 """Values of the scene's `integrationMethod`."""
 
+record(Elements)  # of which every derivative takes a direction or a gradient
 
+
+@record
 class System(NamedTuple):
     """One cloth, constant during a simulation. n vertices."""
 
@@ -40,9 +44,9 @@ class System(NamedTuple):
     colliders: touch.Colliders | None  # None where there are none and nothing changes over time
     pattern: sparse.Pattern  # of the step's matrix
     inputs: tables.Inputs | None  # what changes over time; None where nothing does and there are no colliders
-    surface: pairs.Surface | None = None  # what of the cloth can touch itself; None where the scene does not ask
-    contact: force.Contact | None = None  # the pairs that press in a step; None with `surface`
-    applied: applied.Applied | None = None  # forces that are given; None with `inputs`
+    surface: pairs.Surface | None = None  # what of the cloth can touch itself, nothing where the scene does not ask
+    contact: force.Contact | None = None  # the pairs that press in a step
+    applied: applied.Applied | None = None  # forces that are given; these three None with `inputs`
 
 
 def build(scene: Scene, index: int, air: bool = False, steps: int | None = None) -> System:
@@ -52,7 +56,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
     cloth = scene.cloths[index]
     inputs, touched = of_the_world(scene, cloth, scene.frames - 1 if steps is None else steps)
     pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed, whole=scene.self_contact is not None)
-    surface = surface_of(scene, index)
+    surface = surface_of(scene, index) if inputs else None
     return System(
         x0=with_pins(np.array(cloth.positions), cloth.shift, inputs),
         v0=at_start(cloth.velocity, cloth.fixed, inputs, scene.delta),
@@ -73,13 +77,18 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
     )
 
 
-def surface_of(scene: Scene, index: int) -> pairs.Surface | None:
-    """What of a cloth can touch itself; None where the scene does not ask for that. Raises InvalidScene for a cloth
+def meets_itself(system: System) -> bool:
+    """Whether the cloth touches itself where it can."""
+    return system.surface is not None and len(system.surface.start) > 0
+
+
+def surface_of(scene: Scene, index: int) -> pairs.Surface:
+    """What of a cloth can touch itself: nothing where the scene does not ask for that. Raises InvalidScene for a cloth
     that crosses itself at the start.
     """
     law, cloth = scene.self_contact, scene.cloths[index]
     if law is None:
-        return None
+        return pairs.nowhere()
     from clothfit.engine.forces.selfcontact import start  # which few scenes need
 
     numbers = law.thickness, law.stiffness, law.friction
@@ -92,8 +101,8 @@ def surface_of(scene: Scene, index: int) -> pairs.Surface | None:
 
 
 def of_the_world(scene: Scene, cloth: Cloth, steps: int) -> tuple[tables.Inputs | None, touch.Colliders | None]:
-    """The inputs over time and the colliders. A scene with either, or with self-contact, gets both, and one that is
-    empty does nothing: code is compiled for scenes with neither and for all others, not for each combination.
+    """The inputs over time and the colliders. A scene with any of what moves or touches gets all of it, and what is
+    empty does nothing: code is compiled for scenes with none of it and for all others, not for each combination.
     """
     if not (scene.changes or cloth.pins or scene.colliders or scene.self_contact or scene.forces):
         return None, None
@@ -116,10 +125,10 @@ def at_rest(scene: Scene, count: int) -> touch.Colliders:
     )
 
 
-def meshes_of(scene: Scene, count: int) -> bodies.Bodies | None:
-    """The meshes among the colliders, for a cloth of so many vertices; None where there are none."""
+def meshes_of(scene: Scene, count: int) -> bodies.Bodies:
+    """The meshes among the colliders, for a cloth of so many vertices."""
     if not any(each.body for each in scene.colliders):
-        return None
+        return bodies.build([], count)
     from clothfit.engine.inputs.body_files import bodies_of  # what reads all formats, which few scenes need
 
     try:
@@ -217,7 +226,7 @@ def with_contacts(system: System, values: Elements) -> System:
 def with_own_law(system: System, values: Elements) -> System:
     """The system with another law of its contact with itself: the last friction and stiffness, where not empty."""
     own = system.surface
-    if own is None or not (len(values.friction) or len(values.contact)):
+    if own is None or not meets_itself(system) or not (len(values.friction) or len(values.contact)):
         return system
     if len(values.friction):
         own = own._replace(friction=float(values.friction[-1]))
@@ -288,7 +297,7 @@ def laws(system: System) -> tuple[Array, Array]:
     """The coefficients of friction and the stiffnesses, N/m, of the colliders, then of the contact with itself."""
     touched, own = system.colliders, system.surface
     friction, stiffness = (np.zeros(0), np.zeros(0)) if touched is None else (touched.friction, touched.stiffness)
-    if own is None:
+    if own is None or not meets_itself(system):
         return friction.copy(), stiffness.copy()
     return np.append(friction, own.friction), np.append(stiffness, own.stiffness)
 

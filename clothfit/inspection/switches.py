@@ -21,7 +21,7 @@ from clothfit.engine.forces.surfaces import BOX, CONE
 from clothfit.engine.forces.touch import AXES, PLACE, SHAPE, SIZE
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.rollout import Rollout
-from clothfit.engine.system import BDF2, System
+from clothfit.engine.system import BDF2, System, meets_itself
 from clothfit.scene.scene import Scene
 
 Parts = NDArray[np.int32]
@@ -61,7 +61,7 @@ def contacts(system: System, part: Rollout) -> Parts:
     """At which parts of C obstacles n vertices are (T, N, C, n), at the forces of T steps of N iterations."""
     steps, iterations, n = part.w.shape[:3]
     count = len(system.spheres.radius) + (0 if system.colliders is None else len(system.colliders.rows))
-    count += system.surface is not None
+    count += meets_itself(system)
     found = np.zeros((steps, iterations, count, n), np.int32)
     if not found.size:
         return found
@@ -71,7 +71,7 @@ def contacts(system: System, part: Rollout) -> Parts:
             y = linearised_at(system, part, t, k)
             others = touched(system, y, None if part.met is None else part.met[t, k])
             found[t, k, : len(others)] = others
-            if system.surface is not None:
+            if system.surface and meets_itself(system):
                 found[t, k, -1] = touched_by_itself(system.surface, part.x[t], part.touches[t].numbers, y)
     return found
 

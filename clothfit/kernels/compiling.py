@@ -6,6 +6,7 @@ any code. So Ctrl-C waits for the next of the passes that a compilation consists
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
@@ -13,10 +14,14 @@ from typing import Any
 import numba
 from numba.core import event, types
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.imputils import lower_builtin
 from numba.core.sigutils import normalize_signature
+from numba.core.typing.templates import make_concrete_template, signature
 
 from clothfit.base.interrupts import postponed
+from clothfit.kernels import records
 from clothfit.kernels.cache import KernelCache
+from clothfit.kernels.kernel import RECORDS
 from clothfit.kernels.linking import ForKernels, ForPython
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
@@ -24,6 +29,8 @@ FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # no
 
 def for_python(function: Callable[..., object], nogil: bool) -> Any:
     """numba's function for calls from Python."""
+    while RECORDS:  # of modules that were imported meanwhile
+        records.known(RECORDS.pop())
     made = _made(function, "", pipeline_class=ForPython, nogil=nogil)
     made._compile_for_args = interruptible(made._compile_for_args)
     return made
@@ -33,6 +40,28 @@ def for_kernels(function: Callable[..., object]) -> Any:
     """numba's function for calls from kernels."""
     made = _made(function, "inner", pipeline_class=ForKernels, no_cpython_wrapper=True)
     made.get_call_template = _of_wide_types(made.get_call_template)
+    return made
+
+
+def for_kernels_of_part(function: Callable[..., object], absent: object) -> Any:
+    """The same for a kernel whose first argument may be None: a call with that is `absent`, without a call."""
+    made = for_kernels(function)
+    whole, compiled = made.get_call_template, made.get_overload
+    kind = numba.typeof(absent)
+
+    def constant(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return context.get_constant_generic(builder, kind, absent)
+
+    lower_builtin(constant, types.VarArg(types.Any))(constant)
+
+    def get_call_template(args: tuple[Any, ...], kws: dict[str, Any]) -> object:
+        if args[0] != types.none:
+            return whole(args, kws)
+        known = make_concrete_template(function.__name__, constant, [signature(kind, *args)])
+        return known, inspect.signature(function), args, kws
+
+    made.get_call_template = get_call_template
+    made.get_overload = lambda args: constant if args[0] == types.none else compiled(args)
     return made
 
 

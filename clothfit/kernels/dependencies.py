@@ -85,7 +85,7 @@ def _values(value: Any, called: list[Callable[..., object]]) -> Iterator[str]:
     """Text for a value, the same in every process; functions of kernels are added to `called`."""
     if hasattr(value, "py_func"):  # a kernel, or a function of numba's
         called.append(value.py_func)
-        yield f"{value.py_func.__module__}.{value.py_func.__qualname__}"
+        yield f"{value.py_func.__module__}.{value.py_func.__qualname__} {getattr(value, 'absent', '')!r}"
     elif value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):
         yield f"{type(value).__name__} {value!r}"
     elif isinstance(value, tuple | list):

@@ -23,6 +23,18 @@ from functools import cached_property
 from typing import Any, TypeVar, overload
 
 F = TypeVar("F", bound=Callable[..., object])
+R = TypeVar("R", bound=type)
+
+RECORDS: list[type] = []
+"""The classes that are records."""
+
+
+def record(own: R) -> R:
+    """Mark a NamedTuple that kernels pass to each other as one pointer, not as all of its parts: see `records`. They
+    may read its fields by their names, and neither make nor unpack one.
+    """
+    RECORDS.append(own)
+    return own
 
 
 def interpreted() -> bool:
@@ -63,6 +75,37 @@ class Kernel:
         return types.Dispatcher(self.inner)
 
 
+class OfPart(Kernel):
+    """A kernel whose first argument is a part that a cloth may not have. Where that is None, kernels do without the
+    call: then nothing is compiled for it.
+    """
+
+    def __init__(self, function: Callable[..., object], nogil: bool, absent: object) -> None:
+        super().__init__(function, nogil)
+        self.absent = absent
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled function, if there is the part."""
+        return self.absent if arguments[0] is None else self.outer(*arguments)
+
+    @cached_property
+    def inner(self) -> Any:
+        """numba's function for calls from kernels."""
+        from clothfit.kernels import compiling
+
+        return compiling.for_kernels_of_part(self.py_func, self.absent)
+
+
+def in_python(function: Callable[..., object], absent: object) -> Callable[..., object]:
+    """What such a kernel is in plain Python."""
+
+    @functools.wraps(function)
+    def of_part(part: object, *others: Any) -> object:
+        return absent if part is None else function(part, *others)
+
+    return of_part
+
+
 class InPython:
     """numba's `objmode`: what of a kernel runs in the interpreter."""
 
@@ -86,15 +129,19 @@ def kernel(function: F) -> F: ...
 
 
 @overload
-def kernel(*, nogil: bool) -> Callable[[F], F]: ...
+def kernel(*, nogil: bool = False, absent: object = ...) -> Callable[[F], F]: ...
 
 
-def kernel(function: F | None = None, *, nogil: bool = False) -> F | Callable[[F], F]:
+def kernel(function: F | None = None, *, nogil: bool = False, absent: object = ...) -> F | Callable[[F], F]:
     """Compile `function` on first call, with the flags that the module docstring explains.
 
-    `nogil`: other threads of Python may run meanwhile.
+    `nogil`: other threads of Python may run meanwhile. `absent`: what it returns where its first argument is None.
     """
     if function is None:
-        return functools.partial(kernel, nogil=nogil)
-    made: Any = function if interpreted() else Kernel(function, nogil)
+        return functools.partial(kernel, nogil=nogil, absent=absent)
+    made: Any
+    if interpreted():
+        made = function if absent is ... else in_python(function, absent)
+    else:
+        made = Kernel(function, nogil) if absent is ... else OfPart(function, nogil, absent)
     return made  # type: ignore[no-any-return]

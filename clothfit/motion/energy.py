@@ -35,7 +35,7 @@ from clothfit.engine.forces.selfcontact import force as self_contact
 from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.inputs.tables import send_pins, set_frame, set_inputs
 from clothfit.engine.step import explicit, guard
-from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build, meets_itself
 from clothfit.kernels.kernel import kernel
 from clothfit.motion.motion import Motion, check_counts, check_loaded, in_world
 from clothfit.motion.simulate import answered
@@ -214,14 +214,14 @@ def last_velocity(system: System, x: Array) -> Array:
 
 def add_self_contact(system: System, x: Array, out: Array) -> None:
     """Add what is stored in self-contact at positions x (F, n, 3) to the columns of out (F, 7)."""
-    if system.surface is not None:
+    if system.surface and meets_itself(system):
         for k, y in enumerate(np.ascontiguousarray(x)):
             out[k, CONTACT] += self_contact.energy(pairs.touching(system.surface, y), y)
 
 
 def add_self_friction(system: System, x: Array, u: Array, w: Array, out: Array) -> None:
     """Add the work of self-contact's friction over steps that begin at x (F, n, 3), as `works` has it."""
-    if system.surface is not None and system.surface.friction > 0.0:
+    if system.surface and system.surface.friction > 0.0:
         for k, y in enumerate(np.ascontiguousarray(x)):
             touched = pairs.touching(system.surface, y)
             out[k, DAMPING] += system.h * self_contact.damping_power(touched, y, u[k], w[k])

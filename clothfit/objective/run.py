@@ -21,7 +21,7 @@ from clothfit.engine.inputs.sampling import axes
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty, state_bytes
 from clothfit.engine.snapshots import Plan
-from clothfit.engine.system import System, mobile, with_elements
+from clothfit.engine.system import System, meets_itself, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Comparison
@@ -120,7 +120,7 @@ class Recent:
         """`tolerance` is that of the linear systems, relative; `memory` what the objective may use, bytes."""
         self.tolerance = tolerance
         needed = {(run.cloth, run.experiment): run.steps * state_bytes(run.system) for run in runs}
-        touching = any(run.system.surface is not None for run in runs)  # what touches is not counted
+        touching = any(meets_itself(run.system) for run in runs)  # what touches is not counted
         self._small = not touching and KEPT * sum(needed.values()) <= min(BYTES, SHARE * memory)
         self._kept: dict[tuple[int, int], dict[bytes, tuple[System, Tape]]] = {key: {} for key in needed}
 

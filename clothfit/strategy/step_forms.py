@@ -23,6 +23,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.prescribed import Forms
+from clothfit.engine.system import meets_itself
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.times import frame_places
@@ -121,7 +122,7 @@ def through_forms(search: Search, y: Array, prior: Prior, fitted: Fitted) -> Hel
     steps of a motion that is strongly pulled are plain. Raises Stop, and Diverged.
     """
     whole = search.objective
-    if any(run.system.surface is not None for run in whole.runs):
+    if any(meets_itself(run.system) for run in whole.runs):
         return None
     last = last_of_first(whole.forms_along(nudged(whole, PULLS[0]), search.parameters(y)))
     if last is None:

@@ -66,20 +66,19 @@ def out_of_spheres(balls, x, i, distance):
     return found
 
 
-@kernel
+@kernel(absent=False)
 def out_of_colliders(colliders, x, i, distance):
     """The same for all other obstacles."""
     found = False
-    if colliders is not None:
-        for c in range(len(colliders.rows)):
-            own = colliders.rows[c]
-            p = pack(x[i, 0], x[i, 1], x[i, 2], 0.0)
-            delta, _, _, inner, _, _ = touch.measured(colliders.bodies, own, i, p)
-            depth = distance - delta
-            if depth > 0.0:
-                n = touch.outward(own, inner)
-                x[i, 0] += depth * lane0(n)
-                x[i, 1] += depth * lane1(n)
-                x[i, 2] += depth * lane2(n)
-                found = True
+    for c in range(len(colliders.rows)):
+        own = colliders.rows[c]
+        p = pack(x[i, 0], x[i, 1], x[i, 2], 0.0)
+        delta, _, _, inner, _, _ = touch.measured(colliders.bodies, own, i, p)
+        depth = distance - delta
+        if depth > 0.0:
+            n = touch.outward(own, inner)
+            x[i, 0] += depth * lane0(n)
+            x[i, 1] += depth * lane1(n)
+            x[i, 2] += depth * lane2(n)
+            found = True
     return found

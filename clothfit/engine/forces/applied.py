@@ -42,54 +42,50 @@ def add_force(applied, y, u, f):
     add_times(applied, y, 1.0, f)
 
 
-@kernel
+@kernel(absent=None)
 def add_times(applied, y, scale, out):
     """out += scale f, where there are forces."""
-    if applied is not None:
-        for i in range(len(applied.force)):
-            for c in range(3):
-                out[i, c] += scale * applied.force[i, c]
-        for i in range(len(applied.gain)):
-            for c in range(3):
-                out[i, c] += scale * applied.gain[i] * (applied.place[i, c] - y[i, c])
+    for i in range(len(applied.force)):
+        for c in range(3):
+            out[i, c] += scale * applied.force[i, c]
+    for i in range(len(applied.gain)):
+        for c in range(3):
+            out[i, c] += scale * applied.gain[i] * (applied.place[i, c] - y[i, c])
 
 
-@kernel
+@kernel(absent=0.0)
 def add_step(applied, y, u, h, ahead, A, b):
     if len(b) > 0:
         add_times(applied, y, h, b)
-    if applied is not None:
-        for i in range(len(applied.gain)):
-            pull = h * h * applied.gain[i]
-            A.diagonal[i, XX] += pull
-            A.diagonal[i, YY] += pull
-            A.diagonal[i, ZZ] += pull
-            if ahead and len(b) > 0:
-                for c in range(3):
-                    b[i, c] += pull * u[i, c]
+    for i in range(len(applied.gain)):
+        pull = h * h * applied.gain[i]
+        A.diagonal[i, XX] += pull
+        A.diagonal[i, YY] += pull
+        A.diagonal[i, ZZ] += pull
+        if ahead and len(b) > 0:
+            for c in range(3):
+                b[i, c] += pull * u[i, c]
     return 0.0
 
 
-@kernel
+@kernel(absent=None)
 def add_pullback(applied, y, u, w, s, lam, h, grad, gy, gu):
     # φ = h λ·(u + κ (R − y − s)): no velocity.
-    if applied is not None:
-        for i in range(len(applied.gain)):
+    for i in range(len(applied.gain)):
+        for c in range(3):
+            gy[i, c] -= h * applied.gain[i] * lam[i, c]
+    if len(grad.force) > 0:
+        for i in range(len(applied.bar)):
             for c in range(3):
-                gy[i, c] -= h * applied.gain[i] * lam[i, c]
-        if len(grad.force) > 0:
-            for i in range(len(applied.bar)):
-                for c in range(3):
-                    applied.bar[i, c] += h * lam[i, c]
+                applied.bar[i, c] += h * lam[i, c]
 
 
-@kernel
+@kernel(absent=None)
 def add_pushforward(applied, y, u, w, s, dy, du, direction, h, out):
-    if applied is not None:
-        for i in range(len(applied.gain)):
+    for i in range(len(applied.gain)):
+        for c in range(3):
+            out[i, c] -= h * applied.gain[i] * dy[i, c]
+    if len(direction.force) > 0:
+        for i in range(len(applied.change)):
             for c in range(3):
-                out[i, c] -= h * applied.gain[i] * dy[i, c]
-        if len(direction.force) > 0:
-            for i in range(len(applied.change)):
-                for c in range(3):
-                    out[i, c] += h * applied.change[i, c]
+                out[i, c] += h * applied.change[i, c]

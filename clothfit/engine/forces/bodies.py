@@ -52,8 +52,9 @@ class Surface(NamedTuple):
 
 
 def build(surfaces: list[Surface], count: int) -> Bodies:
-    """Bodies of these surfaces, at least one, for a cloth of so many vertices."""
-    trees, triangles, across = [], [], []
+    """Bodies of these surfaces, which may be none, for a cloth of so many vertices."""
+    nothing = np.zeros((0, 3), np.int32)
+    trees, triangles, across, places = [boxes.empty(0)], [nothing], [nothing], [np.zeros((0, 3))]
     vertex, face, node = (np.zeros(len(surfaces) + 1, np.int32) for _ in range(3))
     for i, each in enumerate(surfaces):
         tree, order = boxes.build(each.place[each.triangles].mean(axis=1))
@@ -64,7 +65,8 @@ def build(surfaces: list[Surface], count: int) -> Bodies:
         across.append(back[each.across[order]] + face[i])
         vertex[i + 1], face[i + 1] = vertex[i] + len(each.place), face[i] + len(order)
         node[i + 1] = node[i] + len(tree.skip)
-    place = np.concatenate([each.place for each in surfaces]).astype(float)
+        places.append(each.place)
+    place = np.concatenate(places).astype(float)
     whole = boxes.Tree(*(np.concatenate(parts) for parts in zip(*trees, strict=True)))
     corners = np.concatenate(triangles).astype(np.int32)
     last = np.repeat(face[:-1, None], count, axis=1)

@@ -33,6 +33,11 @@ class Tree(NamedTuple):
     last: Indices  # (N,), below which they are
 
 
+def empty(size: int) -> Tree:
+    """Memory for so many nodes."""
+    return Tree(np.zeros((size, 6)), *(np.zeros(size, np.int32) for _ in range(3)))
+
+
 def build(middle: Array) -> tuple[Tree, Indices]:
     """A tree with empty boxes for triangles with these middles (T, 3), at least one, and their order in it (T,)."""
     count = len(middle)
@@ -40,7 +45,7 @@ def build(middle: Array) -> tuple[Tree, Indices]:
     order: Numbers = np.arange(count)
     begin, node = np.zeros(1, np.int64), np.zeros(1, np.int64)
     size = 2 ** (levels + 1) - 1
-    tree = Tree(np.zeros((size, 6)), *(np.zeros(size, np.int32) for _ in range(3)))
+    tree = empty(size)
     for level in range(levels + 1):
         below = 2 ** (levels - level + 1) - 1
         tree.skip[node] = node + below

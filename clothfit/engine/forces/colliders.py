@@ -51,10 +51,8 @@ def add_along(out, i, scale, n):
     store3(fma(splat(scale), n, load3(out, i)), out, i)
 
 
-@kernel
+@kernel(absent=0.0)
 def energy(colliders, y):
-    if colliders is None:
-        return 0.0
     total = 0.0  # ½ κ d²
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
@@ -63,10 +61,8 @@ def energy(colliders, y):
     return total
 
 
-@kernel
+@kernel(absent=0.0)
 def damping_power(colliders, y, u, w):
-    if colliders is None:
-        return 0.0
     total = 0.0
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
@@ -77,10 +73,8 @@ def damping_power(colliders, y, u, w):
     return total
 
 
-@kernel
+@kernel(absent=None)
 def add_force(colliders, y, u, f):
-    if colliders is None:
-        return
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth, _, _, n, _, spot = contact(colliders, y, i, c)
@@ -90,10 +84,8 @@ def add_force(colliders, y, u, f):
                 add_along(f, i, -gamma, across(n, v))
 
 
-@kernel
+@kernel(absent=None)
 def add_damping(colliders, y, u, scale, q, out):
-    if colliders is None:
-        return
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth, _, _, n, _, spot = contact(colliders, y, i, c)
@@ -102,10 +94,8 @@ def add_damping(colliders, y, u, scale, q, out):
                 add_along(out, i, -scale * gamma, across(n, load3(q, i)))
 
 
-@kernel
+@kernel(absent=0.0)
 def add_step(colliders, y, u, h, ahead, A, b):
-    if colliders is None:
-        return 0.0
     stored, reach = 0.0, 0.0 if ahead else h
     for c in range(len(colliders.rows)):
         kappa = colliders.rows[c, LAW, STIFFNESS]
@@ -126,10 +116,8 @@ def add_step(colliders, y, u, h, ahead, A, b):
     return stored
 
 
-@kernel
+@kernel(absent=None)
 def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
-    if colliders is None:
-        return
     # φ/h = κ (d − σ) ν − γ π,  ν = n·λ,  σ = n·s,  π = λ·P z;  dγ = −μκ/q dδ − γ/q dq
     for c in range(len(colliders.rows)):
         own, kappa = colliders.rows[c], colliders.rows[c, LAW, STIFFNESS]
@@ -174,10 +162,8 @@ def change_of_law(direction, c):
     return dmu, dkappa
 
 
-@kernel
+@kernel(absent=None)
 def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
-    if colliders is None:
-        return
     o0, o1, o2 = offset_of(direction)
     offset = pack(o0, o1, o2, 0.0)
     for c in range(len(colliders.rows)):

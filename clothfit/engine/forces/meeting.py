@@ -45,36 +45,28 @@ def counts(colliders, depth, n, c, i, y_i, way):
     return begins(colliders.bodies, colliders.rows[c], depth, n, i, y_i, way)
 
 
-@kernel
+@kernel(absent=None)
 def clear(colliders):
     """Before a step: nothing is met yet."""
-    if colliders is None:
-        return
     colliders.turn[0] = 0
     colliders.met[:] = False
 
 
-@kernel
+@kernel(absent=None)
 def turn_to(colliders, k):
     """From now on iteration k of the step is computed."""
-    if colliders is None:
-        return
     colliders.turn[0] = k
 
 
-@kernel
+@kernel(absent=None)
 def note(colliders, met, t):
     """Write what step t met to met (T, N, C, n)."""
-    if colliders is None:
-        return
     copy_flags(colliders.met, met[t])
 
 
-@kernel
+@kernel(absent=None)
 def recall(colliders, met, t):
     """Set what step t met, before its derivatives."""
-    if colliders is None:
-        return
     colliders.turn[0] = 0
     copy_flags(met[t], colliders.met)
 
@@ -95,15 +87,13 @@ def arrive(x, h, w, end):
         store3(fma(splat(h), load3(w, i), load3(x, i)), end, i)
 
 
-@kernel
+@kernel(absent=0)
 def meet(colliders, free, at, h, end, drops, A, b):
     """Add to A and b the contacts that an iteration ends in and did not know, and where `drops` take out those that it
     met before and that pull; returns how many there are of both.
 
     `at` is x before the step, y and u where it is linearised and its velocity w; `end` is scratch (n, 3).
     """
-    if colliders is None:
-        return 0
     x, y, u, w = at
     changed = 0
     arrive(x, h, w, end)
@@ -133,13 +123,11 @@ def meet(colliders, free, at, h, end, drops, A, b):
     return changed
 
 
-@kernel
+@kernel(absent=False)
 def strays(colliders, free, at, h, end):
     """Whether an iteration ends with a vertex too deep in a collider that is thick, seen from what its model knew; the
     arguments are those of `meet`. Writes `end`.
     """
-    if colliders is None:
-        return False
     x, y, _, w = at
     arrive(x, h, w, end)
     for c in range(len(colliders.rows)):
@@ -160,13 +148,11 @@ def model_depth(colliders, y, end, i, c):
     return depth - dot(n, sub(load3(end, i), load3(y, i)))
 
 
-@kernel
+@kernel(absent=None)
 def carry(colliders, free, at, h, end):
     """Let the next iteration begin with the contacts that pressed in this one and are outside at its end; the arguments
     are those of `strays`.
     """
-    if colliders is None:
-        return
     x, y, u, w = at
     arrive(x, h, w, end)
     k = colliders.turn[0]

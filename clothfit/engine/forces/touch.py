@@ -40,14 +40,13 @@ THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
 class Colliders(NamedTuple):
     """Colliders of a scene but for its plain spheres: one array, as each one that a step carries costs time.
 
-    A scene without them, in which nothing changes, has None in this place: of what depends on an argument that is None,
-    nothing is compiled.
+    A scene without them, in which nothing changes, has None in this place, so that nothing is compiled for them.
     """
 
     rows: Array  # (C, 10, 3)
     met: Flags  # (N, C, n), contacts that each iteration of a step only ends in (`meeting`)
     turn: Indices  # (1,), the iteration that is computed
-    bodies: meshes.Bodies | None = None  # the meshes; None where there are none
+    bodies: meshes.Bodies  # the meshes
 
     @property
     def state(self) -> Array:
@@ -82,13 +81,14 @@ def build(
     for row, number, numbers in zip(rows, shape, law, strict=True):
         row[LAW], row[SHAPE] = numbers, number
     rows[rows[:, SHAPE, 0] == MESH, SHAPE, 1] = np.arange(np.count_nonzero(rows[:, SHAPE, 0] == MESH))
-    return Colliders(rows, np.zeros((iterations, len(shape), count), bool), np.zeros(1, np.int32), bodies)
+    met, turn = np.zeros((iterations, len(shape), count), bool), np.zeros(1, np.int32)
+    return Colliders(rows, met, turn, bodies or meshes.build([], count))
 
 
 def copied(colliders: Colliders) -> Colliders:
     """The same colliders with memory of their own for what changes."""
     own = {name: getattr(colliders, name).copy() for name in ("rows", "met", "turn")}
-    return Colliders(**own, bodies=colliders.bodies and meshes.copied(colliders.bodies))
+    return Colliders(**own, bodies=meshes.copied(colliders.bodies))
 
 
 @kernel
@@ -105,8 +105,6 @@ def contact(colliders, y, i, c):
 def measured(bodies, own, i, y_i):
     """What `surfaces.distance` gives in the axes of a collider for vertex i at y_i, and the place on a mesh."""
     p = inward(own, sub(y_i, load3(own, PLACE)))
-    if bodies is None:
-        return of_shape(own, p)
     if own[SHAPE, 0] == MESH:
         return meshes.distance(bodies, int(own[SHAPE, 1]), i, p)
     return of_shape(own, p)
@@ -135,8 +133,6 @@ def outward(own, v):
 @kernel
 def begins(bodies, own, depth, n, i, y_i, way):
     """Whether a vertex outside of a mesh that goes from y_i by `way` in a step enters it, seen from where it is."""
-    if bodies is None:
-        return False
     if not (own[SHAPE, 0] == MESH and depth - dot(n, way) > 0.0):
         return False
     b, c = int(own[SHAPE, 1]), load3(own, PLACE)
@@ -172,33 +168,24 @@ def stretched(own, away, V):
 @kernel
 def with_drift(bodies, own, spot, V):
     """V, and the velocity of the place on a mesh in its axes."""
-    if bodies is not None:
-        f, _, wb, wc = spot
-        if f >= 0:
-            return add(V, outward(own, meshes.drift(bodies, f, wb, wc)))
-    return V
+    f, _, wb, wc = spot
+    return add(V, outward(own, meshes.drift(bodies, f, wb, wc))) if f >= 0 else V
 
 
 @kernel
 def surface_change(bodies, own, spot, dy):
     """dV."""
     dV = stretched(own, dy, cross(load3(own, SPIN), dy))
-    if bodies is not None:
-        f, part, _, _ = spot
-        if f >= 0:
-            return add(dV, outward(own, meshes.drift_change(bodies, f, part, inward(own, dy))))
-    return dV
+    f, part, _, _ = spot
+    return add(dV, outward(own, meshes.drift_change(bodies, f, part, inward(own, dy)))) if f >= 0 else dV
 
 
 @kernel
 def surface_gradient(bodies, own, spot, by_v):
     """The gradient by y, for one by V."""
     by_y = stretched(own, by_v, cross(by_v, load3(own, SPIN)))
-    if bodies is not None:
-        f, part, _, _ = spot
-        if f >= 0:
-            return add(by_y, outward(own, meshes.drift_gradient(bodies, f, part, inward(own, by_v))))
-    return by_y
+    f, part, _, _ = spot
+    return add(by_y, outward(own, meshes.drift_gradient(bodies, f, part, inward(own, by_v)))) if f >= 0 else by_y
 
 
 @kernel
@@ -234,8 +221,6 @@ def spots(colliders: Colliders, y: Array) -> Indices:
     """
     found = np.full((len(colliders.rows), len(y)), -1, np.int32)
     fill_spots(colliders, y, found)
-    if colliders.bodies is None:
-        return found
     corners, across = colliders.bodies.triangles, colliders.bodies.across
     f, part = np.divmod(found, 7)
     edge, corner = (part >= AB) & (part <= CA) & (found >= 0), (part >= A) & (found >= 0)

@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.kernels.kernel import kernel
+from clothfit.kernels.kernel import kernel, record
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.keys import Keys
 
 
+@record
 class FittedPaths(NamedTuple):
     """Those of P vertices, by K keys; row r of a table is at time r h. Without rows nothing is fitted."""
 

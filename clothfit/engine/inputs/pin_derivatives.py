@@ -59,10 +59,10 @@ def moves_of(inputs: Inputs, row: int, directions: list[Elements]) -> Array:
     return moves(inputs.fitted, row, np.stack(keys, axis=-1), np.stack(offsets, axis=-1))
 
 
-@kernel
+@kernel(absent=None)
 def push_pins(inputs, system, y, dx, du, later, scratch, A, b):
     """b −= A_fp (dw_p − du_p) of an iteration at y, du_p of a `later` one alone; `scratch` (n, 3) is overwritten."""
-    if inputs is None or len(inputs.fitted.pin) == 0:
+    if len(inputs.fitted.pin) == 0:
         return
     scratch[:] = 0.0
     for p in range(len(inputs.pins)):
@@ -75,34 +75,30 @@ def push_pins(inputs, system, y, dx, du, later, scratch, A, b):
     add_from_fixed(A.joined, -1.0, scratch, b)
 
 
-@kernel
+@kernel(absent=None)
 def move_pins(inputs, system, dx, dw):
     """Write the change of the pins' velocities in a step to dw, for the change dx of where it begins, (n, 3) each."""
-    if inputs is None:
-        return
     for p in range(len(inputs.fitted.pin)):
         i = inputs.pins[p]
         for c in range(3):
             dw[i, c] = (inputs.fitted.change[p, c] - dx[i, c]) / system.h
 
 
-@kernel
+@kernel(absent=None)
 def send_changes(inputs, system, dw):
     """The same for the velocities after an explicit Euler step."""
-    if inputs is None:
-        return
     for p in range(len(inputs.fitted.pin)):
         i = inputs.pins[p]
         for c in range(3):
             dw[i, c] = (inputs.fitted.change_later[p, c] - inputs.fitted.change[p, c]) / system.h
 
 
-@kernel
+@kernel(absent=None)
 def pull_pins(inputs, system, y, lam, A, w_bar, x_bar, coupled):
     """Turn w_bar at the pins, the gradient by their velocity in an iteration at y, into that by their places before the
     step, in x_bar, and after it; leaves A_pf λ in `coupled`, (n, 3) each.
     """
-    if inputs is None or len(inputs.fitted.pin) == 0:
+    if len(inputs.fitted.pin) == 0:
         return
     coupled[:] = 0.0
     for c in range(len(inputs.coupled)):
@@ -122,24 +118,20 @@ def pull_pins(inputs, system, y, lam, A, w_bar, x_bar, coupled):
             x_bar[i, c] -= rest
 
 
-@kernel
+@kernel(absent=None)
 def pull_through(inputs, coupled, w_bar):
     """Add A_pf λ to the gradient by the velocity that a later iteration starts from."""
-    if inputs is None:
-        return
     for p in range(len(inputs.fitted.pin)):
         i = inputs.pins[p]
         for c in range(3):
             w_bar[i, c] += coupled[i, c]
 
 
-@kernel
+@kernel(absent=None)
 def pull_sent(inputs, system, x_bar, v_bar, explicit):
     """What an explicit Euler step does with the gradient by the state of the pins after it; without `explicit` a
     symplectic one. x_bar, v_bar (n, 3) get h x_bar added to v_bar later.
     """
-    if inputs is None:
-        return
     h, fitted = system.h, inputs.fitted
     for p in range(len(fitted.pin)):
         i = inputs.pins[p]

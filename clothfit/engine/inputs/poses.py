@@ -36,6 +36,11 @@ class Poses(NamedTuple):
     weight: Array  # (R, M, 4), slopes have s
 
 
+def none() -> Poses:
+    """Those of no mesh."""
+    return Poses(np.zeros((0, 3)), np.zeros(0, np.int32), np.zeros((0, 0, ROWS), np.int64), np.zeros((0, 0, ROWS)))
+
+
 def build(moving: Sequence[Moving], interpolations: Sequence[str], times: Array) -> Poses:
     """The poses of those meshes that change at times (T,), s, as keys interpolate."""
     own = [b for b, each in enumerate(moving) if len(each.times)]
@@ -95,8 +100,7 @@ def pose(poses, colliders, row, lead, h):
     """Put the meshes where they are at a row of the table, with the velocity of the step that ends there, with `lead` 0
     of the one that begins there.
     """
-    if poses is not None:
-        write(poses, colliders.bodies, row, min(max(row - lead, 0), len(poses.first) - 2), h)
+    write(poses, colliders.bodies, row, min(max(row - lead, 0), len(poses.first) - 2), h)
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,13 @@ from clothfit.engine.forces.touch import AXES, PLACE, RATE, SIZE, SPIN, STATE, V
 from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.interpolation import growth, interpolated, resolved
 from clothfit.engine.inputs.moving_axes import Axes
+from clothfit.engine.inputs.poses import Poses
+from clothfit.engine.inputs.poses import build as build_poses
+from clothfit.engine.inputs.poses import none as no_poses
 from clothfit.engine.inputs.tables import Inputs, constant
 from clothfit.scene.cloth import AXIS_OF_SIZE, CAPSULE, MESH, SPHERE, Cloth, Collider
 from clothfit.scene.keys import Frame, Keys, Pin
 from clothfit.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from clothfit.engine.inputs.poses import Poses
 
 ANY_NUMBER = 2**31  # of steps: tables without rows have no end
 
@@ -90,13 +90,11 @@ def applied(scene: Scene, cloth: Cloth, times: Array, frame: Axes | None) -> dic
     return made
 
 
-def poses_of(scene: Scene, times: Array) -> Poses | None:
-    """The poses of the meshes among the colliders at times (T,), s; None where there are no meshes."""
-    own = [each.body for each in scene.colliders if each.body]
-    if not own:
-        return None
+def poses_of(scene: Scene, times: Array) -> Poses:
+    """The poses of the meshes among the colliders at times (T,), s."""
+    if not any(each.body for each in scene.colliders):
+        return no_poses()
     from clothfit.engine.inputs.body_files import bodies_of  # what reads all formats, which few scenes need
-    from clothfit.engine.inputs.poses import build as build_poses
 
     moving = [each.motion or collider.scaling for collider in scene.colliders if (each := collider.body)]
     ways = [keys.interpolation if keys else "" for keys in moving]

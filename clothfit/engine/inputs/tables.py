@@ -19,12 +19,14 @@ from clothfit.engine.forces.touch import PLACE, STATE
 from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.fitted_paths import FittedPaths, pull_places, push_places
 from clothfit.engine.inputs.poses import Poses, pose
+from clothfit.engine.inputs.poses import none as no_poses
 from clothfit.engine.solve.joined import add_from_fixed
-from clothfit.kernels.kernel import kernel
+from clothfit.kernels.kernel import kernel, record
 from clothfit.kernels.lanes.operations import add, load3, store3
 from clothfit.kernels.vectors import combine, copy
 
 
+@record
 class Inputs(NamedTuple):
     """Row r of a table holds at time r h; a table without rows does not change anything. A scene in which nothing
     changes, and without colliders, has None in place of it, so that nothing of this module is compiled for it.
@@ -50,7 +52,7 @@ class Inputs(NamedTuple):
     target: Array  # (T, n, 3), m, to where, after each step
     lead: int  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
     steps: int  # that the tables have rows for
-    poses: Poses | None = None  # of the meshes that change; None where there are no meshes
+    poses: Poses  # of the meshes that change
     energetic: bool = True  # whether anything else than the applied forces may bring energy
 
 
@@ -63,7 +65,8 @@ def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Input
     keyed = none, np.zeros((0, 0)), np.zeros(3)
     tables = none, none, places, np.zeros((0, 0, 3))
     applied = NO_TABLE, np.zeros((0, 0)), NO_TABLE
-    return Inputs(*tables, nobody, nobody, *bases, fitted_paths.none(), *keyed, none, none, none, *applied, 1, 0)
+    fitted, poses = fitted_paths.none(), no_poses()
+    return Inputs(*tables, nobody, nobody, *bases, fitted, *keyed, none, none, none, *applied, 1, 0, poses)
 
 
 def check_steps(inputs: Inputs | None, steps: int) -> None:
@@ -84,7 +87,7 @@ def later(inputs: Inputs | None, steps: int) -> Inputs | None:
     tables = ("wind", "gravity", "centre", "path", "share", "force", "gain", "target")
     parts = {name: getattr(inputs, name)[steps:] for name in tables}
     own = inputs.poses
-    poses = own and own._replace(first=own.first[steps:], weight=own.weight[steps:])
+    poses = own._replace(first=own.first[steps:], weight=own.weight[steps:])
     fitted = fitted_paths.later(inputs.fitted, steps)
     return inputs._replace(**parts, fitted=fitted, steps=inputs.steps - steps, poses=poses)
 
@@ -99,74 +102,72 @@ def with_offset(inputs: Inputs | None, spheres: int, offset: Array) -> Inputs | 
     return inputs._replace(centre=centre)
 
 
-@kernel
+@kernel(absent=None)
 def set_inputs(inputs, system, t):
     """Write the inputs of step t of a motion to where the forces read them, and where the pins are after it."""
-    if inputs is not None:
-        late = t + inputs.lead
-        if len(inputs.wind) > 0:
-            add_row(inputs.wind, late, inputs.wind_base, system.faces.wind)
-        if len(inputs.gravity) > 0:
-            add_row(inputs.gravity, late, inputs.gravity_base, system.vertex.gravity)
-        if len(inputs.centre) > 0:
-            copy(inputs.centre[late], system.spheres.centre)
-            move_colliders(system.colliders, inputs.centre[late, len(system.spheres.centre) :])
-        pose(inputs.poses, system.colliders, late, inputs.lead, system.h)
-        if len(inputs.path) > 0:
-            copy(inputs.path[t + 1], inputs.place)
-            copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)
-        if len(inputs.force) > 0:
-            copy(inputs.force[t], system.applied.force)
-        if len(inputs.gain) > 0:
-            for i in range(inputs.gain.shape[1]):  # see `copy`
-                system.applied.gain[i] = inputs.gain[t, i]
-            copy(inputs.target[t], system.applied.place)
+    late = t + inputs.lead
+    if len(inputs.wind) > 0:
+        add_row(inputs.wind, late, inputs.wind_base, system.faces.wind)
+    if len(inputs.gravity) > 0:
+        add_row(inputs.gravity, late, inputs.gravity_base, system.vertex.gravity)
+    if len(inputs.centre) > 0:
+        copy(inputs.centre[late], system.spheres.centre)
+        move_colliders(system.colliders, inputs.centre[late, len(system.spheres.centre) :])
+    pose(inputs.poses, system.colliders, late, inputs.lead, system.h)
+    if len(inputs.path) > 0:
+        copy(inputs.path[t + 1], inputs.place)
+        copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)
+    if len(inputs.force) > 0:
+        copy(inputs.force[t], system.applied.force)
+    if len(inputs.gain) > 0:
+        for i in range(inputs.gain.shape[1]):  # see `copy`
+            system.applied.gain[i] = inputs.gain[t, i]
+        copy(inputs.target[t], system.applied.place)
 
 
-@kernel
+@kernel(absent=None)
 def move_colliders(colliders, states):
     """Write states (8 D, 3) to D colliders."""
-    if colliders is not None:
-        for c in range(len(colliders.rows)):
-            copy(states[c * STATE :], colliders.rows[c, :STATE])
+    for c in range(len(colliders.rows)):
+        copy(states[c * STATE :], colliders.rows[c, :STATE])
 
 
-@kernel
+@kernel(absent=None)
 def share_gradient(inputs, system, t, grad):
     """Give what step t added to the gradient by the wind to the keys of the wind, that by the pins' places to the keys
     of their paths, and that by the applied forces to its row of their table.
     """
-    if inputs is not None and len(grad.force) > 0:
+    if len(grad.force) > 0:
         copy(system.applied.bar, grad.force[t])
         system.applied.bar[:] = 0.0
-    if inputs is not None and len(grad.gusts) > 0:
+    if len(grad.gusts) > 0:
         row = inputs.share[t + inputs.lead]
         for c in range(3):
             more = grad.wind[c] - inputs.counted[c]
             inputs.counted[c] = grad.wind[c]
             for k in range(len(row)):
                 grad.gusts[k, c] += row[k] * more
-    if inputs is not None and len(inputs.fitted.pin) > 0:
+    if len(inputs.fitted.pin) > 0:
         pull_places(inputs.fitted, t + 1, inputs.fitted.change, grad)
         if not inputs.lead:
             pull_places(inputs.fitted, t + 2, inputs.fitted.change_later, grad)
 
 
-@kernel
+@kernel(absent=None)
 def set_direction(inputs, system, t, direction):
     """Write the change of the wind in step t: that of its keys, the first K rows of `gusts`, and in the last row what
     is the same all the time; and that of the places of the pins and of the applied forces.
     """
-    if inputs is not None and len(direction.force) > 0:
+    if len(direction.force) > 0:
         copy(direction.force[t], system.applied.change)
-    if inputs is not None and len(direction.gusts) > 0:
+    if len(direction.gusts) > 0:
         row = inputs.share[t + inputs.lead]
         for c in range(3):
             change = direction.gusts[len(row), c]
             for k in range(len(row)):
                 change += row[k] * direction.gusts[k, c]
             direction.wind[c] = change
-    if inputs is not None and len(inputs.fitted.pin) > 0:
+    if len(inputs.fitted.pin) > 0:
         push_places(inputs.fitted, t + 1, direction, inputs.fitted.change)
         push_places(inputs.fitted, t + 1 if inputs.lead else t + 2, direction, inputs.fitted.change_later)
 
@@ -179,18 +180,16 @@ def with_constant(direction: Elements) -> Elements:
     return direction._replace(gusts=np.vstack([direction.gusts, constant]), wind=np.zeros(3))
 
 
-@kernel
+@kernel(absent=False)
 def energetic(inputs):
     """Whether anything that changes may bring energy, applied forces apart."""
-    if inputs is None:
-        return False
     return inputs.energetic
 
 
-@kernel
+@kernel(absent=0.0)
 def power(inputs, t, v):
     """What the forces that are applied in step t do at velocities v (n, 3), W."""
-    if inputs is None or len(inputs.force) == 0:
+    if len(inputs.force) == 0:
         return 0.0
     total = 0.0
     for i in range(len(v)):
@@ -205,11 +204,10 @@ def work(inputs, t, x, x_new):
     return power(inputs, t, x_new) - power(inputs, t, x)
 
 
-@kernel
+@kernel(absent=None)
 def set_frame(inputs, system, t):
     """The same for the state before step t of a motion."""
-    if inputs is not None:
-        set_inputs(inputs, system, t - inputs.lead)
+    set_inputs(inputs, system, t - inputs.lead)
 
 
 @kernel
@@ -219,44 +217,36 @@ def add_row(table, row, base, out):
         out[c] = base[c] + table[row, c]
 
 
-@kernel
+@kernel(absent=None)
 def set_pins(inputs, system, x, w):
     """The velocities w (n, 3) of the pins in a step that begins at x, by the h of the system."""
-    if inputs is None:
-        return
     for p in range(len(inputs.pins)):
         i = inputs.pins[p]
         for c in range(3):
             w[i, c] = (inputs.place[p, c] - x[i, c]) / system.h
 
 
-@kernel
+@kernel(absent=None)
 def send_pins(inputs, system, w):
     """The velocities w (n, 3) of the pins after an explicit Euler step: those with which the next one moves them."""
-    if inputs is None:
-        return
     for p in range(len(inputs.pins)):
         i = inputs.pins[p]
         for c in range(3):
             w[i, c] = (inputs.later[p, c] - inputs.place[p, c]) / system.h
 
 
-@kernel
+@kernel(absent=None)
 def place_pins(inputs, system, x):
     """Put the pins where they are after the step: no rounding adds up."""
-    if inputs is None:
-        return
     for p in range(len(inputs.pins)):
         i = inputs.pins[p]
         for c in range(3):
             x[i, c] = inputs.place[p, c]
 
 
-@kernel
+@kernel(absent=None)
 def add_coupling(inputs, system, y, w, b):
     """b −= A_fp w_p for the velocities of the pins in w, with A linearised at y, (n, 3) each."""
-    if inputs is None:
-        return
     coupled = inputs.coupled
     for c in range(len(coupled)):
         i = coupled[c]
@@ -267,19 +257,19 @@ def add_coupling(inputs, system, y, w, b):
                 store3(add(load3(b, other), pull), b, other)
 
 
-@kernel
+@kernel(absent=None)
 def couple(inputs, system, x, y, scratch, A, b):
     """The same for a step that begins at x, contacts included; `scratch` (n, 3) is overwritten."""
-    if inputs is not None and len(inputs.pins) > 0:
+    if len(inputs.pins) > 0:
         scratch[:] = 0.0
         set_pins(inputs, system, x, scratch)
         add_coupling(inputs, system, y, scratch, b)
         add_from_fixed(A.joined, -1.0, scratch, b)
 
 
-@kernel
+@kernel(absent=None)
 def couple_change(inputs, system, w, u, later, y, scratch, b):
     """The same for velocities w, of a `later` iteration for their change from u."""
-    if inputs is not None and len(inputs.pins) > 0:
+    if len(inputs.pins) > 0:
         combine(1.0, w, -1.0 if later else 0.0, u, scratch)
         add_coupling(inputs, system, y, scratch, b)

@@ -52,11 +52,14 @@ def joined(vertices: Indices, free: Array) -> Joined:
     return Joined(vertices, np.zeros((len(vertices), SIZE)), aligned(len(free) + 1, 8), free)
 
 
-@kernel
+def is_there(joined: Joined | None) -> bool:
+    """Whether there are such blocks at some steps."""
+    return joined is not None and len(joined.free) > 0
+
+
+@kernel(absent=None)
 def reset(joined):
     """Make the diagonal 0."""
-    if joined is None:
-        return
     for i in range(len(joined.diagonal)):
         store(splat(0.0), joined.diagonal, i, 0)
         store(splat(0.0), joined.diagonal, i, 4)
@@ -80,11 +83,9 @@ def block_product(rows, k, z):
     return fma(splat((rows[k, PUSH] - rows[k, RUB]) * dot(n, z)), n, mul(splat(rows[k, RUB]), z))
 
 
-@kernel
+@kernel(absent=None)
 def add_product(joined, scale, x, out):
     """out += scale · (C without its diagonal) x, between free vertices; x, out (n, 3) or (n, 4)."""
-    if joined is None:
-        return
     vertices, rows, diagonal, free = joined
     if len(rows) == 0:
         return
@@ -107,11 +108,9 @@ def add_product(joined, scale, x, out):
         store3(fma(c3, z, load3(out, i3)), out, i3)
 
 
-@kernel
+@kernel(absent=None)
 def add_from_fixed(joined, scale, w, out):
     """out += scale · the blocks that join free vertices to fixed ones, times the w (n, 3) of these."""
-    if joined is None:
-        return
     vertices, rows, _, free = joined
     for k in range(len(rows)):
         z = splat(0.0)
@@ -124,11 +123,9 @@ def add_from_fixed(joined, scale, w, out):
             store3(fma(splat(rows[k, FREE + e]), z, load3(out, i)), out, i)
 
 
-@kernel
+@kernel(absent=None)
 def add_to_fixed(joined, scale, x, out):
     """out += scale · the blocks that join fixed vertices to free ones, times the x (n, 3) of these."""
-    if joined is None:
-        return
     vertices, rows, _, free = joined
     for k in range(len(rows)):
         z = splat(0.0)

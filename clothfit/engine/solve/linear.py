@@ -18,7 +18,7 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve import cg, cg_multigrid, cg_two_threads, minres, multigrid, sparse
 from clothfit.engine.solve.joined import Joined
 from clothfit.engine.solve.sparse import BlockMatrix
-from clothfit.kernels.kernel import kernel, objmode
+from clothfit.kernels.kernel import kernel, objmode, record
 from clothfit.kernels.vectors import copy
 
 SYMMETRIC: dict[str, Any] = {
@@ -33,6 +33,7 @@ USABLE = 1e-10
 """The largest backward error of a solution; one with a larger error does not even solve a system near this one."""
 
 
+@record
 class Workspace(NamedTuple):
     """Memory of the solver. None is a type of its own, so small cloths need not compile what serves large ones."""
 

@@ -49,17 +49,11 @@ SHORTEST = 40
 
 
 @kernel
-def exist(part):
-    """Whether a system has a part that it may lack."""
-    return part is not None
-
-
-@kernel
 def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if exist(system.contact) or energetic(system.inputs):
+    if energetic(system.inputs):
         return False
     return system.guarded and system.method == IMPLICIT and (still or faces.drag == 0.0 or len(faces.corners) == 0)
 

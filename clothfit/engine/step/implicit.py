@@ -30,12 +30,13 @@ from clothfit.engine.inputs.tables import couple, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.solve.joined import joined
 from clothfit.engine.system import System
-from clothfit.kernels.kernel import kernel
+from clothfit.kernels.kernel import kernel, record
 from clothfit.kernels.lanes.operations import add as add_lanes
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sum3
 from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, dot, hold_fixed, vector
 
 
+@record
 class Workspace(NamedTuple):
     """Memory that a run of steps uses again and again; (n, 3) where nothing else is said."""
 
@@ -102,12 +103,11 @@ def prepare(system, x, v, work):
     return kinetic + stored, power
 
 
-@kernel
+@kernel(absent=None)
 def keep_point(colliders, x, v, y, u):
     """y, u = x, v, which are asked for again where contacts may be met."""
-    if colliders is not None:
-        copy(x, y)
-        copy(v, u)
+    copy(x, y)
+    copy(v, u)
 
 
 @kernel

@@ -27,7 +27,7 @@ from clothfit.engine.forces import meeting, total, touch
 from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, clamped, mobile
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, clamped, meets_itself, mobile
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, add_mass, copy
 from clothfit.objective.target import Target
@@ -153,7 +153,7 @@ def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags
         bad[back:] |= missing[: max(steps - back, 0)]
     if system.colliders is not None and system.method >= IMPLICIT and len(system.colliders.rows):
         bad |= met_rows(system, system.colliders, track.x, steps)
-    if system.surface is not None:
+    if system.surface and meets_itself(system):
         bad |= touched_rows(system.surface, track.x, steps)
     return np.ascontiguousarray(~bad & system.vertex.free)  # in one order, however few steps: to compile once for
 

@@ -85,7 +85,7 @@ def raw(system: System, steps: int) -> list[tuple[str, Array]]:
     inputs = system.inputs
     if inputs is None:
         return []
-    if inputs.poses is not None and len(inputs.poses.first) and np.ptp(inputs.poses.first) > 0:
+    if len(inputs.poses.body) and np.ptp(inputs.poses.first) > 0:
         raise InvalidInput("a network does not know bodies that change their shape; --method physics does")
     late = slice(inputs.lead, inputs.lead + steps)
     found = [(name, table[late]) for name, table in (("wind", inputs.wind), ("gravity", inputs.gravity)) if len(table)]

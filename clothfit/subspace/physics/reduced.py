@@ -15,7 +15,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.system import BDF2, IMPLICIT, System
+from clothfit.engine.system import BDF2, IMPLICIT, System, meets_itself
 from clothfit.subspace import carrier
 from clothfit.subspace.physics import samples, step
 
@@ -115,7 +115,7 @@ def check(system: System) -> None:
     """Raise InvalidInput for what subspaces do not have."""
     if system.method not in (IMPLICIT, BDF2):
         raise InvalidInput("a subspace needs implicit steps: integrationMethod 2 or 3")
-    if system.surface is not None:
+    if meets_itself(system):
         raise InvalidInput("selfCollision: a subspace does not know where a cloth touches itself")
     if system.inputs is not None and (len(system.inputs.force) or len(system.inputs.gain)):
         raise InvalidInput("a subspace has no applied forces")

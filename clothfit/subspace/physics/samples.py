@@ -149,9 +149,8 @@ def of_vertices(own: touch.Colliders | None, vertices: Indices) -> touch.Collide
     """Colliders with memory of their own, for these vertices of the cloth only."""
     if own is None:
         return None
-    meshes: bodies.Bodies | None = own.bodies and bodies.copied(own.bodies)
-    if meshes is not None:
-        meshes = meshes._replace(last=np.ascontiguousarray(meshes.last[:, vertices]))
+    meshes: bodies.Bodies = bodies.copied(own.bodies)
+    meshes = meshes._replace(last=np.ascontiguousarray(meshes.last[:, vertices]))
     met = np.ascontiguousarray(own.met[:, :, vertices])
     return own._replace(rows=own.rows.copy(), met=met, turn=own.turn.copy(), bodies=meshes)
 

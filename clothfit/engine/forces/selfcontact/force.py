@@ -74,10 +74,8 @@ def rubbing(contact, c, own, n, push, u):
     return V, q, contact.friction * max(push, 0.0) / q
 
 
-@kernel
+@kernel(absent=0.0)
 def energy(contact, y):
-    if contact is None:
-        return 0.0
     total = 0.0  # ½ κ s d²
     for k in range(len(contact.kind)):
         _, _, _, _, delta, part = touch(contact, y, k)
@@ -86,10 +84,8 @@ def energy(contact, y):
     return total
 
 
-@kernel
+@kernel(absent=0.0)
 def damping_power(contact, y, u, w):
-    if contact is None:
-        return 0.0
     total = 0.0
     for k in range(len(contact.kind)):
         own = contact.vertices[k]
@@ -100,10 +96,8 @@ def damping_power(contact, y, u, w):
     return total
 
 
-@kernel
+@kernel(absent=None)
 def add_force(contact, y, u, f):
-    if contact is None:
-        return
     for k in range(len(contact.kind)):
         own = contact.vertices[k]
         c, _, _, n, delta, part = touch(contact, y, k)
@@ -112,10 +106,8 @@ def add_force(contact, y, u, f):
         spread(c, own, sub(mul(splat(push), n), mul(splat(gamma), across(n, V))), f)
 
 
-@kernel
+@kernel(absent=None)
 def add_damping(contact, y, u, scale, q, out):
-    if contact is None:
-        return
     if contact.friction == 0.0:
         return
     for k in range(len(contact.kind)):
@@ -126,10 +118,8 @@ def add_damping(contact, y, u, scale, q, out):
         spread(c, own, mul(splat(-scale * gamma), across(n, mixed(c, own, q))), out)
 
 
-@kernel
+@kernel(absent=0.0)
 def add_step(contact, y, u, h, ahead, A, b):
-    if contact is None:
-        return 0.0
     stored = 0.0
     for k in range(len(contact.kind)):
         own = contact.vertices[k]
@@ -166,10 +156,8 @@ def find_parts(contact, y, out):
         out[k] = closest(contact.kind[k], contact.vertices[k], y)[1]
 
 
-@kernel
+@kernel(absent=None)
 def add_pullback(contact, y, u, w, s, lam, h, grad, gy, gu):
-    if contact is None:
-        return
     # φ/h = κ s (d − σ) ν − γ π,  ν = n·Λ,  Λ = Σ cᵢ λᵢ,  σ = n·S,  π = Λ·P Z;  dγ = γ (ds/s − dδ/d − dq/q)
     for k in range(len(contact.kind)):
         own, kind = contact.vertices[k], contact.kind[k]
@@ -210,10 +198,8 @@ def weight_slope(i, by_L, lam, by_S, s, by_Z, w, by_V, u):
     return total + dot(by_Z, load3(w, i)) + dot(by_V, load3(u, i))
 
 
-@kernel
+@kernel(absent=None)
 def add_pushforward(contact, y, u, w, s, dy, du, direction, h, out):
-    if contact is None:
-        return
     dmu = direction.friction[-1] if len(direction.friction) > 0 else 0.0
     dkappa = direction.contact[-1] if len(direction.contact) > 0 else 0.0
     for k in range(len(contact.kind)):

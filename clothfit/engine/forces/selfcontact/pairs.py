@@ -62,7 +62,15 @@ def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, fl
 
 def none(surface: Surface) -> Contact:
     """A contact without pairs."""
-    return of_numbers(surface, surface.start, np.zeros(0, np.int64))
+    nobody, nothing = np.zeros(0, np.int32), np.zeros(0)
+    law = surface.stiffness, surface.friction
+    return Contact(np.zeros((0, 4), np.int32), nobody, nothing, nothing, surface.free, *law)
+
+
+def nowhere() -> Surface:
+    """The surface of a cloth that does not meet itself: of no vertices."""
+    nobody = np.zeros((0, 3), np.int32)
+    return surface(nobody, np.zeros((0, 3)), np.zeros(0, bool), (0.0, 0.0, 0.0))
 
 
 def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:

@@ -1,0 +1,146 @@
+"""Records: NamedTuples of many arrays that kernels pass to each other as a pointer.
+
+numba passes a tuple as its parts, an array being seven of them: a System is some three hundred arguments, which every
+call takes apart and every function puts together again. Most of the code of a simulation, before it is optimised, was
+that. A class with the mark `kernel.record` is one pointer instead, to memory where the function that Python calls
+writes the parts; a kernel reads from there what it uses. A record within a record lies in the same memory.
+
+No kernel makes or changes a record, and the arrays in one live as long as the call: no references are counted.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.datamodel.models import DataModel
+from numba.core.datamodel.registry import register_default
+from numba.core.extending import NativeValue, typeof_impl, unbox
+from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
+
+ALIGNED = 16
+"""Bytes that the place of a part is a multiple of."""
+
+POINTER = ir.IntType(8).as_pointer()
+
+
+class RecordType(types.NamedTuple):
+    """The type of a record, with those of its fields."""
+
+    def __init__(self, kinds: tuple[Any, ...], own: type) -> None:
+        super().__init__(kinds, own)
+        # short, as the names of all functions are made of those of their arguments
+        self.name = f"{own.__name__}~{hashlib.sha256(self.name.encode()).hexdigest()[:12]}"
+
+
+@register_default(RecordType)
+class RecordModel(DataModel):
+    """A pointer, whatever it is needed for."""
+
+    def get_value_type(self) -> ir.Type:
+        """Its type in LLVM."""
+        return POINTER
+
+    def _same(self, builder: Any, value: Any) -> Any:
+        return value
+
+    as_data = as_argument = as_return = from_data = from_return = _same
+
+    def from_argument(self, builder: Any, value: Any) -> Any:
+        """The pointer that a function got. Nothing else writes there meanwhile: what LLVM has read it may keep."""
+        value.add_attribute("noalias")
+        return value
+
+
+@cache
+def layout(context: Any, kind: RecordType) -> tuple[list[int], int]:
+    """Where each field of a record begins, and how long it is, in bytes."""
+    begins, end = [], 0
+    for each in kind.types:
+        begins.append(end)
+        if isinstance(each, RecordType):
+            size = layout(context, each)[1]
+        else:
+            size = context.get_abi_sizeof(context.get_value_type(each))
+        end += -(-size // ALIGNED) * ALIGNED
+    return begins, end
+
+
+def _place(context: Any, builder: Any, kind: RecordType, pointer: Any, index: int) -> Any:
+    """A pointer to a field of a record."""
+    begin = ir.Constant(ir.IntType(64), layout(context, kind)[0][index])
+    place, inner = builder.gep(pointer, [begin], inbounds=True), kind.types[index]
+    if isinstance(inner, RecordType):
+        return place
+    return builder.bitcast(place, context.get_value_type(inner).as_pointer())
+
+
+def _field(context: Any, builder: Any, kind: RecordType, pointer: Any, index: int) -> Any:
+    place, inner = _place(context, builder, kind, pointer, index), kind.types[index]
+    if isinstance(inner, RecordType):
+        return place
+    return impl_ret_borrowed(context, builder, inner, builder.load(place))
+
+
+@lower_getattr_generic(RecordType)
+def _by_name(context: Any, builder: Any, kind: RecordType, pointer: Any, name: str) -> Any:
+    return _field(context, builder, kind, pointer, kind.fields.index(name))
+
+
+@lower_builtin("static_getitem", RecordType, types.IntegerLiteral)
+def _by_number(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    kind, place = signature.args
+    return _field(context, builder, kind, arguments[0], place.literal_value)
+
+
+@unbox(RecordType)
+def _from_python(kind: RecordType, value: Any, c: Any) -> NativeValue:
+    """Memory on the stack of the function that Python calls, with the parts of a record."""
+    memory = cgutils.alloca_once(c.builder, ir.ArrayType(ir.IntType(8), layout(c.context, kind)[1]))
+    memory.align = ALIGNED
+    failed = cgutils.alloca_once_value(c.builder, cgutils.false_bit)
+    pointer, cleanups = c.builder.bitcast(memory, POINTER), list[Callable[[], None]]()
+    _write(kind, value, pointer, failed, cleanups, c)
+
+    def cleanup() -> None:
+        for each in reversed(cleanups):
+            each()
+
+    return NativeValue(pointer, is_error=c.builder.load(failed), cleanup=cleanup)
+
+
+def _write(kind: RecordType, value: Any, pointer: Any, failed: Any, cleanups: list[Callable[[], None]], c: Any) -> None:
+    """Write the parts of a Python object to the memory of a record."""
+    for index, inner in enumerate(kind.types):
+        part = c.pyapi.tuple_getitem(value, index)
+        place = _place(c.context, c.builder, kind, pointer, index)
+        if isinstance(inner, RecordType):
+            _write(inner, part, place, failed, cleanups, c)
+            continue
+        native = c.unbox(inner, part)
+        c.builder.store(native.value, place)
+        with c.builder.if_then(native.is_error, likely=False):
+            c.builder.store(cgutils.true_bit, failed)
+        if native.cleanup is not None:
+            cleanups.append(native.cleanup)
+        if c.context.enable_nrt:
+            cleanups.append(_released(inner, native.value, c))
+
+
+def _released(kind: Any, value: Any, c: Any) -> Callable[[], None]:
+    """A function that gives back the reference that a part was read with."""
+    return lambda: c.context.nrt.decref(c.builder, kind, value)
+
+
+def known(own: type) -> None:
+    """Let numba take values of this class for records."""
+
+    def typeof(value: Any, purpose: Any) -> RecordType:
+        return RecordType(tuple(typeof_impl(each, purpose) for each in value), own)
+
+    typeof_impl.register(own)(typeof)
+
