@@ -21,7 +21,6 @@ ENDS = scrambled(joined(SIDE), N)
 def _few_are_many(monkeypatch):
     """As if some vertices were very many: coarser levels, and rows in one subdomain."""
     monkeypatch.setattr(sparse, "MULTIGRID_FROM", 10)
-    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
 
 
 SINGLE = 2e-6
@@ -215,7 +214,7 @@ def test_an_indefinite_matrix_is_refused_where_it_may_be():
 def test_minimal_residuals_and_conjugate_gradients_solve_the_same_system():
     A, b = matrix(ENDS, FREE), right_side(FREE)
     work, w = linear.workspace(A), np.zeros((N, 3))
-    iterations, ended = minres.solve(A, b, 1e-12, work.cg, work.second.far, work.hierarchy, w)
+    iterations, ended = minres.solve(A, b, 1e-12, work.cg, work.large.second.far, work.large.hierarchy, w)
     assert (0 < iterations < 40, ended) == (True, cg.CONVERGED)
     np.testing.assert_allclose(w, dense_solution(A, b), atol=1e-10)  # tolerance 1e-12, condition number below 100
 
@@ -261,7 +260,7 @@ def test_refinement_hardly_adds_iterations(monkeypatch):
         b = right_side(free_but(side * side, 0, side - 1))
         by_cycles.append(solve(A, b, np.zeros_like(b), 1e-8))
         with monkeypatch.context() as patch:
-            patch.setattr(sparse, "TWO_THREADS_FROM", 10_000)
+            patch.setattr(sparse, "MULTIGRID_FROM", 10_000)
             one = physical(side)
         by_sweeps.append(cg.solve(one, b, 1e-8, 1000, cg.workspace(len(b)), np.zeros_like(b)))
     assert [direct for _, direct in by_cycles] == [0, 0]

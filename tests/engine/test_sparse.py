@@ -138,7 +138,7 @@ def width(of_slot):
 @pytest.mark.parametrize("mixed", [False, True])
 @pytest.mark.parametrize("fixed", [(), (0, 3), range(4, 8)])
 def test_two_subdomains_of_a_large_cloth_are_not_joined(monkeypatch, side, mixed, fixed):
-    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
+    monkeypatch.setattr(sparse, "MULTIGRID_FROM", 10)
     ends, free = matrices.joined(side), matrices.free_but(side * side, *fixed)
     made, of_slot = laid_out(matrices.scrambled(ends, side * side) if mixed else ends, free)
     assert across(made, of_slot) == 0
@@ -155,7 +155,7 @@ def test_a_small_cloth_is_one_share_in_the_order_of_its_vertices():
 
 
 def test_the_numbers_of_the_vertices_hardly_matter_to_a_large_cloth(monkeypatch):
-    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
+    monkeypatch.setattr(sparse, "MULTIGRID_FROM", 10)
     side, free = 20, np.ones(400, bool)
     ends = matrices.joined(side)
     mixed = matrices.scrambled(ends, 400)
@@ -170,7 +170,7 @@ def test_the_numbers_of_the_vertices_hardly_matter_to_a_large_cloth(monkeypatch)
 @pytest.mark.parametrize("free", [np.zeros(12, bool), np.arange(12) < 1, np.arange(12) % 2 == 0, np.ones(12, bool)])
 @pytest.mark.parametrize("large", [1, 10])
 def test_vertices_without_springs_have_rows_without_slots(monkeypatch, free, large):
-    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", large)
+    monkeypatch.setattr(sparse, "MULTIGRID_FROM", large)
     chain = np.stack([np.arange(11), np.arange(1, 12)], axis=1).astype(np.int32)
     made, of_slot = laid_out(chain[~free[chain].all(axis=1)], free)
     assert made.row.tolist() == [0] * (free.sum() + 1)
@@ -178,7 +178,7 @@ def test_vertices_without_springs_have_rows_without_slots(monkeypatch, free, lar
 
 
 def test_separate_pieces_are_shared_out_as_well(monkeypatch):
-    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
+    monkeypatch.setattr(sparse, "MULTIGRID_FROM", 10)
     one = matrices.joined(5)
     ends = np.concatenate([one, one + 25, one + 50])
     free = matrices.free_but(78, 7, 30)  # three vertices belong to no piece
@@ -192,7 +192,7 @@ def test_the_product_does_not_depend_on_the_order_of_sweep(monkeypatch, large):
     ends, free = matrices.scrambled(matrices.joined(6), 36), matrices.free_but(36, 5, 17)
     x = RNG.normal(size=(36, 3))
     expected = (dense_matrix(matrices.matrix(ends, free)) @ x.reshape(-1)).reshape(36, 3)
-    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", large)
+    monkeypatch.setattr(sparse, "MULTIGRID_FROM", large)
     A = matrices.matrix(ends, free)
     # sums of some 40 products of order 10
     np.testing.assert_allclose(times(A, x), expected, atol=1e-12)

@@ -33,7 +33,7 @@ class Case(NamedTuple):
 @pytest.fixture(params=[WHOLE, SPLIT])
 def case(request, monkeypatch):
     """The same matrix with the same order of sweep, its rows in one subdomain or in three."""
-    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
+    monkeypatch.setattr(sparse, "MULTIGRID_FROM", 10)
     A = matrix(scrambled(joined(SIDE), N), FREE)
     m, inverse = len(A.order), aligned(N + 1, 8)
     assert (np.diff(A.subdomains, axis=1) > 0).all()

@@ -1,4 +1,4 @@
-"""Conjugate gradients preconditioned by `multigrid`, for very large cloths: Y. Saad, Iterative Methods for Sparse
+"""Conjugate gradients preconditioned by `multigrid`, for large cloths: Y. Saad, Iterative Methods for Sparse
 Linear Systems, algorithm 9.1, whose lines `solve` numbers. Vectors are (n, 4), lane 3 being 0.
 
 The rows are in subdomains, of which a second thread, where there is one, takes 1 (see `two_threads`, `multigrid`). The
@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import sqrt
+from typing import NamedTuple
 
+from clothfit.base.arrays import Array, staggered
 from clothfit.engine.solve import cg, multigrid, ssor, two_threads
 from clothfit.engine.solve.cg import CONVERGED, INDEFINITE, LIMIT
-from clothfit.engine.solve.cg_two_threads import Second
 from clothfit.engine.solve.multigrid import AFTER, Hierarchy, rows
 from clothfit.engine.solve.sparse import BlockMatrix, times, times_spread
-from clothfit.engine.solve.two_threads import SERVES, STOP
+from clothfit.engine.solve.two_threads import SERVES, STOP, Worker
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import (
     add,
@@ -35,6 +36,35 @@ from clothfit.kernels.lanes.operations import (
 
 RESIDUAL, PREPARE, DESCEND, ASCEND, FOLLOW, STEP = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 """Passes over the rows. Integers would make numba compile everything below anew for each value that it knows."""
+
+
+class Second(NamedTuple):
+    """What the second subdomain needs of its own."""
+
+    far: Array  # (n, 4), as `own` of `cg.Workspace`
+    worker: Worker
+
+
+class Large(NamedTuple):
+    """What only large cloths need."""
+
+    second: Second
+    hierarchy: Hierarchy
+
+
+def second(A: BlockMatrix) -> Second:
+    """Memory for the second subdomain of a matrix."""
+    _, far = staggered(2, len(A.diagonal) - 1, 4)  # half a page from where x begins, and away from the others
+    return Second(far, two_threads.worker())
+
+
+def large(A: BlockMatrix) -> Large | None:
+    """Memory for a matrix, by its pattern; None where it is small enough for SSOR, or all its rows are in the first
+    subdomain.
+    """
+    begin, end = A.subdomains[1]
+    hierarchy = multigrid.hierarchy(A) if begin < end else None
+    return hierarchy and Large(second(A), hierarchy)
 
 
 @kernel

@@ -1,9 +1,9 @@
 """The linear solve of a step: conjugate gradients, and a direct factorisation where they cannot be trusted.
 
-Small cloths are solved by `cg`, large ones by `cg_two_threads`, very large ones by `cg_multigrid`. Very stiff scenes
-need more iterations than a factorisation costs, and a matrix that is not positive definite is beyond conjugate
-gradients: the caller chooses whether it is then refused or solved as well, by `minres` where a cloth is very large, as
-the factors of its matrix take gigabytes, else directly. Every direct solve is counted.
+Cloths are solved by `cg`, large ones by `cg_multigrid`. Very stiff scenes need more iterations than a factorisation
+costs, and a matrix that is not positive definite is beyond conjugate gradients: the caller chooses whether it is then
+refused or solved as well, by `minres` where a cloth is large, as the factors of its matrix take gigabytes, else
+directly. Every direct solve is counted.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.engine.solve import cg, cg_multigrid, cg_two_threads, minres, multigrid, sparse
+from clothfit.engine.solve import cg, cg_multigrid, minres, sparse
 from clothfit.engine.solve.joined import Joined
 from clothfit.engine.solve.sparse import BlockMatrix
 from clothfit.kernels.kernel import kernel, objmode, record
@@ -38,26 +38,22 @@ class Workspace(NamedTuple):
     """Memory of the solver. None is a type of its own, so small cloths need not compile what serves large ones."""
 
     cg: cg.Workspace
-    second: cg_two_threads.Second | None  # of large and very large cloths
-    hierarchy: multigrid.Hierarchy | None  # of very large ones
+    large: cg_multigrid.Large | None  # of large cloths
 
 
 def workspace(A: BlockMatrix) -> Workspace:
     """Memory for systems with the matrix A, by its pattern."""
-    second = cg_two_threads.second(A)
-    hierarchy = multigrid.hierarchy(A) if second is not None else None
-    return Workspace(cg.workspace(len(A.diagonal) - 1), second, hierarchy)
+    return Workspace(cg.workspace(len(A.diagonal) - 1), cg_multigrid.large(A))
 
 
 @contextmanager
 def served(A: BlockMatrix, work: Workspace) -> Iterator[None]:
     """Within the block a second thread, where there is one, serves solves with this matrix and workspace."""
-    if work.hierarchy is not None and work.second is not None:
-        own = cg_multigrid.served(A, work.cg, work.second, work.hierarchy)
-    else:
-        own = cg_two_threads.served(A, work.cg, work.second)
-    with own:
+    if work.large is None:
         yield
+    else:
+        with cg_multigrid.served(A, work.cg, *work.large):
+            yield
 
 
 @kernel
@@ -67,9 +63,9 @@ def solve(A, b, tolerance, work, w, anyhow):
     Returns the CG iterations and the direct solves (0 or 1) used, and whether w is the solution.
     """
     limit = 300 + len(b) // 4  # about the price of a factorisation, from 500 to 10,000 vertices
-    iterations, ended = iterate(A, b, tolerance, limit, work.cg, work.second, work.hierarchy, w)
+    iterations, ended = iterate(work.large, A, b, tolerance, limit, work.cg, w)
     if ended == cg.INDEFINITE and anyhow:
-        more, ended = minimise(A, b, tolerance, work.cg, work.second, work.hierarchy, w)
+        more, ended = minimise(work.large, A, b, tolerance, work.cg, w)
         iterations += more
     if ended == cg.CONVERGED:
         return iterations, 0, True
@@ -82,26 +78,23 @@ def solve(A, b, tolerance, work, w, anyhow):
 
 
 @kernel
-def minimise(A, b, tolerance, work, second, hierarchy, w):
-    """Solve A w = b, A not being positive definite, by minimal residuals where there is a hierarchy; returns what they
-    do.
+def minimise(large, A, b, tolerance, work, w):
+    """Solve A w = b, A not being positive definite, by minimal residuals where a cloth is large; returns what they do.
     """
-    if hierarchy is not None:
-        return minres.solve(A, b, tolerance, work, second.far, hierarchy, w)
-    return 0, cg.INDEFINITE
+    if large is None:
+        return 0, cg.INDEFINITE
+    return minres.solve(A, b, tolerance, work, large.second.far, large.hierarchy, w)
 
 
 @kernel
-def iterate(A, b, tolerance, limit, work, second, hierarchy, w):
+def iterate(large, A, b, tolerance, limit, work, w):
     """Solve A w = b by the conjugate gradients that suit the size of the cloth; returns what they do.
 
-    `second` and `hierarchy` are arguments because numba leaves out a branch only where an argument is None.
+    `large` is an argument because numba leaves out a branch only where an argument is None.
     """
-    if hierarchy is not None:
-        return cg_multigrid.solve(A, b, tolerance, limit, work, second, hierarchy, w)
-    if second is not None:
-        return cg_two_threads.solve(A, b, tolerance, limit, work, second, w)
-    return cg.solve(A, b, tolerance, limit, work, w)
+    if large is None:
+        return cg.solve(A, b, tolerance, limit, work, w)
+    return cg_multigrid.solve(A, b, tolerance, limit, work, large.second, large.hierarchy, w)
 
 
 @kernel

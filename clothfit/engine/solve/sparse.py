@@ -49,9 +49,6 @@ XX, XY, XZ, YZ, ZZ, YY = 0, 1, 2, 3, 4, 6
 SQUARE = [[XX, XY, XZ], [XY, YY, YZ], [XZ, YZ, ZZ]]
 BLOCK_SIZE = 8
 
-TWO_THREADS_FROM = 1500
-"""Free vertices from which two threads pay: a pass over the rows then takes longer than they need to meet."""
-
 MULTIGRID_FROM = 3000
 """Free vertices from which multigrid beats SSOR, measured between grids of 40² and 64²."""
 
@@ -106,7 +103,7 @@ def sweep(ends: Indices, free: Flags, whole: bool = False) -> tuple[Indices, Ind
     """
     order = np.flatnonzero(free).astype(np.int32)
     m = len(order)
-    if m < min(TWO_THREADS_FROM, MULTIGRID_FROM):
+    if m < MULTIGRID_FROM:
         return order, np.array([[0, m], [m, m], [m, m]], np.int32)
     place = np.full(len(free), -1)
     place[order] = np.arange(m)

@@ -82,15 +82,6 @@ def gather(A, subdomain, far, own):
 
 
 @kernel
-def copy_rows(A, subdomain, x, out):
-    """out = x at the rows of a subdomain."""
-    order, _ = rows(A, subdomain)
-    for k in range(len(order)):
-        i = order[k]
-        store4(load4(x, i), out, i)
-
-
-@kernel
 def enter(A, subdomain, b, w, x, own):
     """x = w and own = b, (n, 3) each, at the rows of a subdomain; returns |b|² there."""
     order, _ = rows(A, subdomain)

@@ -1,7 +1,7 @@
 """Two threads inside one linear solve: a worker waits, spinning, for its part of each phase.
 
 A phase of a solve of a large cloth takes some 50 µs, and to start a thread takes as long. So the second thread runs one
-compiled function through a whole series of solves (`cg_two_threads.serve`, `cg_multigrid.serve`): it waits until a
+compiled function through a whole series of solves (`cg_multigrid.serve`): it waits until a
 phase is posted, takes its part, and says when that is done. A part that it does not come to, the first thread takes.
 Who takes a part never changes the arithmetic: each is computed in one order and their sums are added in one order, so
 results are the same to the last bit with one thread or two.
