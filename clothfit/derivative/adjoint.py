@@ -21,8 +21,8 @@ from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradi
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken, forms, work_of
 from clothfit.engine.solve import guess, linear
-from clothfit.engine.step import bdf2, implicit, transition
-from clothfit.engine.system import BDF2, System, zeros
+from clothfit.engine.step import bdf2, explicit, implicit
+from clothfit.engine.system import BDF2, IMPLICIT, System, zeros
 from clothfit.engine.tape import Tape
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, copy, hold_fixed
@@ -38,6 +38,8 @@ CostDerivative: TypeAlias = Callable[[Rollout], Array]
 """∂G/∂x (T + 1, n, 3) of a chunk of T steps, asked for from the last chunk to the first; its entry for the state before
 the chunk does not count, as it belongs to the chunk before."""
 
+Sweeping: TypeAlias = Callable[..., None]
+
 
 def gradient(
     system: System,
@@ -45,7 +47,7 @@ def gradient(
     by_position: Array | CostDerivative,
     tolerance: float,
     kinds: Collection[str] = (),
-    sweep: Callable[..., None] | None = None,
+    sweep: Sweeping | None = None,
 ) -> Elements:
     """The gradient of G from by_position = ∂G/∂x (T + 1, n, 3), whole or chunk by chunk, along a finished motion.
 
@@ -59,8 +61,7 @@ def gradient(
         system.inputs.counted[:] = 0.0
     forget(system.inputs)
     state, at_start = states(system), np.zeros_like(system.x0)
-    exact: Callable[..., None] = sweep_bdf2_back if system.method == BDF2 else sweep_back
-    sweep = sweep or exact
+    sweep = sweep or by_method(system, sweep_explicit_back, sweep_back, sweep_bdf2_back)
     for segment in memory.backward():
         for chunk in reversed(segment.parts()):
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
@@ -83,6 +84,11 @@ def gradient(
     return grad if "wind" in kinds else grad._replace(wind=NO_NUMBERS)
 
 
+def by_method(system: System, explicit: Sweeping, implicit: Sweeping, bdf2: Sweeping) -> Sweeping:
+    """The one of three sweeps that the method of a system has."""
+    return bdf2 if system.method == BDF2 else implicit if system.method == IMPLICIT else explicit
+
+
 def states(system: System) -> tuple[Array, ...]:
     """What a sweep carries, 0 at its start, by or of the position and the velocity (n, 3) of a state: for BDF2 of two.
     """
@@ -97,7 +103,7 @@ def whole(by_position: Array) -> CostDerivative:
 
 def tangent(
     system: System, memory: TrajectoryMemory, direction: Elements, tolerance: float,
-    through: Callable[..., None] | None = None,
+    through: Sweeping | None = None,
 ) -> Array:  # fmt: skip
     """Change of all positions (T + 1, n, 3) for the change `direction`; its empty fields do not change. `through` takes
     the place of the exact sweep through some steps (`benchmarks/approximate.py`).
@@ -119,7 +125,7 @@ class Sweep:
         self.system, self.direction, self.tolerance = system, with_constant(direction), tolerance
         self.work, self.taken = implicit.workspace(system), Taken(system)
         self.state, self.begins = states(system), first_step(system, direction)
-        self.sweep: Callable[..., None] = sweep_bdf2_forward if system.method == BDF2 else sweep_forward
+        self.sweep = by_method(system, sweep_explicit_forward, sweep_forward, sweep_bdf2_forward)
         if len(direction.velocity) > 0:
             copy(direction.velocity, self.state[1])
             hold_fixed(system.vertex.free, self.state[1])
@@ -175,7 +181,7 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
         guess.advance(work.past, before + end - 1 - t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
         meeting.recall(system.colliders, chunk.met, t)
-        transition.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
+        implicit.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
         share_gradient(system.inputs, system, t + chunk.first, grad)
 
 
@@ -191,7 +197,29 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
         set_inputs(system.inputs, system, chunk.first + t)
         meeting.recall(system.colliders, chunk.met, t)
         set_direction(system.inputs, system, chunk.first + t, direction)
-        transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
+        implicit.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
+        copy(dx, change[t])
+
+
+@kernel
+def sweep_explicit_back(system, chunk, by_position, begin, end, tolerance, work, before, x_bar, v_bar, grad):
+    """What `sweep_back` does, for the explicit methods."""
+    for t in range(end - 1, begin - 1, -1):
+        add(1.0, by_position[t + 1], x_bar)
+        set_inputs(system.inputs, system, chunk.first + t)
+        meeting.recall(system.colliders, chunk.met, t)
+        explicit.pullback(system, chunk.x[t], velocity(chunk, t), chunk.w[t, 0], work, x_bar, v_bar, grad)
+        share_gradient(system.inputs, system, t + chunk.first, grad)
+
+
+@kernel
+def sweep_explicit_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv, change):
+    """What `sweep_forward` does, for the explicit methods."""
+    for t in range(begin, end):
+        set_inputs(system.inputs, system, chunk.first + t)
+        meeting.recall(system.colliders, chunk.met, t)
+        set_direction(system.inputs, system, chunk.first + t, direction)
+        explicit.pushforward(system, chunk.x[t], velocity(chunk, t), chunk.w[t, 0], work, dx, dv, direction)
         copy(dx, change[t])
 
 

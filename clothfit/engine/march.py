@@ -1,4 +1,4 @@
-"""Step after step in compiled loops: those of the methods with one state before a step, and that of BDF2 with two.
+"""Step after step in compiled loops, one for each kind of method: implicit, of second order (BDF2), and explicit.
 
 The functions take a `rollout.Rollout` to fill or to read.
 """
@@ -10,7 +10,7 @@ from clothfit.engine.forces import meeting
 from clothfit.engine.inputs.tables import place_pins, power, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
-from clothfit.engine.step import bdf2, guard, implicit, transition
+from clothfit.engine.step import bdf2, explicit, guard, implicit
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import combine, copy
 
@@ -42,7 +42,7 @@ def velocities(part, t):
 
 @kernel(nogil=True)
 def run(system, tolerance, work, part, start, stop):
-    """Fill a Rollout from its step `start` to below `stop`.
+    """Fill a Rollout from its step `start` to below `stop` by implicit steps.
 
     Returns the number of good steps since its beginning, and how the run ended: DONE, REFUSED, FAILED or CONTACTS.
     """
@@ -54,7 +54,7 @@ def run(system, tolerance, work, part, start, stop):
         v = velocity(part, t)
         set_inputs(system.inputs, system, before + t)
         meeting.clear(system.colliders)
-        now, given = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
+        now, given = implicit.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
         if t > start:
             given += power(system.inputs, before + t - 1, v)
         if t > checked and guard.rises(energy, now, system.h * given):
@@ -73,13 +73,14 @@ def run(system, tolerance, work, part, start, stop):
             copy(v, first)
             guess.advance(work.past, before + t, first)
             solves[t] = 0
-        used[t], iterations, direct = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])
+        used[t], iterations, direct = implicit.step(system, x[t], v, first, tolerance, work, w[t])
         solves[t, 0] += iterations
         solves[t, 1] += direct
         meeting.note(system.colliders, part.met, t)
         theta[t], capped[t], part.early[t] = 1.0, safe, False
         if used[t] == 0:
             return t, REFUSED
+        combine(1.0, x[t], system.h, w[t, used[t] - 1], x[t + 1])
         place_pins(system.inputs, system, x[t + 1])
         if not finite(x[t + 1]):
             return t, FAILED
@@ -87,6 +88,21 @@ def run(system, tolerance, work, part, start, stop):
     if checked < stop and shortened(system, part, stop - 1, energy) == guard.CONTACTS:
         return stop - 1, CONTACTS
     grant(part, stop - 1, system.h * given_in(system, before + stop - 1, velocity(part, stop)))
+    return stop, DONE
+
+
+@kernel(nogil=True)
+def run_explicit(system, part, start, stop):
+    """What `run` does, for the explicit methods: no step is refused, and none is taken anew."""
+    for t in range(start, stop):
+        set_inputs(system.inputs, system, part.first + t)
+        meeting.clear(system.colliders)
+        explicit.step(system, part.x[t], velocity(part, t), part.w[t, 0], part.x[t + 1])
+        meeting.note(system.colliders, part.met, t)
+        part.used[t], part.theta[t], part.early[t] = 1, 1.0, False
+        place_pins(system.inputs, system, part.x[t + 1])
+        if not finite(part.x[t + 1]):
+            return t, FAILED
     return stop, DONE
 
 

@@ -202,8 +202,10 @@ def advance(
     """Run steps of a part with the method of the system; see `march.run`."""
     if system.method == BDF2:
         done, ended = march.run_bdf2(*bdf2.forms(system), tolerance, work, part, start, stop)
-    else:
+    elif system.method == IMPLICIT:
         done, ended = march.run(system, tolerance, work, part, start, stop)
+    else:
+        done, ended = march.run_explicit(system, part, start, stop)
     return done, ended
 
 

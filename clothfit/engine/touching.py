@@ -94,7 +94,7 @@ def step(system: System, tolerance: float, work: implicit.Workspace, part: Rollo
     numbers = pairs.near(surface_of(system), x)
     if system.method < IMPLICIT:
         own, room = with_pairs(system, work, x, numbers)
-        return Touch(numbers, None), march.run(own, tolerance, room, part, t, t + 1)[1]
+        return Touch(numbers, None), march.run_explicit(own, part, t, t + 1)[1]
     if system.method == BDF2:
         if not len(numbers):
             own, room = with_pairs(system, work, x, numbers)

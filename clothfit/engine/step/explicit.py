@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from clothfit.engine.forces import total
 from clothfit.engine.inputs.pin_derivatives import move_pins, pull_sent, send_changes
+from clothfit.engine.inputs.tables import send_pins, set_pins
 from clothfit.engine.system import SYMPLECTIC
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
@@ -28,12 +29,18 @@ def divide_by_mass(vertex, a):
 
 
 @kernel
-def step(system, x, v, v_new):
-    """Write the new velocity."""
+def step(system, x, v, v_new, x_new):
+    """Write the new velocity and positions."""
     v_new[:] = 0.0
     total.add_force(system, x, v, v_new)
     divide_by_mass(system.vertex, v_new)
     combine(system.h, v_new, 1.0, v, v_new)
+    if system.method == SYMPLECTIC:
+        set_pins(system.inputs, system, x, v_new)
+        combine(1.0, x, system.h, v_new, x_new)
+    else:
+        send_pins(system.inputs, system, v_new)
+        combine(1.0, x, system.h, v, x_new)
 
 
 @kernel
