@@ -16,7 +16,7 @@ from clothfit.cli.common.output import print_json
 
 @standard_command("warmup")
 @click.option("--small", is_flag=True,
-              help="Compile only a third: what cloths of fewer than 1500 free vertices need.")
+              help="Leave out what only cloths of 3000 free vertices and more need.")
 def command(small: bool, as_json: bool, console: Console) -> None:
     """Compile everything for this machine ahead, so that no command has to wait for it.
 
@@ -39,8 +39,7 @@ def command(small: bool, as_json: bool, console: Console) -> None:
             console.say(f"{part.name}: {what} compiled in {part.seconds:.1f} s")
 
     began = time.perf_counter()
-    expected = "half a minute" if small else "one to two minutes"
-    console.announce_compilation(f"compiling for this machine: {expected} …")
+    console.announce_compilation("compiling for this machine: about half a minute …")
     parts = warm_up(show, small)
     seconds, compiled = time.perf_counter() - began, sum(part.compiled for part in parts)
     if KernelCache.failed:

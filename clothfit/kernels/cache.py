@@ -161,7 +161,7 @@ class KernelCache(FunctionCache):
 
     def __init__(self, function: Callable[..., object], variant: str = "") -> None:
         # not that of the base class, which makes folders
-        self._py_func, self._name, self._variant = function, function.__qualname__, variant
+        self._py_func, self._name, self.variant = function, function.__qualname__, variant
         self.enable()
 
     @property
@@ -187,7 +187,7 @@ class KernelCache(FunctionCache):
         KernelCache.used = kept[0]
         KernelCache.names.add(name)
         rtsys.initialize(target_context)  # of all that the base class prepares, what code needs that only runs
-        if self._variant:
+        if self.variant:
             from clothfit.kernels.linking import rebuilt  # needed only to compile
 
             return rebuilt(target_context, payload)
@@ -202,7 +202,7 @@ class KernelCache(FunctionCache):
         try:
             name = self._file(key)
             payload = data._reduce()
-            KernelCache.used = save(name, dumps((key, payload if self._variant else only_called(payload))))
+            KernelCache.used = save(name, dumps((key, payload if self.variant else only_called(payload))))
             KernelCache.names.add(name)
         except OSError as error:
             KernelCache.failed = True
@@ -216,16 +216,21 @@ class KernelCache(FunctionCache):
         """
         name, path = self._file(self._index_key(sig, codegen)), folders()[0]
         with ExitStack() as stack:
-            if self._enabled and not KernelCache.failed and not any((each / name).exists() for each in folders()):
+            if self._enabled and not KernelCache.failed and not self.holds(sig, codegen):
                 with suppress(OSError):
                     folder = stack.enter_context(made(path, True, PREFIX, None if config.CACHE_DIR else DAY))
                     stack.enter_context(once.locked(folder, name, look))
             yield
 
+    def holds(self, sig: Any, codegen: Any) -> bool:
+        """Whether there is a file for a signature."""
+        name = self._file(self._index_key(sig, codegen))
+        return any((each / name).exists() for each in folders())
+
     def _file(self, key: object) -> str:
         """The file's name for a function's signature, bytecode and processor."""
         signature: Any = key[0]  # type: ignore[index]
-        return file_name(stem(self._py_func), self._variant, key, types_text(getattr(signature, "args", signature)))
+        return file_name(stem(self._py_func), self.variant, key, types_text(getattr(signature, "args", signature)))
 
 
 def is_kept(function: Callable[..., object]) -> bool:

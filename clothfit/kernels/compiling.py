@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any
 
 import numba
@@ -16,13 +16,14 @@ from numba.core import event, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.imputils import lower_builtin
 from numba.core.sigutils import normalize_signature
+from numba.core.typeinfer import ConstraintNetwork
 from numba.core.typing.templates import make_concrete_template, signature
 
 from clothfit.base.interrupts import postponed
-from clothfit.kernels import records
+from clothfit.kernels import helper, records
 from clothfit.kernels.cache import KernelCache
 from clothfit.kernels.kernel import RECORDS
-from clothfit.kernels.linking import ForKernels, ForPython
+from clothfit.kernels.linking import Enough, ForKernels, ForPython, Inferred
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
 
@@ -105,6 +106,8 @@ def _once(made: Any, compile_now: Callable[[Any], object]) -> Callable[[Any], ob
             announced: list[object] = []
             if tuple(normalize_signature(signature)[0]) not in made.overloads:
                 stack.enter_context(made._cache.alone(signature, made.targetctx.codegen(), look))
+                if not made._cache.variant and not made._cache.holds(signature, made.targetctx.codegen()):
+                    stack.enter_context(helper.along(made.py_func, signature))
             return compile_now(signature)
 
     return compile_once
@@ -122,6 +125,29 @@ def interruptible(compile_for_args: Callable[..., object]) -> Callable[..., obje
             return compile_for_args(*arguments, **keywords)
 
     return compile_between_requests
+
+
+def from_the_end() -> None:
+    """Let numba infer the types of a function from its last line back, as far as they are known, and so compile what it
+    calls last first.
+    """
+    forward = ConstraintNetwork.propagate
+
+    def backward(self: Any, inference: Any) -> Any:
+        self.constraints.reverse()
+        try:
+            return forward(self, inference)
+        finally:
+            self.constraints.reverse()
+
+    ConstraintNetwork.propagate = backward  # type: ignore[method-assign]
+
+
+def infer(function: Callable[..., object], signature: Any) -> None:
+    """Infer the types of a function that Python calls, and so compile all that it calls, but not itself."""
+    made = _made(function, "", pipeline_class=Inferred)
+    with suppress(Enough):
+        made.compile(signature)
 
 
 class _Passes(event.Listener):

@@ -14,7 +14,7 @@ import types
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numba.core.types import BaseTuple, Optional
@@ -22,6 +22,9 @@ from numba.core.types import BaseTuple, Optional
 FOLDER = Path(__file__).parent
 WRITERS = ("kernel.py", "compiling.py", "linking.py", "lanes/*.py")
 """Files that decide what any kernel becomes."""
+
+Called: TypeAlias = tuple[Callable[..., object], bool]
+"""The function of a kernel that is called, and whether it is of a part that may not be there."""
 
 
 @cache
@@ -34,20 +37,27 @@ def of_all() -> bytes:
 @cache
 def digest(function: Callable[..., object]) -> str:
     """A digest of what the compiled code of a Python function depends on, 16 digits, the types of arguments apart."""
-    reached, left = {function}, [function]
-    while left:
-        new = [each for each in _own(left.pop())[1] if each not in reached]
-        reached.update(new)
-        left += new
-    parts = sorted(_own(each)[0] for each in reached)
+    parts = sorted(_own(each)[0] for each in reached(function))
     return hashlib.sha256(of_all() + b"".join(parts)).hexdigest()[:16]
 
 
+def reached(function: Callable[..., object], plain: bool = False) -> set[Callable[..., object]]:
+    """The functions of a kernel and of all that it calls; of a `plain` one without those of parts that are not there
+    (`kernel.OfPart`).
+    """
+    found, left = {function}, [function]
+    while left:
+        new = [each for each, of_part in _own(left.pop())[1] if each not in found and not (plain and of_part)]
+        found.update(new)
+        left += new
+    return found
+
+
 @cache
-def _own(function: Callable[..., object]) -> tuple[bytes, tuple[Callable[..., object], ...]]:
+def _own(function: Callable[..., object]) -> tuple[bytes, tuple[Called, ...]]:
     """A digest of a function without those that it calls, and the functions of these."""
     plain: Any = function
-    called: list[Callable[..., object]] = []
+    called: list[Called] = []
     words = [plain.__module__, plain.__qualname__, *_values(plain.__defaults__, called)]
     scope = dict(plain.__globals__)
     scope.update(zip(plain.__code__.co_freevars, (cell.cell_contents for cell in plain.__closure__ or ()), strict=True))
@@ -70,7 +80,7 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
             yield from _codes(each)
 
 
-def _reached(value: Any, names: set[str], called: list[Callable[..., object]]) -> Iterator[str]:
+def _reached(value: Any, names: set[str], called: list[Called]) -> Iterator[str]:
     """What a global stands for; of a module its attributes that have one of these names."""
     if isinstance(value, types.ModuleType):
         yield value.__name__
@@ -81,10 +91,10 @@ def _reached(value: Any, names: set[str], called: list[Callable[..., object]]) -
         yield from _values(value, called)
 
 
-def _values(value: Any, called: list[Callable[..., object]]) -> Iterator[str]:
+def _values(value: Any, called: list[Called]) -> Iterator[str]:
     """Text for a value, the same in every process; functions of kernels are added to `called`."""
     if hasattr(value, "py_func"):  # a kernel, or a function of numba's
-        called.append(value.py_func)
+        called.append((value.py_func, hasattr(value, "absent")))
         yield f"{value.py_func.__module__}.{value.py_func.__qualname__} {getattr(value, 'absent', '')!r}"
     elif value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):
         yield f"{type(value).__name__} {value!r}"

@@ -20,7 +20,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult, compile_result
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.environment import lookup_environment
-from numba.core.typed_passes import NoPythonSupportedFeatureValidation
+from numba.core.typed_passes import NoPythonSupportedFeatureValidation, NopythonTypeInference
 
 NAMED = (ir.Var, ir.Arg, ir.Const, ir.Global, ir.FreeVar)
 PARTS = ("getattr", "static_getitem", "getitem", "build_tuple", "exhaust_iter", "getiter", "iternext", "pair_first",
@@ -176,3 +176,34 @@ class ForPython(_Pipeline):
     """numba's pipeline for a function that Python calls."""
 
     kept = Called
+
+
+class Enough(Exception):
+    """All that was wanted is known."""
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class Stop(FunctionPass):
+    """Stop."""
+
+    _name = "stop"
+
+    def __init__(self) -> None:
+        super().__init__()  # numba's is abstract
+
+    def run_pass(self, state: Any) -> bool:
+        """Raise Enough."""
+        raise Enough
+
+
+class Inferred(_Pipeline):
+    """numba's pipeline for a function that Python calls, as far as its types."""
+
+    kept = Called
+
+    def define_pipelines(self) -> list[Any]:
+        """numba's passes up to the one that infers types."""
+        (passes,) = super().define_pipelines()
+        passes.add_pass_after(Stop, NopythonTypeInference)
+        passes.finalize()
+        return [passes]

@@ -1,15 +1,20 @@
 """Compile everything that commands can need ahead of time: for images, continuous integration, or a quick first run.
 
 Compiled code depends only on the types of arguments, so a strip of a few vertices, put through every method once,
-compiles the same code as a cloth of thousands. Large and very large cloths are solved with other types; to compile for
-these, the strip is treated as large.
+compiles the same code as a cloth of thousands. Large cloths are solved with other types; to compile for these, the
+strip is treated as large.
 """
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,13 +23,15 @@ import numpy as np
 from numba.core import event
 from numba.core.registry import CPUDispatcher, cpu_target
 
-from clothfit.engine.solve import cg_two_threads, sparse
+from clothfit.engine.solve import cg_multigrid, sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels import raster
 from clothfit.kernels.cache import KernelCache
+from clothfit.kernels.helper import ALONE
+from clothfit.kernels.parallel import processors
 from clothfit.motion.degrade import degrade
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
@@ -74,15 +81,79 @@ def warm_up(report: Callable[[Part], None] = lambda part: None, small: bool = Fa
 
 
 def use_everything(report: Callable[[Part], None], small: bool) -> list[Part]:
-    """Run everything that is compiled, part by part."""
-    parts = []
-    for name, use in (SMALL_PARTS if small else PARTS).items():
-        began = time.perf_counter()
-        with compilations() as found:
-            use()
-        parts.append(Part(name, len(found), time.perf_counter() - began))
-        report(parts[-1])
+    """Run everything that is compiled, part by part, from the first on; where there is a second processor, another
+    process takes those from the last on.
+    """
+    left, parts, lock = list(SMALL_PARTS if small else PARTS), list[Part](), threading.Lock()
+
+    def take(place: int, run: Callable[[str], Part]) -> None:
+        while left:
+            with lock:
+                name = left.pop(place) if left else None
+            if name:
+                parts.append(run(name))
+                report(parts[-1])
+
+    with helped(len(left) > 1 and processors() > 1) as other:
+        beside = threading.Thread(target=take, args=(-1, other)) if other else None
+        if beside:
+            beside.start()
+        take(0, used)
+        if beside:
+            beside.join()
     return parts
+
+
+def used(name: str) -> Part:
+    """Run a part."""
+    began = time.perf_counter()
+    with compilations() as found:
+        PARTS[name]()
+    return Part(name, len(found), time.perf_counter() - began)
+
+
+@contextmanager
+def helped(wanted: bool) -> Iterator[Callable[[str], Part] | None]:
+    """Within the block another process runs parts, one at a time, if that is wanted; the two compile nothing twice."""
+    before = os.environ.get(ALONE)
+    os.environ[ALONE] = "1"  # neither starts another one
+    try:
+        with subprocess.Popen(
+            [sys.executable, "-c", SERVE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) if wanted else nullcontext() as child:  # fmt: skip
+            yield partial(_ran, child) if child else None
+            if child and child.stdin:
+                child.stdin.close()
+    finally:
+        os.environ.pop(ALONE)
+        if before is not None:
+            os.environ[ALONE] = before
+
+
+SERVE = "from clothfit.many import warmup; warmup.serve()"
+
+
+def _ran(child: subprocess.Popen[str], name: str) -> Part:
+    """A part that the other process ran; if it has ended, this one does."""
+    try:
+        assert child.stdin is not None
+        assert child.stdout is not None
+        print(name, file=child.stdin, flush=True)
+        answer = json.loads(child.stdout.readline())
+    except (OSError, ValueError):
+        return used(name)
+    KernelCache.names.update(answer["names"])
+    KernelCache.failed |= answer["failed"]
+    return Part(name, answer["compiled"], answer["seconds"])
+
+
+def serve() -> None:
+    """Run the parts whose names come from standard input."""
+    kernel_cache.warn = lambda message: None  # the other process says so
+    for line in sys.stdin:
+        part = used(line.strip())
+        own = {"names": sorted(KernelCache.names), "failed": KernelCache.failed}
+        print(json.dumps({**part._asdict(), **own}), flush=True)
 
 
 @contextmanager
@@ -108,15 +179,14 @@ def compilations() -> Iterator[list[str]]:
 
 
 @contextmanager
-def called(large: bool, very_large: bool) -> Iterator[None]:
-    """Within the block, treat every cloth as large, as very large, or as neither."""
-    before = sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM
-    sparse.TWO_THREADS_FROM = LARGE_FROM if large else NEVER
-    sparse.MULTIGRID_FROM = LARGE_FROM if very_large else NEVER
+def called(large: bool) -> Iterator[None]:
+    """Within the block, treat every cloth as large, or none."""
+    before = sparse.MULTIGRID_FROM
+    sparse.MULTIGRID_FROM = LARGE_FROM if large else NEVER
     try:
         yield
     finally:
-        sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM = before
+        sparse.MULTIGRID_FROM = before
 
 
 def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fields: Any) -> Scene:
@@ -190,14 +260,24 @@ def pictures() -> None:
     raster.fill_sphere(places[0], 1.0, 1.0, colour, light, image, depth)
 
 
-def large(very: bool) -> None:
-    """Differentiate and fit the strip as a large or a very large cloth, as briefly as possible."""
-    with called(large=True, very_large=very):
+def worlds() -> None:
+    """Simulate, differentiate and fit the strip beside a wall: the code is that of all that moves or touches."""
+    wall = {"type": 3, "pos": {"x": 1.0, "y": -9.0, "z": 0.0}, "scale": {"x": 1.0, "y": 1.0, "z": 1.0}}
+    scene = strip_scene(colliders=[wall])
+    objective, p = Objective(scene, simulate(scene)), parameters(scene)
+    objective.cost_and_gradient(p)
+    objective.tangent(p, np.ones_like(p))
+    estimate(scene, method="gauss-newton", max_evaluations=2)
+
+
+def large() -> None:
+    """Differentiate and fit the strip as a large cloth, as briefly as possible."""
+    with called(large=True):
         gradients()
         work = implicit.workspace(build(strip_scene(), 0))
-        if work.solver.second is not None:
-            serve: Any = cg_two_threads.serve  # otherwise called only where there is a second processor
-            serve.compile(tuple(map(numba.typeof, (work.A, work.solver.cg, work.solver.second))))
+        kinds = map(numba.typeof, (work.A, work.solver.cg, *(work.solver.large or ())))
+        serve: Any = cg_multigrid.serve  # otherwise called only where there is a second processor
+        serve.outer.compile(tuple(kinds))
         estimate(strip_scene(), method="momentum", max_evaluations=1, intervals=False)
         scene = strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE)
         estimate(scene, method="gauss-newton", max_evaluations=2, intervals=False)
@@ -209,13 +289,10 @@ SMALL_PARTS: dict[str, Callable[[], None]] = {
     "fits": fits,
     "fits of other kinds": fits_of_all_kinds,
     "pictures": pictures,
+    "scenes that move or touch": worlds,
 }
 
-PARTS: dict[str, Callable[[], None]] = {
-    **SMALL_PARTS,
-    "large cloths": partial(large, very=False),
-    "very large cloths": partial(large, very=True),
-}
+PARTS: dict[str, Callable[[], None]] = {**SMALL_PARTS, "large cloths": large}
 
 
 def warm(nothing: object = None) -> None:

@@ -33,7 +33,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import colliders, spheres, springs, vertex, wind
 from clothfit.engine.forces.selfcontact import force as self_contact
 from clothfit.engine.forces.selfcontact import pairs
-from clothfit.engine.inputs.tables import send_pins, set_frame, set_inputs
+from clothfit.engine.inputs.tables import set_frame, set_inputs
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build, meets_itself
 from clothfit.kernels.kernel import kernel
@@ -207,8 +207,7 @@ def last_velocity(system: System, x: Array) -> Array:
         return system.v0
     v, before = np.empty_like(system.v0), (x[-1] - x[-2]) / system.h
     set_inputs(system.inputs, system, len(x) - 2)
-    explicit.step(system, np.ascontiguousarray(x[-2]), before, v)
-    send_pins(system.inputs, system, v)
+    explicit.step(system, np.ascontiguousarray(x[-2]), before, v, np.empty_like(v))
     return v
 
 

@@ -9,8 +9,8 @@ from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
 from clothfit.engine.march import velocity
 from clothfit.engine.rollout import rollout
-from clothfit.engine.step import implicit, transition
-from clothfit.engine.system import EXPLICIT, zeros
+from clothfit.engine.step import explicit, implicit
+from clothfit.engine.system import EXPLICIT, IMPLICIT, zeros
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -74,7 +74,10 @@ def swept(system, memory, dx, dv, change):
     """The change of the velocity by the tangent of the step."""
     work, dx, dv = implicit.workspace(system), dx.copy(), dv.copy()
     x, v = memory.x[STEP], velocity(memory, STEP)
-    transition.pushforward(system, x, v, memory.w[STEP], memory.used[STEP], 1.0, TIGHT, work, dx, dv, change)
+    if system.method == IMPLICIT:
+        implicit.pushforward(system, x, v, memory.w[STEP], memory.used[STEP], 1.0, TIGHT, work, dx, dv, change)
+    else:
+        explicit.pushforward(system, x, v, memory.w[STEP, 0], work, dx, dv, change)
     return dv
 
 

@@ -162,7 +162,7 @@ def test_the_size_of_a_right_side_is_left_to_the_caller():
 def solve(A, b, w, tolerance=1e-12):
     """Iterations and direct solves for A w = b, by multigrid."""
     work = linear.workspace(A)
-    assert work.hierarchy is not None
+    assert work.large is not None
     return linear.solve(A, b, tolerance, work, w, True)[:2]
 
 

@@ -92,16 +92,12 @@ def test_kernels_of_another_module_are_followed_where_they_are_called_through_it
 def test_the_engines_code_depends_on_its_forces_and_not_on_its_fits():
     from clothfit.engine import march
     from clothfit.engine.forces import springs
-    from clothfit.kernels import dependencies
+    from clothfit.kernels.dependencies import reached
 
-    dependencies._own.cache_clear()
-    reached, left = set(), [march.run.py_func]
-    while left:
-        one = left.pop()
-        left += [each for each in dependencies._own(one)[1] if each not in reached]
-        reached.add(one)
-    assert springs.add_step.py_func in reached
-    assert not any(each.__module__.startswith(("clothfit.fit", "clothfit.optimise")) for each in reached)
+    functions = reached(march.run.py_func)
+    assert springs.add_step.py_func in functions
+    assert not any(each.__module__.startswith(("clothfit.fit", "clothfit.optimise")) for each in functions)
+    assert reached(march.run.py_func, plain=True) < functions
 
 
 class Old(NamedTuple):

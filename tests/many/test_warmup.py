@@ -14,7 +14,7 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels.cache import KernelCache
-from clothfit.many.warmup import NEVER, SMALL_PARTS, Part, called, compilations, strip_scene, use_everything, warm_up
+from clothfit.many.warmup import NEVER, PARTS, Part, called, compilations, strip_scene, use_everything, warm_up
 
 pytestmark = [
     pytest.mark.slow,  # starts processes
@@ -93,10 +93,10 @@ def test_after_it_no_command_asks_for_other_code(tmp_path):
 
 
 def test_the_command_says_what_it_did_and_where_and_does_nothing_twice():
-    runs = [started("warmup", "--small", "--json") for _ in range(2)]
+    runs = [started("warmup", "--json") for _ in range(2)]
     first, second = (json.loads(run.stdout) for run in runs)
     assert [run.returncode for run in runs] == [0, 0]
-    assert [part["name"] for part in second["parts"]] == list(SMALL_PARTS)
+    assert [part["name"] for part in second["parts"]] == list(PARTS)
     assert second["compiled"] == sum(part["compiled"] for part in second["parts"]) == 0
     assert first["folder"] == second["folder"]
     assert runs[1].stderr.decode() == f"everything is compiled, kept in {second['folder']}\n"
@@ -107,7 +107,8 @@ def test_where_it_cannot_keep_anything_it_fails(tmp_path):
     code = (
         "import clothfit.many.warmup as w, clothfit.kernels.cache as k, numba, sys; from pathlib import Path;"
         "k.folders = lambda: (Path(sys.argv[1]) / 'kernels-now',);"
-        "f = numba.njit(lambda x: x); f._cache = k.KernelCache(f.py_func); w.SMALL_PARTS = {'one': lambda: f(1)};"
+        "f = numba.njit(lambda x: x); f._cache = k.KernelCache(f.py_func);"
+        "w.PARTS = w.SMALL_PARTS = {'one': lambda: f(1)};"
         "from clothfit.cli.program import run; sys.exit(run(['warmup', '--small']))"
     )
     (tmp_path / "file").write_text("")
@@ -139,7 +140,9 @@ def test_without_compilation_there_is_nothing_to_do():
 def test_parts_are_reported_as_they_are_done(monkeypatch):
     heard = []
     small = {"one": lambda: numba.njit(lambda x: x)(1), "two": lambda: None}
-    monkeypatch.setattr("clothfit.many.warmup.SMALL_PARTS", small)
+    for name in ("SMALL_PARTS", "PARTS"):
+        monkeypatch.setattr(f"clothfit.many.warmup.{name}", small)
+    monkeypatch.setattr("clothfit.many.warmup.processors", lambda: 1)
     parts = use_everything(heard.append, small=True)
     assert parts == heard
     assert [(part.name, part.compiled) for part in parts] == [("one", 1), ("two", 0)]
@@ -166,15 +169,14 @@ def test_its_scene_has_all_that_can_act_on_a_cloth():
     assert (scene.cloths[0].rest > 0).all()
 
 
-def test_a_strip_can_be_called_large_and_very_large():
+def test_a_strip_can_be_called_large():
     """For them other code is compiled; here only what a cloth is taken for is looked at."""
     found = []
-    for large, very in ((False, False), (True, False), (True, True)):
-        with called(large, very):
-            work = implicit.workspace(build(strip_scene(), 0)).solver
-        found.append((work.second is not None, work.hierarchy is not None))
-    assert found == [(False, False), (True, False), (True, True)]
-    assert sparse.TWO_THREADS_FROM < sparse.MULTIGRID_FROM < NEVER  # as before
+    for large in (False, True):
+        with called(large):
+            found.append(implicit.workspace(build(strip_scene(), 0)).solver.large is not None)
+    assert found == [False, True]
+    assert sparse.MULTIGRID_FROM < NEVER  # as before
 
 
 def test_a_note_counts_only_while_all_files_are_there(tmp_path, monkeypatch):
@@ -188,7 +190,8 @@ def test_a_note_counts_only_while_all_files_are_there(tmp_path, monkeypatch):
         used.append(kernel_cache.save("code", b"compiled"))
         KernelCache.names.add("code")
 
-    monkeypatch.setattr("clothfit.many.warmup.SMALL_PARTS", {"one": use})
+    for name in ("SMALL_PARTS", "PARTS"):
+        monkeypatch.setattr(f"clothfit.many.warmup.{name}", {"one": use})
     for _ in range(2):
         assert [part.name for part in warm_up(small=True)] == ["one"]
     assert len(used) == 1

@@ -17,7 +17,8 @@ from typing import TextIO
 
 from clothfit.base.messages import harmless, spelled
 
-COMPILING = "compiling for this machine: the first use of a command, or of a kind of scene, takes 10 to 40 seconds …"
+COMPILING = "compiling for this machine, as at the first use of each kind of scene …"
+ERASED = "\x1b[K"  # what is left of a line, on a terminal
 _listening: list[object] = []  # to compilations
 
 
@@ -71,37 +72,36 @@ class Console:
         self.result("\n".join(line.rstrip() for line in lines))
 
     def announce_compilation(self, message: str = COMPILING) -> None:
-        """Say so, once, when the first use of the program makes it compile: that takes seconds and looks like
-        hanging. Say also when what is compiled cannot be kept.
+        """Say so, once, when the first use of the program makes it compile, and how far that is, as it takes seconds
+        and looks like hanging. Say also when what is compiled cannot be kept.
         """
-        from numba.core import event
+        from numba.core import event  # here, as numba takes half a second to import
 
         from clothfit.kernels import cache as kernel_cache
+        from clothfit.kernels.progress import Compilations
 
         kernel_cache.warn = self.warn
         if _listening:  # an earlier command's, in the same process
             event.unregister("numba:compile", _listening.pop())
-        _listening.append(_first_compilation(self, message))
+        _listening.append(Compilations(lambda: self.say(message), self._compiled, self._erase))
         event.register("numba:compile", _listening[0])
 
+    def _compiled(self, done: int, needed: int) -> None:
+        """Say how far a compilation is: on a terminal always in the same line."""
+        text = f"compiled {done} of {needed} functions"
+        if not self._overwrites:
+            self.say(text)
+        elif not self.quiet:
+            print(f"\r{text}", end=ERASED, file=sys.stderr, flush=True)
 
-def _first_compilation(console: Console, message: str) -> object:
-    from numba.core.event import Event, Listener  # here, as numba takes half a second to import
-    from numba.core.registry import CPUDispatcher
+    def _erase(self) -> None:
+        if self._overwrites and not self.quiet:
+            print("\r", end=ERASED, file=sys.stderr, flush=True)
 
-    class FirstCompilation(Listener):
-        announced = False
-
-        def on_start(self, event: Event) -> None:
-            # numba prepares calls back into Python anew in every process, in no time: that is not worth a word
-            if not self.announced and isinstance(event.data["dispatcher"], CPUDispatcher):
-                self.announced = True
-                console.say(message)
-
-        def on_end(self, event: Event) -> None:
-            pass
-
-    return FirstCompilation()
+    @property
+    def _overwrites(self) -> bool:
+        """Whether a line may be written again: not where a live display has the terminal."""
+        return self.animated and sys.stderr is sys.__stderr__
 
 
 # ---- Standard output for results alone, whatever a library prints.
