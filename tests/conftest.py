@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,10 +13,14 @@ from helpers.scenes import trial, write_scene
 from hypothesis import HealthCheck, settings
 
 from clothfit.base import interrupts, threads
+from clothfit.kernels.helper import ALONE
 
 # a busy machine is no reason to fail; the same examples at every run: to look for others is what `make fuzz` is for
 settings.register_profile("tests", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("tests")
+
+if "PYTEST_XDIST_WORKER" in os.environ:  # the others compile as well: no process needs a helper
+    os.environ[ALONE] = "1"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
