@@ -1,8 +1,12 @@
 """numba as this program uses it: compiled functions, kept on disk, and four numbers at a time.
 
-dependencies (what a kernel's code depends on) → linking (what is kept of it) → cache (on disk) → once (one process
-compiles, others wait) → kernel (the decorator) → lanes/ (vectors of 4 numbers) → vectors (3-vectors). raster: pixels of
-pictures. clock: seconds of computing, without compilation; work: what simulations count beside it. parallel:
-independent parts on several threads; lapack: dense linear algebra that lets other threads run.
+dependencies (what a kernel's code depends on) → linking (what is kept of it), records (tuples that go as one pointer) →
+cache (on disk) → once (one process compiles, others wait), helper (one that compiles along, by backward) → compiling →
+kernel (the decorator) → lanes/ (vectors of 4 numbers) → vectors (3-vectors). progress: how far a compilation is.
+raster: pixels of pictures. clock: seconds of computing, without compilation; work: what simulations count beside it.
+parallel: independent parts on several threads; lapack: dense linear algebra that lets other threads run.
+All that rests on what numba does not promise is here, in cache, linking, compiling, records and backward: its classes of
+the cache, of code libraries, of pipelines, of data models and of type inference may change with any version, and there
+is no upper bound on that (pyproject.toml). `.ci/run` tries the newest one.
 To write a kernel: decorate it with `kernel.kernel`, use explicit loops and scalars, and allocate outside the loops.
 """

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from typing import Any
 
 import numba
@@ -16,14 +16,13 @@ from numba.core import event, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.imputils import lower_builtin
 from numba.core.sigutils import normalize_signature
-from numba.core.typeinfer import ConstraintNetwork
 from numba.core.typing.templates import make_concrete_template, signature
 
 from clothfit.base.interrupts import postponed
 from clothfit.kernels import helper, records
 from clothfit.kernels.cache import KernelCache
 from clothfit.kernels.kernel import RECORDS
-from clothfit.kernels.linking import Enough, ForKernels, ForPython, Inferred
+from clothfit.kernels.linking import ForKernels, ForPython
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
 
@@ -32,14 +31,14 @@ def for_python(function: Callable[..., object], nogil: bool) -> Any:
     """numba's function for calls from Python."""
     while RECORDS:  # of modules that were imported meanwhile
         records.known(RECORDS.pop())
-    made = _made(function, "", pipeline_class=ForPython, nogil=nogil)
+    made = compiled_lazily(function, "", pipeline_class=ForPython, nogil=nogil)
     made._compile_for_args = interruptible(made._compile_for_args)
     return made
 
 
 def for_kernels(function: Callable[..., object]) -> Any:
     """numba's function for calls from kernels."""
-    made = _made(function, "inner", pipeline_class=ForKernels, no_cpython_wrapper=True)
+    made = compiled_lazily(function, "inner", pipeline_class=ForKernels, no_cpython_wrapper=True)
     made.get_call_template = _of_wide_types(made.get_call_template)
     return made
 
@@ -81,7 +80,8 @@ def _of_wide_types(template: Callable[..., object]) -> Callable[..., object]:
     return of_wide_types
 
 
-def _made(function: Callable[..., object], variant: str, **flags: Any) -> Any:
+def compiled_lazily(function: Callable[..., object], variant: str, **flags: Any) -> Any:
+    """numba's function, which compiles when it is called, and keeps what it has compiled."""
     compile_lazily: Any = numba.njit  # its types know neither of these flags
     made = compile_lazily(**FLAGS, **flags)(function)
     made._cache = KernelCache(function, variant)
@@ -125,29 +125,6 @@ def interruptible(compile_for_args: Callable[..., object]) -> Callable[..., obje
             return compile_for_args(*arguments, **keywords)
 
     return compile_between_requests
-
-
-def from_the_end() -> None:
-    """Let numba infer the types of a function from its last line back, as far as they are known, and so compile what it
-    calls last first.
-    """
-    forward = ConstraintNetwork.propagate
-
-    def backward(self: Any, inference: Any) -> Any:
-        self.constraints.reverse()
-        try:
-            return forward(self, inference)
-        finally:
-            self.constraints.reverse()
-
-    ConstraintNetwork.propagate = backward  # type: ignore[method-assign]
-
-
-def infer(function: Callable[..., object], signature: Any) -> None:
-    """Infer the types of a function that Python calls, and so compile all that it calls, but not itself."""
-    made = _made(function, "", pipeline_class=Inferred)
-    with suppress(Enough):
-        made.compile(signature)
 
 
 class _Passes(event.Listener):

@@ -228,7 +228,7 @@ def simulations() -> None:
 
 def gradients() -> None:
     """Differentiate its motion, backward and forward."""
-    for method in (2, 3):
+    for method in (0, 2, 3):
         scene = strip_scene(kinds=FITTED_KINDS, integrationMethod=method)
         objective, p = Objective(scene, simulate(scene)), parameters(scene)
         objective.cost_and_gradient(p)

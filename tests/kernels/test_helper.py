@@ -18,7 +18,7 @@ pytestmark = [
 
 INFER = """
 import numba, numpy as np
-from clothfit.kernels import compiling
+from clothfit.kernels import backward
 import clothfit.kernels.vectors as v
 kinds = (numba.typeof(1.0), numba.typeof(np.zeros((2, 3))), numba.typeof(np.zeros((2, 3))))
 BACKWARD
@@ -40,7 +40,7 @@ def run(tmp_path, name, *lines):
 
 def test_it_compiles_what_an_entry_calls_and_not_the_entry(tmp_path):
     alone = run(tmp_path, "alone", "", "v.add.outer.compile(kinds)")
-    along = run(tmp_path, "along", "compiling.from_the_end()", "compiling.infer(v.add.py_func, kinds)")
+    along = run(tmp_path, "along", "backward.from_the_end()", "backward.infer(v.add.py_func, kinds)")
     assert alone == ["kernels.vectors.add", "kernels.vectors.combine"]
     assert along == ["kernels.vectors.combine"]
 

@@ -93,7 +93,7 @@ def test_after_it_no_command_asks_for_other_code(tmp_path):
 
 
 def test_the_command_says_what_it_did_and_where_and_does_nothing_twice():
-    runs = [started("warmup", "--json") for _ in range(2)]
+    runs = [started("warmup", "--json", timeout=600) for _ in range(2)]
     first, second = (json.loads(run.stdout) for run in runs)
     assert [run.returncode for run in runs] == [0, 0]
     assert [part["name"] for part in second["parts"]] == list(PARTS)
