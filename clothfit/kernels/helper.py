@@ -3,8 +3,8 @@
 Most of a compilation is Python's work, of which a process does one thing at a time, and most of the code of an entry is
 that of the kernels it calls, which are kept one by one (`cache`). So when an entry is compiled, a helper is told of it:
 it infers the types of the same functions, but takes the calls of each in the reverse order (`backward`), so that the
-two begin at both ends and meet. Neither waits for the other: at worst both compile the kernel at which they meet. Only the program
-itself translates the entry, with all that it calls, to machine code.
+two begin at both ends and meet. Neither waits for the other: at worst both compile the kernel at which they meet. Only
+the program itself translates the entry, with all that it calls, to machine code.
 
 The helper ends with the program. Where none can be started, or it fails, everything is compiled here.
 """
