@@ -5,8 +5,8 @@ cache (on disk) → once (one process compiles, others wait), helper (one that c
 kernel (the decorator) → lanes/ (vectors of 4 numbers) → vectors (3-vectors). progress: how far a compilation is.
 raster: pixels of pictures. clock: seconds of computing, without compilation; work: what simulations count beside it.
 parallel: independent parts on several threads; lapack: dense linear algebra that lets other threads run.
-All that rests on what numba does not promise is here, in cache, linking, compiling, records and backward: its classes of
-the cache, of code libraries, of pipelines, of data models and of type inference may change with any version, and there
-is no upper bound on that (pyproject.toml). `.ci/run` tries the newest one.
+All that rests on what numba does not promise is in cache, linking, compiling, records and backward: its classes of
+caches, code libraries, pipelines, data models and type inference may change with any version, and pyproject.toml sets
+no upper bound. `.ci/run` tries the newest one.
 To write a kernel: decorate it with `kernel.kernel`, use explicit loops and scalars, and allocate outside the loops.
 """
