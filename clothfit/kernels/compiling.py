@@ -18,10 +18,10 @@ from numba.core.imputils import lower_builtin
 from numba.core.sigutils import normalize_signature
 from numba.core.typing.templates import make_concrete_template, signature
 
+import clothfit.kernels.records  # noqa: F401  so numba knows of them
 from clothfit.base.interrupts import postponed
-from clothfit.kernels import helper, records
+from clothfit.kernels import helper
 from clothfit.kernels.cache import KernelCache
-from clothfit.kernels.kernel import RECORDS
 from clothfit.kernels.linking import ForKernels, ForPython
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
@@ -29,8 +29,6 @@ FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # no
 
 def for_python(function: Callable[..., object], nogil: bool) -> Any:
     """numba's function for calls from Python."""
-    while RECORDS:  # of modules that were imported meanwhile
-        records.known(RECORDS.pop())
     made = compiled_lazily(function, "", pipeline_class=ForPython, nogil=nogil)
     made._compile_for_args = interruptible(made._compile_for_args)
     return made

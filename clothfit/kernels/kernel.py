@@ -17,29 +17,21 @@ for a compiler, and of the kernels of a simulation in the cache only those are t
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any, TypeVar, overload
 
+from clothfit.base.threads import interpreted
+
 F = TypeVar("F", bound=Callable[..., object])
 R = TypeVar("R", bound=type)
-
-RECORDS: list[type] = []
-"""The classes that are records."""
-
 
 def record(own: R) -> R:
     """Mark a NamedTuple that kernels pass to each other as one pointer, not as all of its parts: see `records`. They
     may read its fields by their names, and neither make nor unpack one.
     """
-    RECORDS.append(own)
+    own.goes_as_pointer = True  # type: ignore[attr-defined]
     return own
-
-
-def interpreted() -> bool:
-    """Whether kernels run as plain Python."""
-    return os.environ.get("NUMBA_DISABLE_JIT", "0").strip() not in ("", "0")
 
 
 class Kernel:

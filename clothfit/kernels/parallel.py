@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from clothfit.base import interrupts
-from clothfit.kernels.kernel import interpreted
+from clothfit.base.threads import interpreted
 
 T = TypeVar("T")
 

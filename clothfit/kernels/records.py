@@ -136,11 +136,11 @@ def _released(kind: Any, value: Any, c: Any) -> Callable[[], None]:
     return lambda: c.context.nrt.decref(c.builder, kind, value)
 
 
-def known(own: type) -> None:
-    """Let numba take values of this class for records."""
-
-    def typeof(value: Any, purpose: Any) -> RecordType:
-        return RecordType(tuple(typeof_impl(each, purpose) for each in value), own)
-
-    typeof_impl.register(own)(typeof)
-
+@typeof_impl.register(tuple)
+def _typeof(value: Any, purpose: Any) -> Any:
+    """The type of a tuple: numba's own, but for records."""
+    kinds = tuple(typeof_impl(each, purpose) for each in value)
+    if None in kinds:
+        return None
+    record = getattr(type(value), "goes_as_pointer", False)
+    return RecordType(kinds, type(value)) if record else types.BaseTuple.from_types(kinds, type(value))

@@ -27,7 +27,7 @@ def taken(system, x, v, tolerance=TIGHT, first=None):
     """Velocities of the iterations used (k, n, 3), CG iterations, direct solves."""
     w = np.zeros((system.newton_iterations, *x.shape))
     if system.method != IMPLICIT:
-        explicit.step(system, x, v, w[0])
+        explicit.step(system, x, v, w[0], np.empty_like(x))
         return w, 0, 0
     work = implicit.workspace(system)
     implicit.prepare(system, x, v, work)

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from clothfit.kernels.kernel import interpreted
+from clothfit.base.threads import interpreted
 from clothfit.kernels.lanes import compiled, plain
 
 GUARD = 7.0

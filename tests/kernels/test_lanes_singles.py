@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 
-from clothfit.kernels.kernel import interpreted
+from clothfit.base.threads import interpreted
 from clothfit.kernels.lanes import compiled, compiled_singles, plain, plain_singles
 
 needs_compiler = pytest.mark.skipif(interpreted(), reason="nothing is compiled here")

@@ -38,7 +38,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from clothfit.kernels.kernel import interpreted
+from clothfit.base.threads import interpreted
 from clothfit.kernels.lanes import plain, plain_singles
 
 SINGLES = frozenset(name for name in vars(plain_singles) if name.endswith(("16", "f")))
