@@ -3,54 +3,32 @@
 import numpy as np
 import pytest
 from helpers import physics
-from helpers.derivatives import assert_dense_sensitivity, assert_gradient_and_tangent
-from helpers.physics import METHODS, STATES, ball, full, pushforward_error, relative, state, transpose_error, xyz
-from helpers.physics import scene as scene_of
+from helpers.derivatives import assert_derivatives
+from helpers.obstacles import RUB, ring, touching
+from helpers.physics import METHODS, ball, full, relative, xyz
 from helpers.surfaces import block, body, sphere, torus
+from scipy.spatial import cKDTree
 
 from clothfit.engine.forces import bodies, touch
 from clothfit.engine.forces import colliders as forces
 from clothfit.engine.inputs import poses, sampling
 from clothfit.engine.inputs.body_files import body_of
-from clothfit.engine.inputs.tables import set_inputs
+from clothfit.engine.inputs.tables import later, set_inputs
 from clothfit.engine.system import build
 from clothfit.motion.simulate import simulate
 from clothfit.scene.keys import Keys
 
 TIGHT = 1e-13
-RUB = {"friction": 0.6, "thickness": 0.1, "stiffness": 700.0}
-TURN = {"rotKeys": {"times": [0, 1], "values": [xyz((0, 0, 0)), xyz((40, 90, -30))]},
-        "posKeys": {"times": [0, 1], "values": [xyz((0, 0, 0)), xyz((0.8, 0.5, 0.4))]}}  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def wobble(tmp_path_factory):
-    """The file of a motion of a torus that bends and swells."""
-    points = torus(12, 8, 0.8, 0.4)[0]
-    t = np.linspace(0, 0.2, 6)[:, None, None]
-    swollen = points * (1 + 0.8 * t * np.array([1.0, 0.5, -0.7])) + 0.3 * t * np.sin(3 * points[:, ::-1])
-    path = tmp_path_factory.mktemp("motion") / "wobble.npz"
-    np.savez(path, positions=swollen, times=t.reshape(-1))
-    return str(path)
+def around(made, count, **fields):
+    """The colliders of a scene with one mesh, for so many points."""
+    return with_room(full(colliders=[body(made, **fields)]).colliders, count)
 
 
-def ring(wobble, **fields):
-    """That torus, which goes and turns as well."""
-    motion = {"file": wobble, "interpolation": "smooth"}
-    place = {"pos": xyz((0.3, -0.15, 1.0)), "rot": xyz((10, 20, 30))}
-    return body(torus(12, 8, 0.8, 0.4), **{**RUB, **TURN, **place, "motion": motion, **fields})
-
-
-def touching(wobble, **fields):
-    """A cloth on the torus while both move."""
-    made = full(colliders=[ring(wobble)], **fields)
-    set_inputs(made.inputs, made, 1)
-    return made
-
-
-def around(made, **fields):
-    """The colliders of a scene with one mesh."""
-    return full(colliders=[body(made, **fields)]).colliders
+def with_room(own, count):
+    """The same colliders for so many points."""
+    return own._replace(bodies=own.bodies._replace(last=np.repeat(own.bodies.last[:, :1], count, axis=1)))
 
 
 # --- distances
@@ -59,28 +37,22 @@ def around(made, **fields):
 def test_a_block_has_the_distances_of_a_box():
     rng = np.random.default_rng(1)
     y, placed = rng.uniform(-1.2, 1.2, (500, 3)), {"pos": xyz((0.2, 0.1, 0.3)), "rot": xyz((15, 25, 5))}
-    one = around(block((0.5, 0.35, 0.35)), **placed, scale=xyz((2, 1, 3)))
+    one = around(block((0.5, 0.35, 0.35)), len(y), **placed, scale=xyz((2, 1, 3)))
     box = {"type": 3, "scale": xyz((1.0, 0.35, 1.05)), **placed}
     other = full(colliders=[{"friction": 0, **box}]).colliders
-    one, other = bodies_with_room(one, len(y)), other
     for found, expected in zip(touch.depths(one, y), touch.depths(other, y), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
-def bodies_with_room(own, count):
-    """The same colliders for so many points."""
-    return own._replace(bodies=own.bodies._replace(last=np.repeat(own.bodies.last[:, :1], count, axis=1)))
-
-
 def test_distances_are_those_of_the_nearest_triangle_inside_and_outside_of_a_torus():
     points, faces = torus(24, 16)
-    own = bodies_with_room(around((points, faces)), 400)
+    own = around((points, faces), 400)
     y = np.random.default_rng(2).uniform(-1.5, 1.5, (400, 3)) * [1, 0.5, 1]
     depth, normal = (found[0] for found in touch.depths(own, y))
     # the foot of the normal is on the mesh, and none of dense samples of it is nearer
     share = np.random.default_rng(3).dirichlet(np.ones(3), 200)
     samples = np.einsum("sc,fcd->fsd", share, points[faces]).reshape(-1, 3)
-    nearest = np.array([np.linalg.norm(samples - p, axis=1).min() for p in y])
+    nearest = cKDTree(samples).query(y)[0]
     assert (np.abs(depth) <= nearest + 1e-14).all()
     assert np.abs(nearest - np.abs(depth)).max() < 0.02  # some millimetres between samples
     feet = y + depth[:, None] * normal
@@ -94,10 +66,7 @@ def test_distances_are_those_of_the_nearest_triangle_inside_and_outside_of_a_tor
 def test_distances_of_finer_balls_come_to_those_of_a_ball():
     y = np.random.default_rng(4).normal(size=(300, 3))
     true = 1.0 - np.linalg.norm(y, axis=1)
-    errors = []
-    for rows in (8, 16, 32):
-        own = bodies_with_room(around(sphere(rows)), len(y))
-        errors.append(np.abs(touch.depths(own, y)[0][0] - true).max())
+    errors = [np.abs(touch.depths(around(sphere(rows), 300), y)[0][0] - true).max() for rows in (8, 16, 32)]
     assert errors[0] < 0.1
     # chords: of second order
     assert errors[0] / errors[1] > 3.3
@@ -105,7 +74,7 @@ def test_distances_of_finer_balls_come_to_those_of_a_ball():
 
 
 def test_where_the_search_begins_changes_no_bit():
-    own = bodies_with_room(around(torus(24, 16)), 500)
+    own = around(torus(24, 16), 500)
     y = np.random.default_rng(5).uniform(-1.5, 1.5, (500, 3))
     y[:16] = torus(24, 16)[0][:16] * 1.2  # nearest to corners, of which each belongs to six triangles
     first = touch.depths(own, y)
@@ -116,8 +85,7 @@ def test_where_the_search_begins_changes_no_bit():
 
 
 def test_normals_are_the_gradients_of_the_distances(wobble):
-    own = touching(wobble).colliders
-    own, t = bodies_with_room(own, 300), 1e-7
+    own, t = with_room(touching(ring(wobble)).colliders, 300), 1e-7
     y = own.state[0, 0] + np.random.default_rng(7).uniform(-1.2, 1.2, (300, 3))
     both = [[touch.depths(own, y + side * t * e)[0][0] for side in (-1, 1)] for e in np.eye(3)]
     rows = [(before - after) / (2 * t) for before, after in both]
@@ -129,7 +97,7 @@ def test_an_edge_or_a_corner_has_one_number_whichever_triangle_it_is_found_from(
     corners = block()[0]
     sides = [(a + b) / 2 for i, a in enumerate(corners) for b in corners[:i] if np.linalg.norm(a - b) == 1.0]
     y = 1.2 * np.concatenate([corners, sides])
-    own = bodies_with_room(around(block()), len(y))
+    own = around(block(), len(y))
     found = touch.spots(own, y)[0]
     assert len(np.unique(found)) == 8 + 12
     for step in 1e-9 * np.concatenate([np.eye(3), -np.eye(3)]):
@@ -159,7 +127,7 @@ def test_vertices_are_where_the_file_has_them_and_have_its_velocity(wobble):
         np.testing.assert_allclose(own.place, frames[late], atol=1e-14)  # a step to a frame: on the keys
         rate = (frames[3] - frames[2]) / 0.04
         np.testing.assert_allclose(own.velocity, rate, atol=1e-12)
-        again = bodies.build([bodies.Surface(own.place, *body_of(scene_of(
+        again = bodies.build([bodies.Surface(own.place, *body_of(physics.scene(
             physics.sheet("nn"), colliders=[ring(wobble)]).colliders[0]).surface[1:])], 9)  # fmt: skip
         # the same normals and boxes as of a mesh that is built there, whose tree has another order
         assert np.array_equal(own.corner, again.corner) or relative(own.corner, again.corner) < 1e-14
@@ -186,19 +154,6 @@ def test_frames_are_interpolated_as_keys_are(interpolation):
 # --- forces
 
 
-@pytest.mark.parametrize("at", STATES[1:])
-def test_the_derivatives_of_the_model(wobble, at):
-    system = touching(wobble)
-    point = state(system, at)
-    # where the step begins, at y, it also knows contacts ahead
-    point = point._replace(s=system.h * point.w)
-    depth = touch.depths(system.colliders, point.y)[0][0]
-    assert (depth > 0).any()
-    # central differences at 1e-5 of terms that turn with 1/distance about edges
-    assert pushforward_error(system, "colliders", point) < 1e-6
-    assert transpose_error(system, "colliders", point) < 1e-12
-
-
 def test_a_contact_ahead_brakes_a_vertex_and_has_no_friction():
     system = full(colliders=[body(block((1, 1, 1)), **RUB)], gravity=xyz((0, 0, 0)))
     own, h = system.colliders, system.h
@@ -218,7 +173,7 @@ def rich(wobble, method, newton):
     one = physics.sheet("LL", fit=fits, vertIsFixed=[i == 0 for i in range(9)])
     one["vertVel"] = [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)]
     still = body(block((1.2, 0.7, 1.4)), pos=xyz((1.9, 0.0, 1.0)), rot=xyz((15, 25, 5)), **RUB)
-    return scene_of(
+    return physics.scene(
         one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, optimizationIterations=6,
         colliders=[ring(wobble), still], tolerance=TIGHT, windVel=xyz((4, -2, -3)),
         fit={"windVel": True, "gravity": True},
@@ -226,16 +181,10 @@ def rich(wobble, method, newton):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "newton"), [("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1)])
-def test_gradient_and_tangent(wobble, method, newton):
+@pytest.mark.parametrize(("method", "newton"), [("implicit", 3), ("bdf2", 1)])
+def test_gradient_tangent_and_columns(wobble, method, newton):
     # systems are solved to 1e-13, and friction makes their condition about 1e4
-    assert_gradient_and_tangent(rich(wobble, method, newton), TIGHT, 1e-10)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("method", "newton"), [("implicit", 1), ("bdf2", 1)])
-def test_the_dense_sensitivity(wobble, method, newton):
-    assert_dense_sensitivity(rich(wobble, method, newton), TIGHT)
+    assert_derivatives(rich(wobble, method, newton), TIGHT, 1e-10)
 
 
 # --- motions
@@ -244,7 +193,7 @@ def test_the_dense_sensitivity(wobble, method, newton):
 def falling(collider, **fields):
     """A square of cloth that falls on something for half a second."""
     made = {"delta": 0.01, "optimizationIterations": 51, "gravity": xyz((0, -9.81, 0)), **fields}
-    return simulate(scene_of(physics.thing(
+    return simulate(physics.scene(physics.thing(
         [(a, 0.6, b) for a in (-0.1, 0.1) for b in (-0.1, 0.1)], [(0, 1), (1, 3), (3, 2), (2, 0)], mass=0.01,
     ), colliders=[collider], **made))  # fmt: skip
 
@@ -264,8 +213,6 @@ def test_fast_vertices_do_not_pass_through_a_thin_mesh():
 
 
 def test_a_motion_that_begins_later_finds_its_poses(wobble):
-    from clothfit.engine.inputs.tables import later
-
     made = build(rich(wobble, "implicit", 1), 0)
     set_inputs(made.inputs, made, 3)
     expected = made.colliders.bodies.place.copy()

@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 import pytest
-from helpers.derivatives import assert_dense_sensitivity, assert_gradient_and_tangent
+from helpers.derivatives import assert_derivatives
 from helpers.physics import METHODS, scene, sheet, thing, xyz
 
 from clothfit.engine.rollout import rollout
@@ -82,5 +82,4 @@ def test_gradient_and_tangent(method, newton, turning):
     assert part.met.any() or turning
     assert (part.used > newton).any() == turning  # the other side is no part of what the first solution knows
     # systems are solved to 1e-13, and friction makes their condition about 1e4
-    assert_gradient_and_tangent(made, TIGHT, 1e-10)
-    assert_dense_sensitivity(made, TIGHT, 1e-9)
+    assert_derivatives(made, TIGHT, 1e-10, 1e-9)

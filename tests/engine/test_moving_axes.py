@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.derivatives import assert_gradient_and_tangent
-from helpers.physics import METHODS, ball, chain, scene, sheet, thing, xyz
+from helpers.physics import METHODS, ball, chain, keys, scene, sheet, thing, xyz
 from helpers.scenes import document
 
 from clothfit.base.errors import InvalidInput, InvalidScene
@@ -21,10 +21,6 @@ from clothfit.scene.scene import load
 pytestmark = pytest.mark.slow
 TIGHT = 1e-13
 ZERO = (0.0, 0.0, 0.0)
-
-
-def keys(times, values, **fields):
-    return {"times": list(map(float, times)), "values": [xyz(value) for value in values], **fields}
 
 
 def spin(rate, length):
