@@ -1,8 +1,8 @@
 """Whatever ends a fit, and whenever, its result is the best point that it visited, and costs no more than its start."""
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import trial
 from helpers.strangers import small
 
@@ -16,10 +16,7 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import Scene, load
 from clothfit.strategy.ladder import as_model
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations are slow without compilation"),
-]
+pytestmark = FITS
 
 FRAMES = 24
 ROUNDING = 1e-9
