@@ -229,7 +229,7 @@ def until(monkeypatch, last, act):
 
 
 @fits
-@pytest.mark.parametrize("kind", CHOICES)
+@pytest.mark.parametrize("kind", ["step", "model", "step, model and holdout"])
 def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(kind):
     options, letters = CHOICES[kind]
     scene, motion = finer(letters)
@@ -241,7 +241,7 @@ def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(
         whole = estimate(scene, motion, intervals=False, **options)
         most = next(number)
     assert whole.rmse < first
-    for last in (1, 2, 3, *range(7, most, most // 4)):
+    for last in (1, 2, 3, most // 2, 4 * most // 5):
         with pytest.MonkeyPatch.context() as patch:
             until(patch, last, interrupts.request)
             try:
@@ -266,12 +266,11 @@ def test_without_time_for_one_evaluation_the_start_is_the_result(kind):
 
 @fits
 @pytest.mark.parametrize("kind", CHOICES)
-@pytest.mark.parametrize("seconds", [0.01, 0.03, 0.1])
-def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(kind, seconds):
+def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(kind):
     options, letters = CHOICES[kind]
     scene, motion = finer(letters)
     goal = objective(scene, motion)
-    fit = estimate(scene, motion, intervals=False, **options, budget=seconds)
+    fit = estimate(scene, motion, intervals=False, **options, budget=0.03)
     p = parameters(fit.scene)
     reached = objective(fit.scene, motion)
     assert reached.rmse(reached.cost(p)) <= goal.rmse(goal.cost(parameters(scene))) * (1 + 1e-5)
@@ -281,10 +280,9 @@ def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(kind, seco
 
 
 @fits
-@pytest.mark.parametrize("done", [1, 2])
-def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_path, monkeypatch, done):
+def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_path, monkeypatch):
     scene, motion = finer("nL")
-    fitted, rung = [], ladder.rung
+    fitted, rung, done = [], ladder.rung, 2
 
     def noted(search, model, starts=()):
         if len(fitted) == done:
