@@ -2,9 +2,9 @@
 
 import json
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.physics import ball, xyz
 from helpers.scenes import cloth, document, load_text, write_scene
 
@@ -17,10 +17,7 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import dumps
 from clothfit.strategy.start import neutral
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 LENGTHS = load_text(json.dumps(document(cloth(3, 3)))).cloths[0].lengths
 RNG = np.random.default_rng(31)

@@ -3,9 +3,9 @@
 import json
 from types import SimpleNamespace
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import cloth, document, even, load_text, trial
 from scipy import stats
 
@@ -22,10 +22,7 @@ from clothfit.optimise.scipy_methods import METHODS
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.kinds import KIND
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 
 def load(made):

@@ -3,9 +3,9 @@
 import json
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.physics import ball, xyz
 
 from clothfit.fit.estimate import estimate, record_target
@@ -14,10 +14,7 @@ from clothfit.meshes.new_scene import new_scene
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import dumps, load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 RUBS = {"friction": 0.3, "thickness": 0.01}
 BOX = {"type": 3, "pos": xyz((0, 0.25, 0)), "scale": xyz((0.6, 0.5, 0.6)), **RUBS}

@@ -1,8 +1,8 @@
 """The fit as a whole: what it recovers, what it may not know, what it keeps, how it ends."""
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import changed, cloth, document, even, load_text, trial
 
 import clothfit
@@ -21,10 +21,7 @@ from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import dumps, load
 from clothfit.strategy.start import neutral_start
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations need compilation"),
-]
+pytestmark = FITS
 
 BOUNDED = {"bounds": {"stiffness": [LOWER, UPPER]}}
 UNSTABLE_ABOVE = 50.0  # N/m: explicit steps of `unstable` explode at a stiffness of 100, not at its own 30

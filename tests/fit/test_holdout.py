@@ -2,9 +2,9 @@
 
 import json
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import compiled
 from helpers.scenes import even, load_text, trial
 
 from clothfit.base.errors import InvalidInput
@@ -18,7 +18,6 @@ from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
-needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 
 def load(made):
@@ -39,7 +38,7 @@ def rmse_over(found, motion, part):
     return np.sqrt(((own.positions - motion.positions) ** 2).sum(axis=2)[part].mean())
 
 
-@needs_compilation
+@compiled
 def test_the_last_frames_are_judged_as_an_evaluation_does(noisy):
     found = estimate(SCENE, noisy, holdout=0.25)
     late = np.zeros((20, 16), bool)
@@ -50,14 +49,14 @@ def test_the_last_frames_are_judged_as_an_evaluation_does(noisy):
     assert found.frames == 15
 
 
-@needs_compilation
+@compiled
 def test_a_fit_without_the_last_frames_is_that_of_a_shorter_target(noisy):
     short = as_motion(SCENE, noisy.positions[:15])
     pair = [estimate(SCENE, noisy, holdout=0.25), estimate(SCENE, short)]
     assert parameters(pair[0].scene).tolist() == parameters(pair[1].scene).tolist()
 
 
-@needs_compilation
+@compiled
 def test_vertices_that_are_kept_out_do_not_touch_the_fit(noisy):
     ((_, kept),) = zip(*split(SCENE, experiments(SCENE, noisy), 0.3, "vertices"), strict=True)
     chosen = seen(kept.motion).any(axis=0)
@@ -74,7 +73,7 @@ def test_vertices_that_are_kept_out_do_not_touch_the_fit(noisy):
     assert pair[1].holdout.rmse > 1.0
 
 
-@needs_compilation
+@compiled
 def test_without_a_target_it_is_the_scenes_own_motion_that_is_split():
     found = estimate(load(even("nG", 10, 3, 3)), holdout=0.5)
     assert found.frames == 5

@@ -1,9 +1,9 @@
 """The choice of a model: the smallest that no finer one beats on what it has not seen."""
 
-import numba
 import numpy as np
 import pytest
 from helpers.interrupting import interrupt_after
+from helpers.marks import fits
 from helpers.strangers import small
 
 from clothfit.base import interrupts
@@ -18,8 +18,6 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Rung
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import ladder
-
-needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 ENOUGH, BUDGET = 1e-8, 1000  # as in a fit
 
@@ -90,8 +88,7 @@ def choice(truth, of="frames", budget=BUDGET, letters="nL"):
     return chosen(whole, None, parameters(scene), ENOUGH, of, budget), whole
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 @pytest.mark.parametrize("of", ["frames", "vertices"])
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_a_truth_of_few_values_has_a_model_of_few_values(truth, of):
@@ -107,15 +104,13 @@ def test_a_truth_of_few_values_has_a_model_of_few_values(truth, of):
         assert each.seconds >= 0
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_flags_of_one_value_are_free_in_the_choice():
     found, _ = choice("R", letters="nG")
     assert found.model == "R"
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_a_budget_that_is_used_up_ends_the_choice_with_what_it_has():
     found, whole = choice("R", budget=5)
     assert [each.model for each in found.judged] in ([], ["F"])
@@ -126,8 +121,7 @@ def test_a_budget_that_is_used_up_ends_the_choice_with_what_it_has():
     assert flagged.cost(found.p) <= flagged.cost(start)
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 @pytest.mark.parametrize("simulations", [1, 2, 5, 10, 20, 30])
 def test_an_interrupt_ends_the_choice_with_what_it_has(monkeypatch, simulations):
     interrupt_after(monkeypatch, simulations)
@@ -142,8 +136,7 @@ def test_an_interrupt_ends_the_choice_with_what_it_has(monkeypatch, simulations)
     assert part.cost(found.p) <= part.cost(parameters(part.scene)) * (1 + 1e-5)  # a stage solves systems to 1e-7
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 @pytest.mark.parametrize("fault", [Diverged("far", 1), MemoryError(), np.linalg.LinAlgError("singular")], ids=repr)
 def test_a_fault_ends_the_choice_with_what_it_has(monkeypatch, fault):
     original = ladder.rung
@@ -168,8 +161,7 @@ def own(frames=20, **fields):
     return Objective(scene, simulate(scene, tolerance=1e-12), 1e-10, scene.frames)
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_a_part_of_the_frames_judges():
     fitted, kept = parted(own(20), "frames")
     assert (fitted.frames, kept.observations) == (15, 5 * 16)
@@ -177,16 +169,14 @@ def test_a_part_of_the_frames_judges():
     assert fitted.observations + kept.observations == 20 * 16
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_too_few_frames_are_not_parted():
     scene = small("nF", 20)
     short = Objective(scene, at_frames(simulate(scene), slice(0, 2)), 1e-10, scene.frames)
     assert parted(short, "frames") == (short, None)
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_the_error_of_values_is_that_of_their_motion():
     goal = own()
     p = parameters(goal.scene)
@@ -195,16 +185,14 @@ def test_the_error_of_values_is_that_of_their_motion():
     assert error(goal, 1.5 * p) == pytest.approx(goal.rmse(goal.cost(1.5 * p)))
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_values_that_diverge_are_the_worst():
     goal = own(10, integrationMethod=0, delta=0.001)
     assert error(goal, np.array([1e12])) == np.inf
     assert judged([Rung("F", 1, 0.1, np.array([1e12]), 2.0)], goal) == [Judged("F", 1, 0.1, np.inf, 2.0)]
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_finer_models_are_left_out_where_noise_is_left():
     scene = small("nL", 30)
     goal = Objective(scene, target_of(scene, *TRUTHS["F"]), 1e-10, scene.frames)
@@ -213,8 +201,7 @@ def test_finer_models_are_left_out_where_noise_is_left():
     assert [each.model for each in search.rungs] == ["F"]
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_the_model_that_meets_an_exact_target_is_the_last():
     scene = small("nL", 20)
     truth = ladder.as_model(scene, "F")

@@ -1,8 +1,8 @@
 """Whatever ends a fit, and whenever, its result is the best point that it visited, and costs no more than its start."""
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import trial
 from helpers.strangers import small
 
@@ -16,10 +16,7 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import Scene, load
 from clothfit.strategy.ladder import as_model
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations are slow without compilation"),
-]
+pytestmark = FITS
 
 FRAMES = 24
 ROUNDING = 1e-9
@@ -107,7 +104,7 @@ def test_a_fit_that_ends_at_any_simulation_leaves_the_best_point(kind):
     goal = Objective(scene, motions, 1e-10)
     first = goal.cost(parameters(scene))
     assert whole.cost <= first
-    for last in range(1, most, max(1, most // 60)):
+    for last in (1, 2, 3, *range(4, most, max(1, most // 12))):
         found, log = ended_at(kind, last, start)
         costs = [cost for _, cost in log.points]
         assert (found is None) == (not costs)  # only before the first cost there is nothing to give

@@ -3,9 +3,9 @@
 import json
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import even, load_text, trial
 
 from clothfit.fit import posterior
@@ -13,10 +13,7 @@ from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.posterior import Kept
 from clothfit.motion.degrade import degrade
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="many simulations need compilation"),
-]
+pytestmark = FITS
 
 
 def load(made):

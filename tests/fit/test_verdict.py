@@ -3,10 +3,10 @@
 import json
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from helpers.interrupting import interrupt_after
+from helpers.marks import FITS
 from helpers.scenes import even, load_text, trial
 
 from clothfit.base import interrupts
@@ -17,10 +17,7 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.report.log import intervals
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="many simulations need compilation"),
-]
+pytestmark = FITS
 
 
 def load(made):

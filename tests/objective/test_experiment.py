@@ -1,9 +1,9 @@
 """Several targets: their costs add up, each with its own scene, and together they show more than one."""
 
-import numba
 import numpy as np
 import pytest
 from helpers.costs import simulate_all
+from helpers.marks import FITS
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, sphere, trial
 
@@ -18,10 +18,7 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 from clothfit.strategy.start import neutral_start
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 MAIN = load(even("LG"))
 MAIN_MASS = MAIN.blocks[0]

@@ -1,9 +1,9 @@
 """What each objective depends on, what it ignores, and what a fit with it recovers."""
 
-import numba
 import numpy as np
 import pytest
 from helpers.costs import cost, cost_and_derivative, jacobian, residual
+from helpers.marks import compiled
 from helpers.physics import rotation, scene
 from helpers.scenes import cloth, even, trial
 
@@ -27,7 +27,6 @@ pytestmark = pytest.mark.slow  # compiles a fit
 RNG = np.random.default_rng(31)
 SYSTEM = build(scene(cloth(3, 2)), 0)
 N, FRAMES, DELTA = 6, 12, 0.02
-compiled = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 
 def against(positions, objective, times=None, seen=None, weights=None):

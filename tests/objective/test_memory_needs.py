@@ -2,9 +2,9 @@
 
 import json
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import compiled
 from helpers.scenes import document, load_text, trial, write_scene
 
 from clothfit.base.errors import InvalidInput
@@ -24,7 +24,6 @@ from clothfit.strategy import trajectory_fit
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
-SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits are slow without compilation")
 FRAMES = 80
 PLENTY = 10**9
 OBJECTIVES = ["position", "velocity", "edge-length", "spectrum", {"position": 2.0, "edge-length": 0.5}]
@@ -77,7 +76,7 @@ def test_frames_between_steps_and_several_cloths():
     np.testing.assert_array_equal(found[1], expected[1])
 
 
-@SLOW
+@compiled
 @pytest.mark.parametrize(
     ("settings", "method"), [("nL", "l-bfgs-b"), ("nL", "gauss-newton"), ("GG", "gauss-newton"), ("LL", "auto")]
 )
@@ -131,7 +130,7 @@ def test_a_motion_that_diverges_in_a_late_part_is_told():
     assert steps[0][0] > 5
 
 
-@SLOW
+@compiled
 def test_the_matrix_free_fit_in_little_memory_is_the_same(monkeypatch):
     made, motion = guess()
     monkeypatch.setattr(trajectory_fit, "LARGEST", 0.0)
@@ -144,7 +143,7 @@ def test_the_matrix_free_fit_in_little_memory_is_the_same(monkeypatch):
     np.testing.assert_array_equal(parameters(found.scene), parameters(expected.scene))
 
 
-@SLOW
+@compiled
 def test_matrices_that_do_not_fit_give_way_with_a_word(monkeypatch):
     made, motion = guess("LL")
     monkeypatch.setattr(objectives, "NEGLIGIBLE_BYTES", 0)
@@ -157,7 +156,7 @@ def test_matrices_that_do_not_fit_give_way_with_a_word(monkeypatch):
         estimate(made, motion, method="momentum", memory=tightest(made, motion))
 
 
-@SLOW
+@compiled
 def test_the_command_says_what_is_foreseen(tmp_path, capsys):
     path = write_scene(tmp_path, trial("nL", FRAMES))
     assert run(["estimate", path, "--json", "--no-intervals"]) == 0

@@ -3,10 +3,10 @@
 import json
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from helpers import costs
+from helpers.marks import FITS
 from helpers.physics import METHODS, TIGHT, ball, scene, thing, xyz
 from helpers.scenes import cloth, even, load_text
 
@@ -20,10 +20,7 @@ from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.block import flagged
 from clothfit.scene.fit_vector import parameters, with_parameters
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow without compilation"),
-]
+pytestmark = FITS
 
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("implicit", 5)]
 SETTINGS = ["nG", "nL", "Gn", "GG", "GL", "Ln", "LG", "LL"]

@@ -2,9 +2,9 @@
 
 import re
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.paths import ROOT
 from helpers.physics import TIGHT, scene
 from helpers.scenes import cloth, document, even
@@ -22,10 +22,7 @@ from clothfit.objective.own_cost import Residuals
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow without compilation"),
-]
+pytestmark = FITS
 
 FRAMES = 12
 

@@ -7,9 +7,9 @@ import subprocess
 import sys
 import time
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import compiled
 from helpers.scenes import environment, even, load_text, needs_full_disk, started, trial, write_scene
 
 from clothfit.base import checkpoint as module
@@ -29,7 +29,6 @@ from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow  # starts processes
 
-needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 STATE = State(
     start=np.array([1.0, 2.0, 0.1 + 0.2]), best=np.array([0.5, 1.0, 5e-324]), cost=1.0 / 3.0, gradient=np.arange(3.0),
@@ -290,7 +289,7 @@ def in_pieces(limits, *given, **options):
     return found
 
 
-@needs_compilation
+@compiled
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("limits", [(2,), (5, 3), (9, 2, 4)])
 def test_a_fit_that_is_interrupted_comes_to_the_same_minimum(tmp_path, case, limits):
@@ -302,7 +301,7 @@ def test_a_fit_that_is_interrupted_comes_to_the_same_minimum(tmp_path, case, lim
     assert found.seconds > 0
 
 
-@needs_compilation
+@compiled
 @pytest.mark.parametrize("case", ["auto per spring", "held by the prior", "windows", "l-bfgs-b"])
 def test_every_file_that_a_kill_could_leave_leads_to_the_same_minimum(tmp_path, monkeypatch, case):
     given = arguments(case)
@@ -323,7 +322,7 @@ def test_every_file_that_a_kill_could_leave_leads_to_the_same_minimum(tmp_path, 
         same_minimum(estimate(*given, max_evaluations=ENOUGH, checkpoint=tmp_path / "c", resume=True), whole)
 
 
-@needs_compilation
+@compiled
 @pytest.mark.parametrize("case", ["auto per spring", "l-bfgs-b"])
 def test_a_spent_budget_can_be_raised(tmp_path, case):
     given = arguments(case)
@@ -333,7 +332,7 @@ def test_a_spent_budget_can_be_raised(tmp_path, case):
     same_minimum(estimate(*given, max_evaluations=400, checkpoint=tmp_path / "c", resume=True), whole)
 
 
-@needs_compilation
+@compiled
 @pytest.mark.parametrize("budget", [30, 50])
 def test_a_budget_that_is_spent_gives_its_result_again(tmp_path, budget):
     given = arguments("auto per spring")  # the best point is of a stage before the one that was ended
@@ -342,7 +341,7 @@ def test_a_budget_that_is_spent_gives_its_result_again(tmp_path, budget):
     equal(estimate(*given, max_evaluations=budget, checkpoint=tmp_path / "c", resume=True, intervals=False), short)
 
 
-@needs_compilation
+@compiled
 @pytest.mark.parametrize("options", [{"max_evaluations": 2}, {"rmse": 1.0}])
 def test_a_resumed_fit_is_never_worse_than_what_it_resumes(tmp_path, options):
     given = arguments("l-bfgs-b")
@@ -351,7 +350,7 @@ def test_a_resumed_fit_is_never_worse_than_what_it_resumes(tmp_path, options):
     assert found.cost == whole.cost
 
 
-@needs_compilation
+@compiled
 @pytest.mark.parametrize("case", CASES)
 def test_a_fit_that_had_ended_gives_its_result_without_computing(tmp_path, monkeypatch, case):
     given = arguments(case)
@@ -376,7 +375,7 @@ def counting(original, calls):
     return called
 
 
-@needs_compilation
+@compiled
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -403,14 +402,14 @@ def test_only_the_same_fit_is_resumed(tmp_path, changes, said):
     assert (tmp_path / "c").read_bytes() == before
 
 
-@needs_compilation
+@compiled
 def test_resuming_needs_a_checkpoint():
     with pytest.raises(InvalidInput, match="resume: a checkpoint is needed"):
         estimate(load(even("nG")), resume=True)
 
 
 @needs_full_disk
-@needs_compilation
+@compiled
 def test_a_fit_goes_on_without_room_for_its_checkpoint():
     found = estimate(load(even("nG")), start=2.0, checkpoint="/dev/full")
     assert found.status == "converged"
@@ -437,7 +436,7 @@ def summary(capsys, *arguments):
     return code, json.loads(out), err
 
 
-@needs_compilation
+@compiled
 def test_an_explicit_checkpoint_is_kept(tmp_path, files, capsys):
     path, target = files
     kept = str(tmp_path / "c")
@@ -453,7 +452,7 @@ def test_an_explicit_checkpoint_is_kept(tmp_path, files, capsys):
     assert os.path.exists(kept)
 
 
-@needs_compilation
+@compiled
 def test_a_long_fit_keeps_one_beside_its_output_until_it_has_ended(tmp_path, files, capsys, monkeypatch):
     path, target = files
     beside = tmp_path / "scene.fitted.json.checkpoint"
@@ -468,7 +467,7 @@ def test_a_long_fit_keeps_one_beside_its_output_until_it_has_ended(tmp_path, fil
     assert not beside.exists()
 
 
-@needs_compilation
+@compiled
 def test_a_fit_in_place_leaves_no_checkpoint_for_a_scene_that_is_gone(files, tmp_path, capsys, monkeypatch):
     path, target = files
     monkeypatch.setattr(checkpoints, "UNASKED_AFTER", 0.0)
@@ -476,7 +475,7 @@ def test_a_fit_in_place_leaves_no_checkpoint_for_a_scene_that_is_gone(files, tmp
     assert sorted(os.listdir(tmp_path)) == ["scene.json", "t.npz"]
 
 
-@needs_compilation
+@compiled
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -498,7 +497,7 @@ def test_places_that_cannot_be_are_refused(tmp_path, options, said, capsys):
     assert sorted(os.listdir(tmp_path)) == ["d", "o", "scene.json"]
 
 
-@needs_compilation
+@compiled
 def test_a_file_in_the_place_of_the_default_checkpoint_stays(tmp_path, capsys):
     scene = write_scene(tmp_path, even("nG", 5, 3, 3))
     (tmp_path / "scene.fitted.json.checkpoint").write_text("my notes")
@@ -507,7 +506,7 @@ def test_a_file_in_the_place_of_the_default_checkpoint_stays(tmp_path, capsys):
     assert (tmp_path / "scene.fitted.json.checkpoint").read_text() == "my notes"
 
 
-@needs_compilation
+@compiled
 def test_killed_at_any_instant_a_fit_comes_to_the_same_minimum(tmp_path, files):
     # With the true masses, unlike `files`: with wrong ones no values reach the noise, and of the many minima above it
     # another may be found by a search that begins at another point, as one does that goes on from a checkpoint.

@@ -2,9 +2,9 @@
 
 from contextlib import suppress
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth, even
 
@@ -20,10 +20,7 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 from clothfit.strategy import trajectory_fit
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 
 def trajectory(frames=10, noise=0.0, rmse=0.0, heavier=1.0, **options):

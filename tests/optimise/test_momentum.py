@@ -1,8 +1,8 @@
 """The momentum fit: parameters straight from an exact motion, and what noise and gaps leave of them."""
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import compiled
 from helpers.physics import METHODS, TIGHT, ball, scene, xyz
 from helpers.scenes import cloth
 
@@ -21,7 +21,6 @@ from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
-SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 12), ("bdf2", 1), ("bdf2", 12)]
 AIR = {"windVel": xyz((4, 2, -3))}
 SPHERE = {"colliders": [ball((1.0, -0.748, 1.0), 0.75)]}
@@ -59,7 +58,7 @@ def fitted(given, motion=None, treatment=TREATMENTS[0], start=None):
 # --- exact targets
 
 
-@SLOW
+@compiled
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 @pytest.mark.parametrize("settings", ["nL", "Ln", "LL"])
 def test_every_element_comes_out_of_an_exact_motion(settings, method, newton):
@@ -71,7 +70,7 @@ def test_every_element_comes_out_of_an_exact_motion(settings, method, newton):
     np.testing.assert_array_equal(p[~kept], away[~kept])
 
 
-@SLOW
+@compiled
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 @pytest.mark.parametrize("settings", ["nG", "Gn", "GG", "GL", "LG"])
 def test_one_value_for_all_comes_out_where_it_is_one(settings, method, newton):
@@ -80,7 +79,7 @@ def test_one_value_for_all_comes_out_where_it_is_one(settings, method, newton):
     np.testing.assert_allclose(p[kept], parameters(given)[kept], rtol=1e-6)  # as above
 
 
-@SLOW
+@compiled
 @pytest.mark.parametrize("method", METHODS)
 def test_on_a_sphere(method):
     given = made(sheet(nx=3, ny=3), method=method, **SPHERE)
@@ -88,14 +87,14 @@ def test_on_a_sphere(method):
     np.testing.assert_allclose(p[kept], parameters(given)[kept], rtol=1e-6)  # as above
 
 
-@SLOW
+@compiled
 def test_several_cloths_each_by_its_own_rows():
     given = made(sheet("LL", 3, 3), sheet("nn", 3, 4), sheet("nG", 3, 3, alike=True), sheet("Ln", 2, 3))
     p, kept, _ = fitted(given)
     np.testing.assert_allclose(p[kept], parameters(given)[kept], rtol=1e-6)  # as above
 
 
-@SLOW
+@compiled
 def test_several_experiments_add_their_rows():
     # too few frames in each: 14 free vertices give 84 equations for 47 unknowns, badly; all three of them do better
     given = made(sheet(), frames=4)
@@ -105,7 +104,7 @@ def test_several_experiments_add_their_rows():
     np.testing.assert_allclose(p[kept], parameters(given)[kept], rtol=1e-6)  # as above
 
 
-@SLOW
+@compiled
 def test_without_air_masses_and_stiffnesses_keep_their_common_factor():
     given = made(sheet(nx=3, ny=3, dragCoefficient=0.0))
     p, kept, away = fitted(given)
@@ -116,7 +115,7 @@ def test_without_air_masses_and_stiffnesses_keep_their_common_factor():
     assert ratio[0] > 0
 
 
-@SLOW
+@compiled
 @pytest.mark.parametrize(("delta", "shortened"), [(0.03, 0), (0.04, 1)])
 def test_steps_that_the_guard_made_otherwise_are_left_out(delta, shortened):
     stiffness = np.random.default_rng(3).uniform(500, 1500, 56).tolist()
@@ -129,7 +128,7 @@ def test_steps_that_the_guard_made_otherwise_are_left_out(delta, shortened):
     np.testing.assert_allclose(p[kept], parameters(given)[kept], rtol=1e-6)  # as above
 
 
-@SLOW
+@compiled
 def test_steps_that_were_taken_otherwise_are_balanced_as_they_were_taken():
     high = 0.02 * np.random.default_rng(8).normal(size=32)[16:]
     lying = [xyz((i % 4, float(high[i]), i // 4)) for i in range(16)]
@@ -152,7 +151,7 @@ def test_steps_that_were_taken_otherwise_are_balanced_as_they_were_taken():
     assert (size <= 1e-10 * terms).all()  # rounding of positions over h² beside the terms of springs
 
 
-@SLOW
+@compiled
 def test_the_ratio_comes_out_of_rounded_positions_where_the_whole_mass_is_held():
     given = made(sheet("GG", alike=True, dragCoefficient=1e-5), frames=40)
     exact = simulate(given, tolerance=TIGHT)
@@ -181,7 +180,7 @@ def hide(motion, where):
     return Motion(np.where(where[:, :, None], np.nan, motion.positions), motion.times, motion.vertex_counts, ~where)
 
 
-@SLOW
+@compiled
 def test_gaps_are_passed_over_while_enough_is_left():
     given = made(sheet("nL"), frames=120)
     motion = simulate(given, tolerance=TIGHT)
@@ -190,7 +189,7 @@ def test_gaps_are_passed_over_while_enough_is_left():
     np.testing.assert_allclose(p[kept], parameters(given)[kept], rtol=1e-6)  # as above
 
 
-@SLOW
+@compiled
 def test_what_is_never_seen_keeps_its_start():
     given = made(sheet("LL"))
     motion = simulate(given, tolerance=TIGHT)
@@ -206,7 +205,7 @@ def test_what_is_never_seen_keeps_its_start():
     np.testing.assert_array_equal(p[lost], away[lost])
 
 
-@SLOW
+@compiled
 @pytest.mark.parametrize("change", [{"every": 2}, {"every": 3}])
 def test_without_successive_frames_everything_stays(change):
     given = made(sheet())
@@ -215,7 +214,7 @@ def test_without_successive_frames_everything_stays(change):
     np.testing.assert_array_equal(p, away)
 
 
-@SLOW
+@compiled
 def test_frames_between_the_steps_are_passed_over():
     given = made(sheet())
     motion = simulate(given, tolerance=TIGHT)
@@ -224,7 +223,7 @@ def test_frames_between_the_steps_are_passed_over():
     np.testing.assert_array_equal(p, away)
 
 
-@SLOW
+@compiled
 def test_what_is_not_to_be_fitted_stays():
     given = made(sheet())
     aim, p = Objective(given, simulate(given, tolerance=TIGHT), TIGHT), parameters(given)
@@ -236,7 +235,7 @@ def test_what_is_not_to_be_fitted_stays():
     np.testing.assert_allclose(found[some], p[some], rtol=1e-6)  # as above
 
 
-@SLOW
+@compiled
 def test_the_bounds_are_kept():
     given = made(sheet("nL", springStiffness=[2e4] * 3 + [30.0] * 30, fit={"bounds": {"stiffness": [1, 1e4]}}))
     p, kept, _ = fitted(given, start=np.full(33, 25.0))
@@ -256,7 +255,7 @@ def error(given, exact, noise, treatment):
     return np.median(gaps)
 
 
-@SLOW
+@compiled
 @pytest.mark.parametrize("settings", ["nL", "LL"])
 def test_sums_of_sums_take_noise_for_what_it_is(settings):
     given = made(sheet(settings), frames=100)
@@ -268,7 +267,7 @@ def test_sums_of_sums_take_noise_for_what_it_is(settings):
     assert summed < 10 * error(given, exact, 1e-5, Treatment(1, True)) * 2  # in proportion to the noise
 
 
-@SLOW
+@compiled
 def test_smoothing_helps_against_much_noise():
     given = made(sheet("LL"), frames=100)
     exact = simulate(given, tolerance=TIGHT)
@@ -276,7 +275,7 @@ def test_smoothing_helps_against_much_noise():
     assert smooth < 0.85 * alone  # the noise within the forces is less, by less than the root of seven frames
 
 
-@SLOW
+@compiled
 def test_a_target_that_diverges_nobody_simulates():
     given = made(sheet("nL", nx=3, ny=3), method="explicit")
     motion = simulate(given, tolerance=TIGHT)

@@ -1,9 +1,9 @@
 """The normal equations, a few steps at a time, against the whole Jacobian."""
 
-import numba
 import numpy as np
 import pytest
 from helpers.costs import jacobian, residual, simulate_all
+from helpers.marks import compiled
 from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth
 
@@ -18,7 +18,6 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
-SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
 FRAMES, DELTA = 12, 0.02
 OBJECTIVES = ["position", "velocity", "edge-length", "spectrum", {"position": 1.0, "edge-length": 2.0, "velocity": 0.1}]
 TIMES = {
@@ -57,7 +56,7 @@ def parts(aim, p):
     return by_position, residual(run.comparison, memory.x), lambda: sweep(system, memory, wanted), size
 
 
-@SLOW
+@compiled
 @pytest.mark.parametrize("chunk", CHUNKS)
 @pytest.mark.parametrize("times", TIMES)
 @pytest.mark.parametrize("kind", OBJECTIVES, ids=str)
@@ -73,7 +72,7 @@ def test_it_is_the_product_of_the_whole_jacobian(kind, times, chunk, monkeypatch
     np.testing.assert_allclose(g, J.T @ r, atol=1e-13 * np.abs(J).max() * np.abs(r).sum())
 
 
-@SLOW
+@compiled
 @pytest.mark.parametrize("loss", ["linear", "huber"])
 @pytest.mark.parametrize("kind", OBJECTIVES, ids=str)
 def test_twice_g_is_the_gradient_of_the_cost(kind, loss):

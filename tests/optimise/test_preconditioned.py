@@ -4,9 +4,9 @@ import contextlib
 import itertools
 from functools import partial
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import fits
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.motion.degrade import degrade
@@ -22,7 +22,6 @@ from clothfit.optimise.status import Stop
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters
 
-needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 def unlimited(clock=lambda: 0.0):
     """A patience that is never over; no time passes by its clock, so that only evaluations end a round."""
@@ -175,8 +174,7 @@ def search_of(letters="nR", noise=None, off=1.2, **fields):
     return Search(Objective(scene, target, 1e-10), off * parameters(scene), 0.0, 10**6)
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 @pytest.mark.parametrize("letters", ["nR", "LL"])
 def test_the_metric_is_the_root_of_the_normal_equations_with_a_ridge(letters):
     search = search_of(letters)
@@ -191,8 +189,7 @@ def test_the_metric_is_the_root_of_the_normal_equations_with_a_ridge(letters):
     np.testing.assert_allclose(L @ L.T, wanted, rtol=1e-12, atol=1e-12 * np.abs(wanted).max())
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_a_matrix_that_rounding_has_made_indefinite_has_a_larger_ridge(monkeypatch):
     search = search_of()
     part = Trajectory(search, search.objective)
@@ -204,8 +201,7 @@ def test_a_matrix_that_rounding_has_made_indefinite_has_a_larger_ridge(monkeypat
     assert 1e-6 < added[0] < 1e-3  # not more than what is needed, times STEEPER
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 @pytest.mark.parametrize("why", ["no room", "diverged", "overflow", "no cost"])
 def test_there_is_no_metric_where_there_is_no_sensitivity(monkeypatch, why):
     search = search_of()
@@ -234,8 +230,7 @@ def reached(search, method):
     return search.best.cost
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_a_round_of_an_exact_model_ends_at_the_floor_of_its_noise():
     search = search_of("nR", noise=1e-4)
     truth = search.objective.cost(search.start / 1.2)
@@ -243,8 +238,7 @@ def test_a_round_of_an_exact_model_ends_at_the_floor_of_its_noise():
     assert search.best.cost > 0.9 * truth
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 @pytest.mark.parametrize("letters", ["nR", "RR"])
 def test_a_descent_ends_where_scipys_does(letters):
     found = reached(search_of(letters), minimise)
@@ -252,8 +246,7 @@ def test_a_descent_ends_where_scipys_does(letters):
     assert found <= 1.01 * reached(search_of(letters), lambda search: minimise_by_scipy(search, "l-bfgs-b"))
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_without_a_metric_the_coordinates_themselves_do(monkeypatch):
     monkeypatch.setattr(preconditioned, "metric", lambda *_: None)
     search = search_of()
@@ -261,8 +254,7 @@ def test_without_a_metric_the_coordinates_themselves_do(monkeypatch):
     assert reached(search, minimise) < before
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_a_descent_that_is_over_does_nothing():
     search = search_of()
     search.visit(search.start)

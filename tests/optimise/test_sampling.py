@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import trial
 from scipy import stats
 
@@ -17,10 +17,7 @@ from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 NOISE = 1e-3
 

@@ -1,8 +1,8 @@
 """The scan finds the global minimum of one or two values, against brute force."""
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth, even
 
@@ -12,10 +12,7 @@ from clothfit.optimise.scan import POINTS, Course, brackets, grid, is_minimum, m
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 
 def flag(settings="nG", frames=80, nx=4, ny=3, stiffness=30.0, mass=0.01, **fields):

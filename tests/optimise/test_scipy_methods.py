@@ -1,8 +1,8 @@
 """SciPy's minimisers on the search: what they are told, and that they leave the end to it."""
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import even
 
 from clothfit.motion.simulate import simulate
@@ -12,10 +12,7 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 
 @pytest.mark.parametrize("method", METHODS)

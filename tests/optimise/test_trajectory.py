@@ -1,9 +1,9 @@
 """The model of a whole motion's cost: its slope, its Jacobian, its residuals, its prior."""
 
-import numba
 import numpy as np
 import pytest
 from helpers.costs import residual, simulate_all
+from helpers.marks import FITS
 from helpers.physics import METHODS, TIGHT, scene, xyz
 from helpers.scenes import cloth, even, trial
 
@@ -21,10 +21,7 @@ from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation"),
-]
+pytestmark = FITS
 
 FITS = {"damping": "G", "vertVel": "G", "springRestLength": "L"}
 SETTINGS = {

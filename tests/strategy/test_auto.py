@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, trial
 
@@ -35,10 +35,7 @@ from clothfit.strategy.trajectory_fit import (
     window_lengths,
 )
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 NEVER = 0.0  # an RMSE that no fit reaches
 

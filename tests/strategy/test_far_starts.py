@@ -1,8 +1,8 @@
 """Few markers of a cloth, from starts that are decades off: the same values, and intervals that contain the truth."""
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import cloth, document
 
 from clothfit.fit.estimate import estimate
@@ -14,10 +14,7 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 from clothfit.strategy.auto import by_ladder
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 NOISE = 1e-3  # m, of a coordinate
 SIDE = 5  # vertices along each side

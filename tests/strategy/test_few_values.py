@@ -2,9 +2,9 @@
 
 from types import SimpleNamespace
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import fits
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.objective.objective import Objective
@@ -14,8 +14,6 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters
 from clothfit.strategy import few_values
-
-needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 
 class Steps:
@@ -87,8 +85,7 @@ def test_many_values_are_not_polled_and_not_settled():
     assert search.budget.evaluations == known
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_a_few_steps_come_to_the_minimum_of_a_model_that_differs():
     search, other = (search_of("nF", of_cloth={"damping": "G"}) for _ in range(2))
     search.visit(search.start)

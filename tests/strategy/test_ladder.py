@@ -2,9 +2,9 @@
 
 from itertools import pairwise
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import fits
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.motion.degrade import degrade
@@ -15,8 +15,6 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import first_windows, ladder
-
-needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 FLAGS = {  # letters of masses and stiffnesses, and what else a cloth fits
     "stiffnesses": ("nL", {}),
@@ -130,8 +128,7 @@ def test_each_model_contains_those_before_it(coarse, fine):
     np.testing.assert_allclose(found.stiffness, wanted.stiffness, rtol=1e-9)
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 @pytest.mark.parametrize("model", "FRML")
 def test_a_stage_begins_with_the_cost_of_the_best_before(model):
     search = search_of()
@@ -147,8 +144,7 @@ def ended_at(part, p):
     return part
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 @pytest.mark.parametrize("method", [2, 3])
 def test_no_model_ends_above_a_smaller_one(method):
     search = search_of("nL", 24, count=8, method=method)
@@ -164,8 +160,7 @@ def test_no_model_ends_above_a_smaller_one(method):
     assert search.best.p.tolist() == search.rungs[-1].p.tolist()
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_one_factor_is_found_from_far_away():
     truth = small("nF", 24)
     start = with_parameters(truth, np.array([0.4]))
@@ -176,8 +171,7 @@ def test_one_factor_is_found_from_far_away():
     assert search.best.p == pytest.approx([2.5 * parameters(start)[0]], rel=0.01)
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_a_fit_that_is_late_ends_with_its_first_model_and_says_so():
     search = search_of("nL")
     search.longest = 0.0
@@ -205,8 +199,7 @@ def moved(end):
     return method
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 @pytest.mark.parametrize("end", [KeyboardInterrupt(), MemoryError()], ids=repr)
 def test_the_best_point_of_a_stage_is_kept_whatever_ends_it(end):
     search = search_of("nL")
@@ -216,8 +209,7 @@ def test_the_best_point_of_a_stage_is_kept_whatever_ends_it(end):
     np.testing.assert_allclose(search.best.p, 1.01 * search.start, rtol=1e-12)
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_only_the_end_of_the_budget_ends_the_stages_after_it():
     search = search_of("nL")
     for status in (Status.CONVERGED, Status.STALLED):
@@ -227,8 +219,7 @@ def test_only_the_end_of_the_budget_ends_the_stages_after_it():
     assert caught.value.status == Status.LIMIT
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_a_stage_is_judged_by_the_cost_of_the_whole():
     search = search_of("nL")
     search.visit(search.start)

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import compiled, fits
 from helpers.strangers import WIND, windy, with_finer_steps
 
 import clothfit
@@ -14,8 +14,6 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.keys import Keys
 from clothfit.strategy import signals
 from clothfit.strategy.start import with_air
-
-needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="whole motions are slow without compilation")
 
 
 def gusty(values, flags=None, **fields):
@@ -56,7 +54,7 @@ def test_parameters_by_the_same_flags_are_taken_as_they_are():
     np.testing.assert_array_equal(signals.values(scene, scene), parameters(scene))
 
 
-@needs_compilation
+@compiled
 def test_a_fit_of_keys_starts_from_the_steady_wind_that_frames_show():
     motion = with_finer_steps(windy(), 4)  # differences of frames see what their steps hide
     start = gusty(np.zeros((5, 3)), wind=(0, 0, 0), drag=0.1)
@@ -66,8 +64,7 @@ def test_a_fit_of_keys_starts_from_the_steady_wind_that_frames_show():
     np.testing.assert_allclose(keys[0], WIND, rtol=0.2)  # as near as differences of frames are
 
 
-@pytest.mark.slow
-@needs_compilation
+@fits
 def test_gusts_are_found_from_still_air():
     true = gusty(SWINGING + [(1, 1, 1)], wind=(0, 0, 0), frames=100)
     found = clothfit.estimate(

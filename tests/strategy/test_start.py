@@ -2,9 +2,9 @@
 
 from types import SimpleNamespace
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import changed, cloth, document, even, sphere, trial
 
 from clothfit.motion.motion import Motion
@@ -24,10 +24,7 @@ from clothfit.strategy.start import (
     undetermined,
 )
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 FINEST = 10**0.125
 """Ratio of neighbouring values on the finest grid."""

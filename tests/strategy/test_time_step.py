@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from helpers.interrupting import interrupt_after
+from helpers.marks import FITS
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.base import interrupts
@@ -19,10 +19,7 @@ from clothfit.scene.fit_vector import parameters
 from clothfit.strategy.step_choice import COUNTS, HIDDEN, chosen, finer
 from clothfit.strategy.time_step import frame_interval, last_time, step_error, substeps_of, with_interval, with_substeps
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 ENOUGH = 1e-8  # m, as in a fit
 

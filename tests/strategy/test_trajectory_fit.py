@@ -1,8 +1,8 @@
 """The trajectory fit where windows lead astray: a compressed cloth, whose motion grows small differences."""
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 
 import clothfit
 from clothfit.meshes.mesh import plane
@@ -14,10 +14,7 @@ from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import trajectory_fit
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 
 def compressed(integrator, seed):
