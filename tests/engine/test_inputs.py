@@ -10,6 +10,7 @@ from clothfit.engine.inputs import sampling
 from clothfit.engine.system import build
 from clothfit.evaluation.reference import converged
 from clothfit.fit.estimate import estimate
+from clothfit.formats import point_cache
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT, from_scene
 from clothfit.motion.energy import energies
