@@ -27,10 +27,10 @@ from clothfit.engine.system import build
 from clothfit.subspace import basis as bases
 from clothfit.subspace.build import seen
 from clothfit.subspace.network import prior
+from clothfit.subspace.network.layers import played
 from clothfit.subspace.network.learn import Lesson, lesson, limits, prepared
 from clothfit.subspace.network.recipe import OWN, PAPER, Budget, Recipe
 from clothfit.subspace.network.training import Training, begin
-from clothfit.subspace.network.unrolled import played
 from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.reduced import Reduced

@@ -1,4 +1,11 @@
-"""The least forces of every vertex and step that take the cloths of a scene through keys, in a closed loop."""
+"""The least forces of every vertex and step that take the cloths of a scene through keys, in a closed loop.
+
+Forces that play back to the same motion: found once more, step by step, along the steps of the engine itself.
+
+A cloth that buckles or flutters forgets no rounding: forces that were found along one motion lead, played to a cloth
+that is 1e-16 m beside it, somewhere else. So each force is the one that the closed loop applies to the state in which
+the engine really is, with the tolerance of the scene. The same steps from the same start give the same bits.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +19,18 @@ import numpy as np
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.checkpoint import Checkpoint
-from clothfit.control import recording
 from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs
 from clothfit.control.controls import Controls
 from clothfit.control.descent import Descent, Report
 from clothfit.control.keyframes import Key, last_step, without_fixed
 from clothfit.control.reference import path
+from clothfit.engine import rollout
 from clothfit.engine.inputs.splines import splined
-from clothfit.engine.system import BDF2, IMPLICIT
+from clothfit.engine.rollout import Rollout
+from clothfit.engine.step import implicit
+from clothfit.engine.system import BDF2, IMPLICIT, System, build
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.simulate import limited
 from clothfit.optimise.status import Status
 from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
@@ -71,7 +81,7 @@ def follow(
         found.append((status, descent.best.gradient / (loop.steepest or 1.0)))
         evaluations += loop.evaluations
         with interrupts.grace(np.inf):
-            u[: loop.steps, part] = recording.recorded(scene, loop, descent.best.f, costs.most)
+            u[: loop.steps, part] = recorded(scene, loop, descent.best.f, costs.most)
         gain[: loop.steps, part] = loop.gain.min(axis=0)  # the keys' own are too stiff for a disturbed cloth
         x = descent.best.x
         places[: loop.steps, part] = x[1:] if loop.late else x[:-1]
@@ -202,3 +212,45 @@ def stable(
     misfit = sum(key.key.weight * float((key.left(loop.x) ** 2).sum()) for key in loop.wishes)
     loop.penalty = max(loop.effort, 1e-12) / max(misfit, 1e-12)
     return loop
+
+
+def recorded(scene: Scene, loop: ClosedLoop, f: Array, most: float = np.inf) -> Array:
+    """The forces u (T, n, 3), N, that the closed loop with forces f applies, none above `most` N. They end early where
+    the motion diverges.
+    """
+    steps = len(f)
+    played = open_system(scene, loop)
+    closed = loop.system
+    assert closed.inputs is not None
+    assert played.inputs is not None
+    closed.inputs.force[:steps] = f
+    u = played.inputs.force
+    whole, work = rollout.empty(played, steps), implicit.workspace(played)
+    beside = implicit.workspace(closed)
+    for t in range(steps):
+        one = whole.part(t, t + 1)
+        at = ahead(closed, one, scene.tolerance, beside) if loop.late else one.x[0]
+        asked = f[t] + loop.gain[t, :, None] * (loop.places[t] - at)
+        u[t] = limited(np.where(loop.pushed[:, None], asked, 0.0), most)
+        if rollout.fill(played, scene.tolerance, work, one) < 1:
+            break
+        interrupts.check()
+    return u[:steps].copy()
+
+
+def open_system(scene: Scene, loop: ClosedLoop) -> System:
+    """The system without springs, with a table of forces to fill."""
+    times = loop.h * np.arange(loop.steps, dtype=float)
+    forces = Forces(times, np.zeros((loop.steps, sum(scene.vertex_counts), 3)))
+    return build(scene.with_forces(forces), loop.cloth, steps=loop.steps)
+
+
+def ahead(closed: System, one: Rollout, tolerance: float, work: implicit.Workspace) -> Array:
+    """Where the closed loop takes the state before a step, (n, 3), m."""
+    own = rollout.empty(closed, 1)._replace(
+        v=one.v, x_before=one.x_before, v_before=one.v_before, ready=one.ready, first=one.first
+    )
+    own.x[0] = one.x[0]
+    rollout.fill(closed, tolerance, work, own)
+    after: Array = own.x[1]
+    return after

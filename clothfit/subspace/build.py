@@ -16,10 +16,9 @@ from clothfit.engine.system import System
 from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
-from clothfit.subspace import carrier
-from clothfit.subspace import normals as regression
-from clothfit.subspace.cost import cost, whole
+from clothfit.subspace import carrier, frames
 from clothfit.subspace.fitness import Fitness, coarsest, fitness
+from clothfit.subspace.judge import cost, whole
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.reduced import Reduced, check
@@ -170,9 +169,9 @@ def runs_on(basis: Array, systems: Sequence[System]) -> list[Reduced]:
 
 def normals_of(data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced]) -> NDArray[np.float32]:
     """The regression of the normals of the recorded motions on their coordinates."""
-    onto, each = carrier.projection(runs[0].basis, runs[0].system), max(2, regression.MOST_FRAMES // len(kept))
+    onto, each = carrier.projection(runs[0].basis, runs[0].system), max(2, frames.MOST_FRAMES // len(kept))
 
-    def frames() -> Iterator[tuple[Array, Array]]:
+    def states() -> Iterator[tuple[Array, Array]]:
         for number, episode in enumerate(kept):
             x, good = data.motion(episode, c)
             system = runs[number].system
@@ -180,7 +179,7 @@ def normals_of(data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced])
             q = carrier.coordinates(x, system, onto)
             yield q[chosen], x[chosen] + system.x0
 
-    return regression.regression(frames(), data.scene.cloths[c].triangles)
+    return frames.regression(states(), data.scene.cloths[c].triangles)
 
 
 def seen(

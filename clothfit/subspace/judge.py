@@ -1,25 +1,29 @@
-"""How well a model follows the full simulation of a scene, and what both cost."""
+"""How well a model follows the full simulation of a scene, and what both cost.
+
+What a frame of a subspace costs, and what a full step does, in µs of one thread.
+"""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from time import process_time
 
 import numpy as np
 
 from clothfit.base import threads
 from clothfit.base.arrays import Array
+from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.motion.energy import Energy, energies
 from clothfit.motion.motion import Motion, in_world
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import Scene
 from clothfit.subspace import carrier
-from clothfit.subspace.cost import cost, whole
-from clothfit.subspace.frames import Decoder
+from clothfit.subspace.frames import Decoder, angles
 from clothfit.subspace.model import Model, Part
-from clothfit.subspace.normals import angles
-from clothfit.subspace.play import Played, play
+from clothfit.subspace.play import Played, play, rolled, stepper
 from clothfit.subspace.sensitivity import SOUGHT, floor_of, growth
 
 FORGOTTEN = 0.1
@@ -204,3 +208,47 @@ def cost_of(model: Model, scene: Scene, frames: int) -> tuple[dict[str, float], 
     steps = max(1, min(frames - 1, TIMED))
     each = [cost(part, scene, c, steps) for c, part in enumerate(model.parts)]
     return {name: sum(own[name] for own, _ in each) for name in each[0][0]}, sum(full for _, full in each)
+
+
+def cost(part: Part, scene: Scene, cloth: int, steps: int) -> tuple[dict[str, float], float]:
+    """The mean over so many frames from the start of a scene: of state, decoding, normals, and normals
+    by regression where there is one; and of a full step.
+    """
+    system = build(scene, cloth, steps=steps)
+    own = stepper(part, system, steps, {})
+    decoder = Decoder(system.x0, part.basis, scene.cloths[cloth].triangles, part.normals)
+    decoder.normals(decoder.positions(np.zeros(own.r)))
+    rolled(own, 1, scene.name)
+    begin = process_time()
+    q = rolled(own, steps, scene.name)
+    spent = np.array([process_time() - begin, 0.0, 0.0])
+    for each in q[1:]:
+        times = [process_time()]
+        x = decoder.positions(each)
+        times.append(process_time())
+        decoder.normals(x)
+        spent[1:] += np.diff([*times, process_time()])
+    rollout(system, min(steps, 2), scene.tolerance)  # compiled, and its memory touched
+    begin = process_time()
+    rollout(system, steps, scene.tolerance)
+    whole = process_time() - begin
+    names = ("state", "decode", "normals")
+    found = dict(zip(names, (1e6 / steps * spent).tolist(), strict=True))
+    return found | regression(decoder, np.zeros(own.r), steps), 1e6 / steps * whole
+
+
+def whole(us: Mapping[str, float]) -> float:
+    """The µs of a frame: its state, positions and the cheaper of the normals."""
+    cheaper = min(us[name] for name in ("normals", "regression") if name in us)
+    return us["state"] + us["decode"] + cheaper
+
+
+def regression(decoder: Decoder, q: Array, steps: int) -> dict[str, float]:
+    """The time of normals by regression; nothing where there is none."""
+    if decoder.regression is None:
+        return {}
+    decoder.predicted(q)
+    begin = process_time()
+    for _ in range(steps):
+        decoder.predicted(q)
+    return {"regression": 1e6 / steps * (process_time() - begin)}

@@ -7,6 +7,8 @@ and the elements that its steps evaluate with their weights: `springs{c}`, `spri
 recorded motions; and where it was asked for `normals{c}` (n, 3, 1 + r), single precision (`normals`). Where that was
 asked for, bases and normals have half precision. A network has none of the elements, and the arrays of
 `network.weights`. For players that read no scenes there are the arrays of `players.Still`, which this program ignores.
+
+What a player of MODEL needs that only the scene says, as arrays, so that it need not read scenes.
 """
 
 from __future__ import annotations
@@ -15,22 +17,22 @@ import io
 import json
 import os
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base import npz
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import Data, write_atomically
 from clothfit.engine.system import System, build
 from clothfit.scene.scene import Scene, load
+from clothfit.subspace import carrier
 from clothfit.subspace.network import weights
 from clothfit.subspace.network.weights import Network
 from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.physics.samples import Selection
-from clothfit.subspace.players import still
 
 VERSION = 1
 HEAD = "subspace"
@@ -188,3 +190,32 @@ def check(model: Model, name: str) -> None:
         fits = fits and (part.network is None or weights.fits(part.network, part.basis.shape[-1]))
     if not fits:
         raise InvalidInput(f"{name}: its arrays do not fit its scene; build it again")
+
+
+STAYS, CARRIED = -1, 0
+"""Of `way`: a vertex that is fixed, and one that the mean of the pins carries; 1 + p follows pin p."""
+
+
+class Still(NamedTuple):
+    """An object at the start; the names of the fields are those of the arrays in MODEL."""
+
+    start: NDArray[np.float32]  # x₀, (n, 3), m
+    before: NDArray[np.float32]  # (r,), the coordinates that stand for those a step before the start
+    triangles: Indices  # (T, 3)
+    way: Indices  # (n,)
+
+    @property
+    def pins(self) -> int:
+        """Number of pins."""
+        return max(0, int(self.way.max(initial=0)))
+
+
+def still(scene: Scene, c: int, basis: Array) -> Still:
+    """Object c of a scene, with its basis (n, 3, r)."""
+    system = build(scene, c, steps=1)
+    way = np.where(system.vertex.free, CARRIED, STAYS).astype(np.int32)
+    if system.inputs is not None:
+        way[system.inputs.pins] = 1 + np.arange(len(system.inputs.pins))
+    before = -system.h * carrier.start_velocity(system, basis)
+    triangles = np.ascontiguousarray(scene.cloths[c].triangles, np.int32)
+    return Still(system.x0.astype(np.float32), before.astype(np.float32), triangles, way)

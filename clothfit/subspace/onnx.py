@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.errors import InvalidInput
-from clothfit.subspace.model import Model, Part
+from clothfit.subspace.model import Model, Part, Still, still
 from clothfit.subspace.network.weights import Network
-from clothfit.subspace.players import Still, still
 
 IR, OPERATORS = 7, 13
 """Versions of the format and of the operators: those of 2020, which every runtime knows."""

@@ -4,8 +4,7 @@ import numpy as np
 from helpers.scenes import cloth, document
 from helpers.subspaces import scene_of
 
-from clothfit.subspace.frames import Decoder
-from clothfit.subspace.normals import RIDGE, angles, regression
+from clothfit.subspace.frames import RIDGE, Decoder, angles, regression
 
 OWN = scene_of(document(cloth(5, 4))).cloths[0]
 SIZE, FRAMES = 6, 40

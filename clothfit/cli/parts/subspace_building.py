@@ -128,7 +128,7 @@ def trained(
 
 def show_worth(scene: Scene, c: int, found: Report, method: str, console: Console) -> None:
     """Say from how many vertices on such a model is faster than full steps."""
-    from clothfit.subspace.cost import whole
+    from clothfit.subspace.judge import whole
     from clothfit.subspace.worth import pays_from
 
     count = pays_from(scene, c, found.vectors, method, whole(found.us_per_frame), found.full_us_per_step)
@@ -141,7 +141,7 @@ def show_worth(scene: Scene, c: int, found: Report, method: str, console: Consol
 
 def show(name: str, found: Report, console: Console) -> None:
     """Say what a model of one object leaves out, evaluates and misses."""
-    from clothfit.subspace.cost import whole
+    from clothfit.subspace.judge import whole
 
     console.result(f"{name}: {found.vectors} vectors")
     console.table([("vectors", "leave out"), *((str(k), metres(v)) for k, v in found.left_out.items())])

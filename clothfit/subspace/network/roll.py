@@ -1,14 +1,19 @@
-"""Motions of a network, and the memory that its steps need."""
+"""Motions of a network, and the memory that its steps need.
+
+The steps of a network, compiled, in single precision, without any library. The arrays are those of `roll.Room`.
+"""
 
 from __future__ import annotations
+
+from math import exp
 
 import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.engine.system import System
+from clothfit.kernels.kernel import kernel
 from clothfit.subspace import carrier
-from clothfit.subspace.network.step import roll
 from clothfit.subspace.network.weights import ACTIVATIONS, Network, Single
 
 CHUNK = 512
@@ -69,3 +74,64 @@ class Room:
     def roll(self, q: Single, before: Single, w: Single) -> None:
         """Fill q (steps + 1, r) after its first row, for inputs w (steps, m)."""
         roll(self.sizes, self.weights, self.biases, self.range, self.smooth, w, before, q, self.a, self.b)
+
+
+@kernel
+def roll(sizes, weights, biases, limits, smooth, w, before, q, a, b):
+    """Fill q (steps + 1, r) after its first row, for inputs w (steps, m); a and b have room for a layer."""
+    r = q.shape[1]
+    for t in range(len(q) - 1):
+        for i in range(r):
+            last = before[i] if t == 0 else q[t - 1, i]
+            a[i] = q[t, i]
+            a[r + i] = q[t, i] - last
+        for i in range(w.shape[1]):
+            a[2 * r + i] = w[t, i]
+        advance(sizes, weights, biases, limits, smooth, q[t + 1], a, b)
+
+
+@kernel
+def advance(sizes, weights, biases, limits, smooth, out, a, b):
+    """out (r,) of what is in a, which is overwritten."""
+    r = len(out)
+    out[:] = biases[:r]
+    add_product(a, weights, 0, sizes[0], r, out)
+    at, bias = sizes[0] * r, r
+    for k in range(len(sizes) - 1):
+        rows, columns = sizes[k], sizes[k + 1]
+        b[:columns] = biases[bias : bias + columns]
+        add_product(a, weights, at, rows, columns, b)
+        at, bias = at + rows * columns, bias + columns
+        if k < len(sizes) - 2:
+            activate(b, columns, smooth)
+        a, b = b, a
+    for i in range(r):
+        out[i] = min(max(out[i] + a[i], limits[0, i]), limits[1, i])
+
+
+@kernel
+def activate(b, count, smooth):
+    """ELU where `smooth`, else ReLU, of the first numbers of b."""
+    for i in range(count):
+        if b[i] < 0.0:
+            b[i] = exp(b[i]) - np.float32(1.0) if smooth else np.float32(0.0)
+
+
+@kernel
+def add_product(x, weights, at, rows, columns, out):
+    """out (columns,) += x (rows,) times the matrix (rows, columns) that begins at `at`, four rows at a time: the inner
+    loop has no sum over what it runs through, so that it is computed in lanes.
+    """
+    whole = rows - rows % 4
+    for i in range(0, whole, 4):
+        x0, x1, x2, x3 = x[i], x[i + 1], x[i + 2], x[i + 3]
+        w0 = weights[at + i * columns : at + (i + 1) * columns]
+        w1 = weights[at + (i + 1) * columns : at + (i + 2) * columns]
+        w2 = weights[at + (i + 2) * columns : at + (i + 3) * columns]
+        w3 = weights[at + (i + 3) * columns : at + (i + 4) * columns]
+        for j in range(columns):
+            out[j] += x0 * w0[j] + x1 * w1[j] + x2 * w2[j] + x3 * w3[j]
+    for i in range(whole, rows):
+        last = weights[at + i * columns : at + (i + 1) * columns]
+        for j in range(columns):
+            out[j] += x[i] * last[j]

@@ -22,8 +22,8 @@ from clothfit.base.writing import write_atomically
 from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace.build import TIMED, Report
-from clothfit.subspace.cost import cost
 from clothfit.subspace.fitness import Fitness
+from clothfit.subspace.judge import cost
 from clothfit.subspace.model import NETWORK, Model, Part
 from clothfit.subspace.network import training as trainings
 from clothfit.subspace.network.learn import Lesson, finished, lesson, prepared

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from clothfit.subspace.network import prior
-from clothfit.subspace.network.layers import Trained
+from clothfit.subspace.network.layers import Loss, Trained, gradient
 from clothfit.subspace.network.recipe import RECIPES
-from clothfit.subspace.network.unrolled import Loss, gradient
 from clothfit.subspace.network.windows import Motions
 
 jax = pytest.importorskip("jax")

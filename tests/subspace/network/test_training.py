@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from clothfit.subspace.network import prior
-from clothfit.subspace.network.descent import Descent
-from clothfit.subspace.network.layers import Trained
+from clothfit.subspace.network.layers import Loss, Trained, gradient, played
 from clothfit.subspace.network.learn import Lesson, finished, prepared
 from clothfit.subspace.network.recipe import OWN, PAPER, RECIPES, Budget
 from clothfit.subspace.network.roll import Room
 from clothfit.subspace.network.signals import Signals
-from clothfit.subspace.network.training import archived, numbers, restore
-from clothfit.subspace.network.unrolled import Loss, gradient, played
+from clothfit.subspace.network.training import Descent, archived, numbers, restore
 from clothfit.subspace.network.windows import Motions
 
 pytestmark = pytest.mark.quick

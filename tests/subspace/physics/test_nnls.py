@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from clothfit.subspace.physics.nnls import sparse_weights, weights_for
+from clothfit.subspace.physics.cubature import sparse_weights, weights_for
 
 rng = np.random.default_rng(1)
 WIDE = rng.standard_normal((40, 300))
