@@ -76,11 +76,18 @@ def ended(search, start, tau=np.inf, others=None):
 # --- the truth
 
 
-MADE = [("Ln", trial), ("nL", trial), ("LL", trial), ("Gn", even), ("GG", even)]
-
-
-@pytest.mark.parametrize(("settings", "make"), MADE)
-@pytest.mark.parametrize("change", [{}, {"every": 2}, {"observed": 0.6}])
+@pytest.mark.parametrize(
+    ("settings", "make", "change"),
+    [
+        ("Ln", trial, {"every": 2}),
+        ("nL", trial, {}),
+        ("nL", trial, {"observed": 0.6}),
+        ("LL", trial, {"observed": 0.6}),
+        ("LL", trial, {"every": 2}),
+        ("Gn", even, {}),
+        ("GG", even, {"every": 2}),
+    ],
+)
 def test_the_hidden_truth_is_found(settings, make, change):
     made = load(make(settings))
     found = estimate(made, degrade(record_target(made), **change), method="auto", start=None)
@@ -132,7 +139,7 @@ def test_noise_is_fitted_down_to_its_own_size(prior):
 # --- never worse than what was visited
 
 
-@pytest.mark.parametrize("budget", [1, 2, 3, 5, 8, 13, 21, 34, 10**4])
+@pytest.mark.parametrize("budget", [1, 3, 8, 21, 10**4])
 @pytest.mark.parametrize(("settings", "make"), [("nL", trial), ("LL", trial), ("GG", even), ("nG", even)])
 def test_the_result_is_never_worse_than_a_point_it_visited(settings, make, budget, visited):
     search, start = searching(settings, noise=1e-3, budget=budget, make=make)
@@ -145,7 +152,7 @@ def test_the_result_is_never_worse_than_a_point_it_visited(settings, make, budge
     assert again == pytest.approx(search.best.cost, rel=1e-9)  # log and exp of the values
 
 
-@pytest.mark.parametrize("budget", [30, 60, 10**4])
+@pytest.mark.parametrize("budget", [30, 10**4])
 def test_from_a_far_start_with_gaps_it_is_never_worse_either(budget, visited):
     search, start = searching("LL", 60, 1e-3, budget, every=3, start=None)
     ended(search, start, others=lambda: [np.full(len(start), 0.5)])
@@ -297,8 +304,7 @@ def rounded(motion, kind):
     return replace(motion, positions=x.astype(np.float32).astype(float) if kind == "float32" else np.round(x, kind))
 
 
-@pytest.mark.parametrize("kind", ["float32", 6, 5, 4])
-@pytest.mark.parametrize("settings", ["nL", "Ln"])
+@pytest.mark.parametrize(("settings", "kind"), [("nL", "float32"), ("nL", 4), ("Ln", "float32"), ("Ln", 5)])
 def test_a_rounded_target_is_fitted_to_its_rounding_and_no_further(settings, kind):
     made = load(trial(settings, 30))
     target = rounded(record_target(made), kind)

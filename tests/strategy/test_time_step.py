@@ -60,9 +60,9 @@ def test_the_frames_of_a_target_and_their_steps(every):
     assert last_time(given) == pytest.approx(12 * scene.delta)
 
 
-@pytest.mark.parametrize("fps", [24.0, 25.0, 50.0, 60.0, 120.0])
+@pytest.mark.parametrize("fps", [24.0, 50.0, 120.0])
 @pytest.mark.parametrize("offset", [0.0, 0.0117])
-@pytest.mark.parametrize("count", [1, 3, 8])
+@pytest.mark.parametrize("count", [1, 3])
 def test_other_steps_compare_the_same_frames(fps, offset, count):
     scene = small("nF", 31)
     times = offset + np.arange(80) / fps
@@ -166,7 +166,7 @@ def test_only_the_numbers_that_are_asked_for_are_tried():
     assert found.substeps == 2
 
 
-@pytest.mark.parametrize("simulations", [1, 2, 3, 4, 5, 8, 12, 20, 30])
+@pytest.mark.parametrize("simulations", [1, 2, 3, 8, 20])
 def test_an_interrupt_during_the_choice_leaves_the_best_so_far(monkeypatch, simulations):
     scene = small("nF", 24)
     goal = objective(scene, with_finer_steps(scene, 8))

@@ -83,21 +83,21 @@ def test_it_comes_nearer_from_far_off_and_never_ends_farther(windy):
 
 def test_it_ends_at_the_same_point_with_one_thread_and_with_two(windy, monkeypatch):
     objective, truth = windy
-    monkeypatch.setattr(wide_search, "WORK", wide_search.WORK // 100)
+    monkeypatch.setattr(wide_search, "WORK", wide_search.WORK // 400)
     found = []
-    for count in (1, 2, 2):
+    for count in (1, 2):
         monkeypatch.setattr(wide_search, "threads", lambda count=count: count)
         search = searched(objective, 3.0 * truth)
         widely(search)
         found.append((search.best.p.tolist(), search.budget.evaluations))
-    assert found[0] == found[1] == found[2]
+    assert found[0] == found[1]
 
 
 def test_a_fit_in_wind_does_not_depend_on_how_fast_the_machine_is(windy, monkeypatch):
     objective, truth = windy
     target = objective.experiments[0].motion
     far = replace(target, positions=target.positions + 0.05 * np.sin(40.0 * np.arange(FRAMES))[:, None, None])
-    monkeypatch.setattr(wide_search, "WORK", wide_search.WORK // 100)
+    monkeypatch.setattr(wide_search, "WORK", wide_search.WORK // 400)
     widely_searched, found, start = [], [], 3.0 * truth
     start[blocks(objective)["wind"]] = 0.0
     monkeypatch.setattr(ladder, "widely", lambda own, **work: widely_searched.append(own) or widely(own, **work))
