@@ -4,14 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.derivatives import assert_derivatives
+from helpers.derivatives import assert_gradient_and_tangent
 from helpers.physics import METHODS, VARIANTS, ball, keys, scene, sheet, xyz
 
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import at_start, sweep, tangents
 from clothfit.engine.system import build, mobile
 from clothfit.fit.estimate import estimate
 from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
 from clothfit.objective.target import target
 from clothfit.optimise.balances.balances import balances, track
+from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -41,13 +45,22 @@ def led(method="implicit", newton=1, fit=FIT, settings="nn", touch=True, **field
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 def test_gradient_tangent_and_columns(method, newton):
     made = led(method, newton, settings="LL")
-    assert mobile(build(made, 0)).all()
-    assert_derivatives(made, TIGHT, 1e-12)
+    assert_gradient_and_tangent(made, TIGHT, 1e-12)
+    objective, p = Objective(made, simulate(made), TIGHT), parameters(made)
+    system, tape = objective.simulate(objective.runs[0], p)
+    assert mobile(system).all()
+    wanted = columns(system, objective.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
+    start = at_start(system, wanted)
+    assert start[:, -3:].any()  # of the offset
+    assert not start[:, :-3].any()
+    for dense, single in zip(sweep(system, tape, wanted), tangents(system, tape, wanted, TIGHT), strict=True):
+        # two ways to the same sums of some hundred products
+        np.testing.assert_allclose(dense, single, atol=1e-11 * np.abs(single).max())
 
 
 def test_a_cloth_that_touches_itself_and_is_led():
     made = led(touch=False, selfCollision={"thickness": 0.7, "stiffness": 30, "friction": 0.3})
-    assert_derivatives(made, TIGHT, 1e-12)
+    assert_gradient_and_tangent(made, TIGHT, 1e-12)
 
 
 def curtain(values, offset=(0, 0, 0), **fit):

@@ -10,7 +10,7 @@ from helpers.physics import METHODS, ball, scene, thing, xyz
 
 from clothfit.engine.rollout import rollout
 from clothfit.engine.stability import ACCURACY, drag, frequency, growth, limit, longest_step, warning
-from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, clamped
+from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, build, clamped
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -23,10 +23,6 @@ def one_spring(**fields):
     return scene(thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], **made), gravity=xyz((0, 0, 0)), **fields)
 
 
-def system_of(made):
-    return physics.build(made, 0)
-
-
 def near(found, exact):
     """Whether an estimate of ω, which comes from below, is as good as it should be."""
     return (1 - ACCURACY) * exact**2 <= found**2 <= (1 + 1e-12) * exact**2
@@ -36,8 +32,8 @@ def near(found, exact):
 
 
 def test_one_spring():
-    assert frequency(system_of(one_spring())) == pytest.approx(sqrt(K / M), rel=1e-12)
-    assert frequency(system_of(one_spring(fixed=[]))) == pytest.approx(sqrt(2 * K / M), rel=1e-12)
+    assert frequency(build(one_spring(), 0)) == pytest.approx(sqrt(K / M), rel=1e-12)
+    assert frequency(build(one_spring(fixed=[]), 0)) == pytest.approx(sqrt(2 * K / M), rel=1e-12)
 
 
 @pytest.mark.parametrize("count", [2, 10, 200])
@@ -83,7 +79,7 @@ def test_a_touched_sphere_counts():
 
 
 def test_what_is_held_has_no_frequency():
-    made = system_of(one_spring(fixed=[0, 1], integrationMethod=0))
+    made = build(one_spring(fixed=[0, 1], integrationMethod=0), 0)
     assert limit(made)[:2] == (0.0, inf)
     assert limit(made).growth == 1.0
 
@@ -141,10 +137,10 @@ def test_damping_between_two_bounds_counts_at_its_worse_one():
 )
 def test_real_steps_below_the_limit_stay_and_those_beyond_grow(method, damping, steps):
     made = one_spring(integrationMethod=METHODS[method], damping=damping)
-    step = limit(system_of(made)).step
+    step = limit(build(made, 0)).step
     sizes = []
     for part in (0.95, 1.1):
-        moved = system_of(made)._replace(h=part * step)
+        moved = build(made, 0)._replace(h=part * step)
         moved.x0[1, 1] -= 1e-9  # m: small enough for the spring to act as a linear one while it grows
         memory, good = rollout(moved, steps, 1e-5)
         assert good == steps
@@ -156,7 +152,7 @@ def test_real_steps_below_the_limit_stay_and_those_beyond_grow(method, damping, 
 
 def test_the_growth_of_explicit_steps_is_what_happens():
     made = one_spring(integrationMethod=EXPLICIT, delta=0.005)
-    moved = system_of(made)
+    moved = build(made, 0)
     moved.x0[1, 1] -= 1e-6
     memory, _ = rollout(moved, 100, 1e-5)
     energy = [0.5 * K * (memory.x[t, 1, 1] + 1) ** 2 + 0.5 * M * (memory.w[t - 1, 0, 1, 1] ** 2) for t in (1, 100)]
@@ -216,7 +212,7 @@ def test_air_that_stops_everything_at_once_leaves_no_step():
 def test_where_eigsh_does_not_converge_a_power_iteration_comes_near(monkeypatch):
     import scipy.sparse.linalg
 
-    made = system_of(one_spring())
+    made = build(one_spring(), 0)
     cloth = physics.full(4, 4)
     exact = frequency(made), frequency(cloth)
 
