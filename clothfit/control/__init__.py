@@ -2,8 +2,8 @@
 
 Read `keyframes` (where the cloth is to be, and when) and `controls` (what may move); `control` calls the rest.
 Forces of every vertex and step: `reference` (a first path through the keys), `closed_loop` (effort and its gradient,
-along motions that springs hold near that path), `descent` (from there to the least effort), `recording` (forces that
-play back to the same motion, bit for bit), `feedback` (gains around it), and `following`, which calls them.
+along motions that springs hold near that path), `descent` (from there to the least effort), `feedback` (gains around
+it), and `following`, which calls them and finds forces that play back to the same motion, bit for bit.
 Handles, wind, velocities and forces in a basis (`vibration`): `unknowns` (the numbers that a search moves), `shooting`
 (how far they lead from the keys, by the simulation), `columns` (the derivative of all of them) and `steering`.
 `course` has what pictures and reports show of the result.

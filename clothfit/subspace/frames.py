@@ -1,11 +1,10 @@
 """What a player needs of a frame besides its coordinates: the positions in single precision, and normals.
 
-Normals straight from the coordinates, by linear regression: n ≈ N (1, q), a product like that of the positions.
-
-The exact ones need the faces around every vertex (`frames`); these need nothing but the coordinates, so that a graph, a
-shader, or one product for many instances gives them. N minimises Σ |N (1, q) − n|² over frames of the recorded motions,
-n the exact normals of the full cloth, weighted by the areas of the faces. Its columns are found with the coordinates
-scaled to a variance of 1 and a ridge that holds those back that the frames hardly show.
+Normals come from the faces around every vertex, or straight from the coordinates by linear regression: n ≈ N (1, q), a
+product like that of the positions, which a graph, a shader, or one product for many instances gives. N minimises
+Σ |N (1, q) − n|² over frames of the recorded motions, n the exact normals of the full cloth, weighted by the areas of
+the faces. Its columns are found with the coordinates scaled to a variance of 1 and a ridge that holds those back that
+the frames hardly show.
 
 D. Holden et al., Subspace Neural Physics, SCA 2019, section 4.4.
 """
@@ -28,7 +27,7 @@ class Decoder:
     def __init__(
         self, x0: Array, basis: Array, triangles: Indices, regression: NDArray[np.float32] | None = None
     ) -> None:
-        """`x0` (n, 3), m, `basis` (n, 3, r), faces (T, 3) and the regression of `normals`, (n, 3, 1 + r)."""
+        """`x0` (n, 3), m, `basis` (n, 3, r), faces (T, 3) and the regression of normals, (n, 3, 1 + r)."""
         self.regression = None if regression is None else regression.reshape(-1, basis.shape[2] + 1)
         self.basis = np.ascontiguousarray(basis.reshape(-1, basis.shape[2]), np.float32)
         self.x0, self.triangles = x0.astype(np.float32).ravel(), np.ascontiguousarray(triangles, np.int32)

@@ -1,6 +1,6 @@
 """How well a model follows the full simulation of a scene, and what both cost.
 
-What a frame of a subspace costs, and what a full step does, in µs of one thread.
+Costs of a frame of a subspace and of a full step are in µs of one thread.
 """
 
 from __future__ import annotations

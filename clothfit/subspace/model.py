@@ -4,11 +4,9 @@
 when it was built; `scene`, the text of the scene; and for each object c its `basis{c}` (n, 3, r), single precision,
 and the elements that its steps evaluate with their weights: `springs{c}`, `spring_weight{c}`, `faces{c}`,
 `face_weight{c}`, `vertices{c}`, `vertex_weight{c}`; `envelope{c}` (2, r), the least and largest coordinates of the
-recorded motions; and where it was asked for `normals{c}` (n, 3, 1 + r), single precision (`normals`). Where that was
+recorded motions; and where it was asked for `normals{c}` (n, 3, 1 + r), single precision (`frames`). Where that was
 asked for, bases and normals have half precision. A network has none of the elements, and the arrays of
-`network.weights`. For players that read no scenes there are the arrays of `players.Still`, which this program ignores.
-
-What a player of MODEL needs that only the scene says, as arrays, so that it need not read scenes.
+`network.weights`. For players that read no scenes there are the arrays of `Still`, which this program ignores.
 """
 
 from __future__ import annotations
@@ -197,7 +195,7 @@ STAYS, CARRIED = -1, 0
 
 
 class Still(NamedTuple):
-    """An object at the start; the names of the fields are those of the arrays in MODEL."""
+    """An object at the start, which only the scene tells; the names of the fields are those of the arrays in MODEL."""
 
     start: NDArray[np.float32]  # x₀, (n, 3), m
     before: NDArray[np.float32]  # (r,), the coordinates that stand for those a step before the start

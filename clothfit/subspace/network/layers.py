@@ -24,7 +24,7 @@ from clothfit.subspace.network.signals import Signals
 from clothfit.subspace.network.weights import Network
 
 TINY = 1e-12
-"""Below the size of what any linear part leaves."""
+"""Below the size of what any linear part leaves, and below the squares of norms, which have no derivative at 0."""
 
 
 class Trained:
@@ -113,10 +113,6 @@ class Trained:
             tuple(map(single, biases)), single(size * np.stack([self.low, self.high])), single(input_range),
             self.recipe.activation, signals,
         )  # fmt: skip
-
-
-TINY = 1e-12
-"""Below the squares of norms, whose derivative has no value at 0."""
 
 
 @dataclass(frozen=True)

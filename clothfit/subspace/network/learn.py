@@ -46,7 +46,7 @@ class Lesson:
     motions: Motions
     signals: Signals
     frames: int
-    rest: Motions | None = None  # pieces of motions that come to rest (`settle`)
+    rest: Motions | None = None  # pieces of motions that come to rest
 
 
 def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:

@@ -29,7 +29,7 @@ class Recipe:
     velocity: float  # weight of the errors of velocities, relative to those of coordinates of the same relative size
     clip: float | None  # of the gradient's norm
     margin: float  # by which coordinates may leave the range of the data
-    rests: bool  # learn also from motions that come to rest, which physics on the basis plays (`settle`)
+    rests: bool  # learn also from motions that come to rest, which physics on the basis plays (`learn`)
 
 
 PAPER = Recipe(
