@@ -5,6 +5,7 @@
 # make lint   set up and check style and types
 # make blender  set up Blender as a Python module (370 MB) and try the add-on, files, exports and fits there; more:
 #             COUNT=100 cloths, less: PARTS='formats cloths'
+# make newest try the compiled code with the newest numba, release candidates included
 # make docs   write the pages on all commands and on all public Python names into build/docs
 # make gallery  make the films of the documents anew
 # make clean  remove what these made
@@ -30,7 +31,7 @@ IN_BLENDER := tests/blender tests/simulators/test_in_blender.py
 DEMO := examples/corners.json
 FITTED := build/demo/corners.fitted.json
 
-.PHONY: help demo test quick fuzz blender lint docs gallery clean
+.PHONY: help demo test quick fuzz blender lint newest docs gallery clean
 .DELETE_ON_ERROR:
 
 help:
@@ -66,6 +67,15 @@ lint: $(VENV)/installed-test $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+# What compiles rests on parts of numba that may change with any version (clothfit/kernels/__init__.py).
+newest: $(VENV)/made
+	@$(PYTHON) -m venv --clear $(VENV)-newest
+	@$(VENV)-newest/bin/python -m pip --disable-pip-version-check --quiet install --editable . pytest hypothesis tornado 2>/dev/null
+	@$(VENV)-newest/bin/python -m pip --disable-pip-version-check --quiet install --upgrade --pre numba 2>/dev/null
+	@$(VENV)-newest/bin/python -c 'import numba; print("numba", numba.__version__)'
+	NUMBA_CACHE_DIR=$(CURDIR)/build/newest $(VENV)-newest/bin/python -m pytest -q tests/kernels/test_records.py \
+	    tests/kernels/test_linking.py tests/kernels/test_helper.py tests/kernels/test_kernel.py
+
 docs: $(VENV)/installed
 	$(BIN)/python docs/commands.py
 	$(BIN)/python docs/python.py
@@ -74,7 +84,7 @@ gallery: $(VENV)/installed-plot
 	$(BIN)/python docs/gallery.py
 
 clean:
-	rm -rf $(VENV) $(BLENDER) build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-newest $(BLENDER) build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: each is written when all of its recipe has succeeded.
