@@ -147,7 +147,8 @@ def only_called(payload: tuple[Any, ...]) -> tuple[Any, ...]:
     code never asks for them, but to load one imports the module it is of, with numba's strings, dates, …
     """
     (name, kind, (machine_code, _)), described, *rest, environments = payload
-    called = f'define void @"{described.llvm_cpython_wrapper_name}"() {{ ret void }}'
+    names = described.llvm_cpython_wrapper_name, described.llvm_func_name  # for Python; for a call through a pointer
+    called = "\n".join(f'define void @"{each}"() {{ ret void }}' for each in names)
     kept = [each for each in environments if each.consts or not each.globals["__name__"].startswith("numba.")]
     return (name, kind, (machine_code, parse_assembly(called).as_bitcode())), described, *rest, tuple(kept)
 
@@ -162,6 +163,7 @@ class KernelCache(FunctionCache):
     def __init__(self, function: Callable[..., object], variant: str = "") -> None:
         # not that of the base class, which makes folders
         self._py_func, self._name, self.variant = function, function.__qualname__, variant
+        self.linked = variant == "inner"  # not called by an address, but linked with others
         self.enable()
 
     @property
@@ -187,7 +189,7 @@ class KernelCache(FunctionCache):
         KernelCache.used = kept[0]
         KernelCache.names.add(name)
         rtsys.initialize(target_context)  # of all that the base class prepares, what code needs that only runs
-        if self.variant:
+        if self.linked:
             from clothfit.kernels.linking import rebuilt  # needed only to compile
 
             return rebuilt(target_context, payload)
@@ -202,7 +204,7 @@ class KernelCache(FunctionCache):
         try:
             name = self._file(key)
             payload = data._reduce()
-            KernelCache.used = save(name, dumps((key, payload if self.variant else only_called(payload))))
+            KernelCache.used = save(name, dumps((key, payload if self.linked else only_called(payload))))
             KernelCache.names.add(name)
         except OSError as error:
             KernelCache.failed = True

@@ -20,7 +20,7 @@ from numba.core.typing.templates import make_concrete_template, signature
 
 import clothfit.kernels.records  # noqa: F401  so numba knows of them
 from clothfit.base.interrupts import postponed
-from clothfit.kernels import helper
+from clothfit.kernels import apart, helper
 from clothfit.kernels.cache import KernelCache
 from clothfit.kernels.linking import ForKernels, ForPython
 
@@ -61,6 +61,33 @@ def for_kernels_of_part(function: Callable[..., object], absent: object) -> Any:
     made.get_call_template = get_call_template
     made.get_overload = lambda args: constant if args[0] == types.none else compiled(args)
     return made
+
+
+def for_kernels_apart(function: Callable[..., object], result: object) -> Any:
+    """The same for a kernel that is called through a pointer: nothing is compiled until one is needed."""
+    made = compiled_lazily(function, "apart", pipeline_class=ForPython, no_cpython_wrapper=True)
+    kind = numba.typeof(result)
+
+    def call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return apart.call(context, builder, function, signature, arguments)
+
+    lower_builtin(call, types.VarArg(types.Any))(call)
+
+    def get_call_template(args: tuple[Any, ...], kws: dict[str, Any]) -> object:
+        known = make_concrete_template(function.__name__, call, [signature(kind, *args)])
+        return known, inspect.signature(function), args, kws
+
+    made.get_call_template = _of_wide_types(get_call_template)
+    made.get_overload = lambda args: call
+    return made
+
+
+def address(made: Any, kinds: tuple[Any, ...]) -> int:
+    """Where the machine code of such a function is for arguments of these types, compiled now where it is not yet."""
+    interruptible(made.compile)(kinds)
+    code = made.overloads[kinds]
+    found: int = code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
+    return found
 
 
 def _of_wide_types(template: Callable[..., object]) -> Callable[..., object]:
@@ -104,7 +131,7 @@ def _once(made: Any, compile_now: Callable[[Any], object]) -> Callable[[Any], ob
             announced: list[object] = []
             if tuple(normalize_signature(signature)[0]) not in made.overloads:
                 stack.enter_context(made._cache.alone(signature, made.targetctx.codegen(), look))
-                if not made._cache.variant and not made._cache.holds(signature, made.targetctx.codegen()):
+                if not made._cache.linked and not made._cache.holds(signature, made.targetctx.codegen()):
                     stack.enter_context(helper.along(made.py_func, signature))
             return compile_now(signature)
 

@@ -20,7 +20,7 @@ import numpy as np
 from numba.core.types import BaseTuple, Optional
 
 FOLDER = Path(__file__).parent
-WRITERS = ("kernel.py", "compiling.py", "linking.py", "lanes/*.py")
+WRITERS = ("kernel.py", "apart.py", "compiling.py", "linking.py", "lanes/*.py")
 """Files that decide what any kernel becomes."""
 
 Called: TypeAlias = tuple[Callable[..., object], bool]
@@ -93,7 +93,9 @@ def _reached(value: Any, names: set[str], called: list[Called]) -> Iterator[str]
 
 def _values(value: Any, called: list[Called]) -> Iterator[str]:
     """Text for a value, the same in every process; functions of kernels are added to `called`."""
-    if hasattr(value, "py_func"):  # a kernel, or a function of numba's
+    if hasattr(value, "result"):  # a kernel that is compiled by itself
+        yield f"{value.py_func.__module__}.{value.py_func.__qualname__} {value.result!r}"
+    elif hasattr(value, "py_func"):  # a kernel, or a function of numba's
         called.append((value.py_func, hasattr(value, "absent")))
         yield f"{value.py_func.__module__}.{value.py_func.__qualname__} {getattr(value, 'absent', '')!r}"
     elif value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):

@@ -19,12 +19,20 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, TypeVar, overload
+from typing import Any, ClassVar, TypeVar, overload
 
 from clothfit.base.threads import interpreted
 
 F = TypeVar("F", bound=Callable[..., object])
 R = TypeVar("R", bound=type)
+
+
+
+class NotCompiled(Exception):
+    """Raised in compiled code that calls a kernel which cannot be compiled, or not now; `reasons` says why."""
+
+    reasons: ClassVar[list[BaseException]] = []
+
 
 def record(own: R) -> R:
     """Mark a NamedTuple that kernels pass to each other as one pointer, not as all of its parts: see `records`. They
@@ -43,7 +51,10 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function."""
-        return self.outer(*arguments)
+        try:
+            return self.outer(*arguments)
+        except NotCompiled:
+            raise NotCompiled.reasons.pop() from None
 
     @cached_property
     def outer(self) -> Any:
@@ -78,7 +89,7 @@ class OfPart(Kernel):
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function, if there is the part."""
-        return self.absent if arguments[0] is None else self.outer(*arguments)
+        return self.absent if arguments[0] is None else super().__call__(*arguments)
 
     @cached_property
     def inner(self) -> Any:
@@ -86,6 +97,27 @@ class OfPart(Kernel):
         from clothfit.kernels import compiling
 
         return compiling.for_kernels_of_part(self.py_func, self.absent)
+
+
+class Apart(Kernel):
+    """A kernel that others call through a pointer (`apart`); what it returns has the type of `result`."""
+
+    def __init__(self, function: Callable[..., object], nogil: bool, result: object) -> None:
+        super().__init__(function, nogil)
+        self.result = result
+
+    @cached_property
+    def inner(self) -> Any:
+        """numba's function for calls from kernels."""
+        from clothfit.kernels import compiling
+
+        return compiling.for_kernels_apart(self.py_func, self.result)
+
+    def address(self, kinds: tuple[Any, ...]) -> int:
+        """Where the machine code for arguments of these types is."""
+        from clothfit.kernels import compiling
+
+        return compiling.address(self.inner, kinds)
 
 
 def in_python(function: Callable[..., object], absent: object) -> Callable[..., object]:
@@ -121,19 +153,24 @@ def kernel(function: F) -> F: ...
 
 
 @overload
-def kernel(*, nogil: bool = False, absent: object = ...) -> Callable[[F], F]: ...
+def kernel(*, nogil: bool = False, absent: object = ..., apart: object = ...) -> Callable[[F], F]: ...
 
 
-def kernel(function: F | None = None, *, nogil: bool = False, absent: object = ...) -> F | Callable[[F], F]:
+def kernel(
+    function: F | None = None, *, nogil: bool = False, absent: object = ..., apart: object = ...
+) -> F | Callable[[F], F]:
     """Compile `function` on first call, with the flags that the module docstring explains.
 
     `nogil`: other threads of Python may run meanwhile. `absent`: what it returns where its first argument is None.
+    `apart`: it is compiled once, not into each of its callers, and returns what has the type of this.
     """
     if function is None:
-        return functools.partial(kernel, nogil=nogil, absent=absent)
+        return functools.partial(kernel, nogil=nogil, absent=absent, apart=apart)
     made: Any
     if interpreted():
         made = function if absent is ... else in_python(function, absent)
+    elif apart is not ...:
+        made = Apart(function, nogil, apart)
     else:
         made = Kernel(function, nogil) if absent is ... else OfPart(function, nogil, absent)
     return made  # type: ignore[no-any-return]

@@ -11,16 +11,17 @@ No kernel makes or changes a record, and the arrays in one live as long as the c
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba.core import types
 from numba.core.datamodel.models import DataModel
 from numba.core.datamodel.registry import register_default
 from numba.core.extending import NativeValue, typeof_impl, unbox
 from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
+
+from clothfit.kernels import unboxing
 
 ALIGNED = 16
 """Bytes that the place of a part is a multiple of."""
@@ -35,6 +36,10 @@ class RecordType(types.NamedTuple):
         super().__init__(kinds, own)
         # short, as the names of all functions are made of those of their arguments
         self.name = f"{own.__name__}~{hashlib.sha256(self.name.encode()).hexdigest()[:12]}"
+
+    def begins(self, context: Any) -> tuple[list[int], int]:
+        """What `layout` says."""
+        return layout(context, self)
 
 
 @register_default(RecordType)
@@ -100,40 +105,11 @@ def _by_number(context: Any, builder: Any, signature: Any, arguments: Any) -> An
 @unbox(RecordType)
 def _from_python(kind: RecordType, value: Any, c: Any) -> NativeValue:
     """Memory on the stack of the function that Python calls, with the parts of a record."""
-    memory = cgutils.alloca_once(c.builder, ir.ArrayType(ir.IntType(8), layout(c.context, kind)[1]))
+    with c.builder.goto_entry_block():  # numba's own way would fill it with zeros, byte by byte
+        memory = c.builder.alloca(ir.ArrayType(ir.IntType(8), layout(c.context, kind)[1]))
     memory.align = ALIGNED
-    failed = cgutils.alloca_once_value(c.builder, cgutils.false_bit)
-    pointer, cleanups = c.builder.bitcast(memory, POINTER), list[Callable[[], None]]()
-    _write(kind, value, pointer, failed, cleanups, c)
-
-    def cleanup() -> None:
-        for each in reversed(cleanups):
-            each()
-
-    return NativeValue(pointer, is_error=c.builder.load(failed), cleanup=cleanup)
-
-
-def _write(kind: RecordType, value: Any, pointer: Any, failed: Any, cleanups: list[Callable[[], None]], c: Any) -> None:
-    """Write the parts of a Python object to the memory of a record."""
-    for index, inner in enumerate(kind.types):
-        part = c.pyapi.tuple_getitem(value, index)
-        place = _place(c.context, c.builder, kind, pointer, index)
-        if isinstance(inner, RecordType):
-            _write(inner, part, place, failed, cleanups, c)
-            continue
-        native = c.unbox(inner, part)
-        c.builder.store(native.value, place)
-        with c.builder.if_then(native.is_error, likely=False):
-            c.builder.store(cgutils.true_bit, failed)
-        if native.cleanup is not None:
-            cleanups.append(native.cleanup)
-        if c.context.enable_nrt:
-            cleanups.append(_released(inner, native.value, c))
-
-
-def _released(kind: Any, value: Any, c: Any) -> Callable[[], None]:
-    """A function that gives back the reference that a part was read with."""
-    return lambda: c.context.nrt.decref(c.builder, kind, value)
+    pointer = c.builder.bitcast(memory, POINTER)
+    return NativeValue(pointer, is_error=unboxing.call(c, kind, value, pointer))
 
 
 @typeof_impl.register(tuple)

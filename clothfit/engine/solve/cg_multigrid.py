@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
+
 from clothfit.base.arrays import Array, staggered
 from clothfit.engine.solve import cg, multigrid, ssor, two_threads
 from clothfit.engine.solve.cg import CONVERGED, INDEFINITE, LIMIT
@@ -58,16 +60,26 @@ def second(A: BlockMatrix) -> Second:
     return Second(far, two_threads.worker())
 
 
-def large(A: BlockMatrix) -> Large | None:
-    """Memory for a matrix, by its pattern; None where it is small enough for SSOR, or all its rows are in the first
+NONE = Large(Second(np.zeros((0, 4)), two_threads.worker()), multigrid.nothing())
+"""What there is of them for a cloth that is not large."""
+
+
+def large(A: BlockMatrix) -> Large:
+    """Memory for a matrix, by its pattern; NONE where it is small enough for SSOR, or all its rows are in the first
     subdomain.
     """
     begin, end = A.subdomains[1]
     hierarchy = multigrid.hierarchy(A) if begin < end else None
-    return hierarchy and Large(second(A), hierarchy)
+    return Large(second(A), hierarchy) if hierarchy else NONE
 
 
 @kernel
+def is_there(large):
+    """Whether a cloth is large."""
+    return len(large.second.far) > 0
+
+
+@kernel(apart=(0, 0))
 def solve(A, b, tolerance, limit, work, second, hierarchy, w):
     """As `cg.solve`; of its memory x, r, p, q = A p and `own` are used."""
     x = work.x

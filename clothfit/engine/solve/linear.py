@@ -35,10 +35,10 @@ USABLE = 1e-10
 
 @record
 class Workspace(NamedTuple):
-    """Memory of the solver. None is a type of its own, so small cloths need not compile what serves large ones."""
+    """Memory of the solver."""
 
     cg: cg.Workspace
-    large: cg_multigrid.Large | None  # of large cloths
+    large: cg_multigrid.Large  # of large cloths, else empty
 
 
 def workspace(A: BlockMatrix) -> Workspace:
@@ -49,23 +49,27 @@ def workspace(A: BlockMatrix) -> Workspace:
 @contextmanager
 def served(A: BlockMatrix, work: Workspace) -> Iterator[None]:
     """Within the block a second thread, where there is one, serves solves with this matrix and workspace."""
-    if work.large is None:
+    if not cg_multigrid.is_there(work.large):
         yield
     else:
         with cg_multigrid.served(A, work.cg, *work.large):
             yield
 
 
-@kernel
+@kernel(apart=(0, 0, True))
 def solve(A, b, tolerance, work, w, anyhow):
     """Solve A w = b, w (n, 3) holding a first guess, unless A is seen not to be positive definite, or `anyhow`.
 
     Returns the CG iterations and the direct solves (0 or 1) used, and whether w is the solution.
     """
     limit = 300 + len(b) // 4  # about the price of a factorisation, from 500 to 10,000 vertices
-    iterations, ended = iterate(work.large, A, b, tolerance, limit, work.cg, w)
-    if ended == cg.INDEFINITE and anyhow:
-        more, ended = minimise(work.large, A, b, tolerance, work.cg, w)
+    (second, hierarchy), large = work.large, cg_multigrid.is_there(work.large)
+    if large:
+        iterations, ended = cg_multigrid.solve(A, b, tolerance, limit, work.cg, second, hierarchy, w)
+    else:
+        iterations, ended = cg.solve(A, b, tolerance, limit, work.cg, w)
+    if large and ended == cg.INDEFINITE and anyhow:
+        more, ended = minres.solve(A, b, tolerance, work.cg, second.far, hierarchy, w)
         iterations += more
     if ended == cg.CONVERGED:
         return iterations, 0, True
@@ -75,26 +79,6 @@ def solve(A, b, tolerance, work, w, anyhow):
         return iterations, 0, False
     solve_directly(A, b, w)
     return iterations, 1, True
-
-
-@kernel
-def minimise(large, A, b, tolerance, work, w):
-    """Solve A w = b, A not being positive definite, by minimal residuals where a cloth is large; returns what they do.
-    """
-    if large is None:
-        return 0, cg.INDEFINITE
-    return minres.solve(A, b, tolerance, work, large.second.far, large.hierarchy, w)
-
-
-@kernel
-def iterate(large, A, b, tolerance, limit, work, w):
-    """Solve A w = b by the conjugate gradients that suit the size of the cloth; returns what they do.
-
-    `large` is an argument because numba leaves out a branch only where an argument is None.
-    """
-    if large is None:
-        return cg.solve(A, b, tolerance, limit, work, w)
-    return cg_multigrid.solve(A, b, tolerance, limit, work, large.second, large.hierarchy, w)
 
 
 @kernel

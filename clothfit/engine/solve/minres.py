@@ -36,7 +36,7 @@ ROUNDING = 1e-14
 """What sums of some dozen products lose, relative to the largest, |D w|."""
 
 
-@kernel
+@kernel(apart=(0, 0))
 def solve(A, b, tolerance, work, spare, hierarchy, w):
     """Improve the guess w (n, 3) until |b − A w| ≤ tolerance · |b|, or rounding; returns what `cg.solve` does:
     INDEFINITE where the preconditioner is not positive definite. `spare` (n, 4) is memory.

@@ -82,6 +82,15 @@ def hierarchy(A: BlockMatrix) -> Hierarchy | None:
     return Hierarchy((fine, middle, last), both, singles_matrix(both[0].pattern))
 
 
+def nothing() -> Hierarchy:
+    """The hierarchy of a cloth without vertices."""
+    empty: Indices = np.zeros(0, np.int32)
+    pattern = Pattern(empty, np.zeros(1, np.int32), empty, np.zeros((3, 2), np.int32))
+    coarse = Coarsening(pattern.row, empty, np.zeros(0), empty, empty, empty, pattern.subdomains, pattern)
+    fine = level(pattern)
+    return Hierarchy((fine, fine, fine), (coarse, coarse), fine.A)
+
+
 def level(pattern: Pattern) -> Level:
     """A level of this pattern, and its memory."""
     n = len(pattern.order)

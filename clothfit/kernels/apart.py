@@ -1,0 +1,64 @@
+"""Kernels that are compiled by themselves and called through a pointer, when they are called for the first time.
+
+By default the code of a kernel is linked into that of every entry that calls it, and optimised there anew. A kernel
+marked `apart` is an entry itself: compiled once for its types of arguments, and kept on disk as such. Its callers hold
+only a slot for its address, empty at first, and what to ask for: so an entry neither waits for code that it does not
+come to, nor is compiled again when that changes. What the kernel returns has to be known before it is compiled, so the
+mark gives an example of it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import pickle
+import zlib
+from typing import Any
+
+from llvmlite import binding, ir
+from numba.core import cgutils
+
+from clothfit.kernels.kernel import NotCompiled
+
+SYMBOL = "clothfit_address_of"
+"""What compiled code calls for an address."""
+
+BYTE, LONG = ir.IntType(8), ir.IntType(64)
+
+
+@ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+def _address(place: int, length: int) -> int | None:
+    """The address of the code of a kernel, compiled now where it is not yet; None where that failed."""
+    try:
+        module, name, kinds = pickle.loads(zlib.decompress(ctypes.string_at(place, length)))
+        made: int = getattr(importlib.import_module(module), name).address(kinds)
+    except BaseException as error:  # noqa: BLE001  raised where Python called the code that asks
+        NotCompiled.reasons.append(error)
+        return None
+    return made
+
+
+binding.add_symbol(SYMBOL, ctypes.cast(_address, ctypes.c_void_p).value)
+
+
+def call(context: Any, builder: Any, function: Any, signature: Any, arguments: Any) -> Any:
+    """Write the call of a kernel."""
+    kept, kinds = context.call_conv, signature.args
+    what = zlib.compress(pickle.dumps((function.__module__, function.__qualname__, kinds)))
+    slot = cgutils.add_global_variable(builder.module, BYTE.as_pointer(), f".apart.{function.__qualname__}")
+    slot.initializer, slot.linkage = slot.value_type(None), "internal"
+    wanted = cgutils.global_constant(builder.module, f".apart.{function.__qualname__}", cgutils.make_bytearray(what))
+    asked = cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(BYTE.as_pointer(), [BYTE.as_pointer(), LONG]), SYMBOL
+    )
+    with cgutils.if_unlikely(builder, cgutils.is_null(builder, builder.load(slot))):
+        found = builder.call(asked, [builder.bitcast(wanted, BYTE.as_pointer()), LONG(len(what))])
+        with cgutils.if_unlikely(builder, cgutils.is_null(builder, found)):
+            kept.return_user_exc(builder, NotCompiled)
+        builder.store(found, slot)
+    pointer = kept.get_function_type(signature.return_type, kinds).as_pointer()
+    code = builder.bitcast(builder.load(slot), pointer)
+    status, result = kept.call_function(builder, code, signature.return_type, kinds, arguments)
+    with cgutils.if_unlikely(builder, status.is_error):
+        kept.return_status_propagate(builder, status)
+    return result
