@@ -41,7 +41,7 @@ def _address(place: int, length: int) -> int | None:
 binding.add_symbol(SYMBOL, ctypes.cast(_address, ctypes.c_void_p).value)
 
 
-def call(context: Any, builder: Any, function: Any, signature: Any, arguments: Any) -> Any:
+def call(function: Any, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     """Write the call of a kernel."""
     kept, kinds = context.call_conv, signature.args
     what = zlib.compress(pickle.dumps((function.__module__, function.__qualname__, kinds)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
 import numba
@@ -34,52 +35,46 @@ def for_python(function: Callable[..., object], nogil: bool) -> Any:
     return made
 
 
-def for_kernels(function: Callable[..., object]) -> Any:
-    """numba's function for calls from kernels."""
-    made = compiled_lazily(function, "inner", pipeline_class=ForKernels, no_cpython_wrapper=True)
+def for_kernels(function: Callable[..., object], result: object = ...) -> Any:
+    """numba's function for calls from kernels: linked into them, or, where what it returns is said by an example,
+    called through a pointer (`apart`).
+    """
+    if result is ...:
+        made = compiled_lazily(function, "inner", pipeline_class=ForKernels, no_cpython_wrapper=True)
+    else:
+        made = compiled_lazily(function, "apart", pipeline_class=ForPython, no_cpython_wrapper=True)
+        _replace(made, numba.typeof(result), partial(apart.call, function))
     made.get_call_template = _of_wide_types(made.get_call_template)
     return made
 
 
-def for_kernels_of_part(function: Callable[..., object], absent: object) -> Any:
+def for_kernels_of_part(function: Callable[..., object], result: object, absent: object) -> Any:
     """The same for a kernel whose first argument may be None: a call with that is `absent`, without a call."""
-    made = for_kernels(function)
-    whole, compiled = made.get_call_template, made.get_overload
-    kind = numba.typeof(absent)
+    made, kind = for_kernels(function, result), numba.typeof(absent)
 
     def constant(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return context.get_constant_generic(builder, kind, absent)
 
-    lower_builtin(constant, types.VarArg(types.Any))(constant)
+    _replace(made, kind, constant, lambda args: args[0] == types.none)
+    return made
+
+
+def _replace(made: Any, kind: Any, write: Any, where: Callable[[Any], bool] = lambda args: True) -> None:
+    """Let calls with some types of arguments be what `write` writes, of this type; nothing is compiled for them."""
+    template, overload = made.get_call_template, made.get_overload
+
+    def written(*arguments: Any) -> Any:
+        return write(*arguments)
 
     def get_call_template(args: tuple[Any, ...], kws: dict[str, Any]) -> object:
-        if args[0] != types.none:
-            return whole(args, kws)
-        known = make_concrete_template(function.__name__, constant, [signature(kind, *args)])
-        return known, inspect.signature(function), args, kws
+        if not where(args):
+            return template(args, kws)
+        known = make_concrete_template(made.py_func.__name__, written, [signature(kind, *args)])
+        return known, inspect.signature(made.py_func), args, kws
 
+    lower_builtin(written, types.VarArg(types.Any))(written)
     made.get_call_template = get_call_template
-    made.get_overload = lambda args: constant if args[0] == types.none else compiled(args)
-    return made
-
-
-def for_kernels_apart(function: Callable[..., object], result: object) -> Any:
-    """The same for a kernel that is called through a pointer: nothing is compiled until one is needed."""
-    made = compiled_lazily(function, "apart", pipeline_class=ForPython, no_cpython_wrapper=True)
-    kind = numba.typeof(result)
-
-    def call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return apart.call(context, builder, function, signature, arguments)
-
-    lower_builtin(call, types.VarArg(types.Any))(call)
-
-    def get_call_template(args: tuple[Any, ...], kws: dict[str, Any]) -> object:
-        known = make_concrete_template(function.__name__, call, [signature(kind, *args)])
-        return known, inspect.signature(function), args, kws
-
-    made.get_call_template = _of_wide_types(get_call_template)
-    made.get_overload = lambda args: call
-    return made
+    made.get_overload = lambda args: written if where(args) else overload(args)
 
 
 def address(made: Any, kinds: tuple[Any, ...]) -> int:

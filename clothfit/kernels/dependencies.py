@@ -93,11 +93,11 @@ def _reached(value: Any, names: set[str], called: list[Called]) -> Iterator[str]
 
 def _values(value: Any, called: list[Called]) -> Iterator[str]:
     """Text for a value, the same in every process; functions of kernels are added to `called`."""
-    if hasattr(value, "result"):  # a kernel that is compiled by itself
-        yield f"{value.py_func.__module__}.{value.py_func.__qualname__} {value.result!r}"
-    elif hasattr(value, "py_func"):  # a kernel, or a function of numba's
-        called.append((value.py_func, hasattr(value, "absent")))
-        yield f"{value.py_func.__module__}.{value.py_func.__qualname__} {getattr(value, 'absent', '')!r}"
+    if hasattr(value, "py_func"):  # a kernel, or a function of numba's
+        result = getattr(value, "result", ...)
+        if result is ...:  # else it is compiled by itself
+            called.append((value.py_func, hasattr(value, "absent")))
+        yield f"{value.py_func.__module__}.{value.py_func.__qualname__} {result!r} {getattr(value, 'absent', '')!r}"
     elif value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):
         yield f"{type(value).__name__} {value!r}"
     elif isinstance(value, tuple | list):

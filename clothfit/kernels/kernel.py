@@ -45,9 +45,9 @@ def record(own: R) -> R:
 class Kernel:
     """A function that is compiled when it is first called, by Python or by another one that is being compiled."""
 
-    def __init__(self, function: Callable[..., object], nogil: bool) -> None:
+    def __init__(self, function: Callable[..., object], nogil: bool, result: object = ...) -> None:
         functools.update_wrapper(self, function)
-        self.py_func, self.nogil = function, nogil
+        self.py_func, self.nogil, self.result = function, nogil, result
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function."""
@@ -68,7 +68,13 @@ class Kernel:
         """numba's function for calls from kernels."""
         from clothfit.kernels import compiling
 
-        return compiling.for_kernels(self.py_func)
+        return compiling.for_kernels(self.py_func, self.result)
+
+    def address(self, kinds: tuple[Any, ...]) -> int:
+        """Where the machine code of a kernel that is compiled `apart` is, for arguments of these types."""
+        from clothfit.kernels import compiling
+
+        return compiling.address(self.inner, kinds)
 
     @property
     def _numba_type_(self) -> Any:
@@ -83,8 +89,8 @@ class OfPart(Kernel):
     call: then nothing is compiled for it.
     """
 
-    def __init__(self, function: Callable[..., object], nogil: bool, absent: object) -> None:
-        super().__init__(function, nogil)
+    def __init__(self, function: Callable[..., object], nogil: bool, absent: object, result: object = ...) -> None:
+        super().__init__(function, nogil, result)
         self.absent = absent
 
     def __call__(self, *arguments: Any) -> Any:
@@ -96,28 +102,7 @@ class OfPart(Kernel):
         """numba's function for calls from kernels."""
         from clothfit.kernels import compiling
 
-        return compiling.for_kernels_of_part(self.py_func, self.absent)
-
-
-class Apart(Kernel):
-    """A kernel that others call through a pointer (`apart`); what it returns has the type of `result`."""
-
-    def __init__(self, function: Callable[..., object], nogil: bool, result: object) -> None:
-        super().__init__(function, nogil)
-        self.result = result
-
-    @cached_property
-    def inner(self) -> Any:
-        """numba's function for calls from kernels."""
-        from clothfit.kernels import compiling
-
-        return compiling.for_kernels_apart(self.py_func, self.result)
-
-    def address(self, kinds: tuple[Any, ...]) -> int:
-        """Where the machine code for arguments of these types is."""
-        from clothfit.kernels import compiling
-
-        return compiling.address(self.inner, kinds)
+        return compiling.for_kernels_of_part(self.py_func, self.result, self.absent)
 
 
 def in_python(function: Callable[..., object], absent: object) -> Callable[..., object]:
@@ -169,8 +154,6 @@ def kernel(
     made: Any
     if interpreted():
         made = function if absent is ... else in_python(function, absent)
-    elif apart is not ...:
-        made = Apart(function, nogil, apart)
     else:
-        made = Kernel(function, nogil) if absent is ... else OfPart(function, nogil, absent)
+        made = Kernel(function, nogil, apart) if absent is ... else OfPart(function, nogil, absent, apart)
     return made  # type: ignore[no-any-return]

@@ -53,7 +53,7 @@ def add_times(applied, y, scale, out):
             out[i, c] += scale * applied.gain[i] * (applied.place[i, c] - y[i, c])
 
 
-@kernel(absent=0.0)
+@kernel(absent=0.0, apart=0.0)
 def add_step(applied, y, u, h, ahead, A, b):
     if len(b) > 0:
         add_times(applied, y, h, b)
@@ -68,7 +68,7 @@ def add_step(applied, y, u, h, ahead, A, b):
     return 0.0
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def add_pullback(applied, y, u, w, s, lam, h, grad, gy, gu):
     # φ = h λ·(u + κ (R − y − s)): no velocity.
     for i in range(len(applied.gain)):
@@ -80,7 +80,7 @@ def add_pullback(applied, y, u, w, s, lam, h, grad, gy, gu):
                 applied.bar[i, c] += h * lam[i, c]
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def add_pushforward(applied, y, u, w, s, dy, du, direction, h, out):
     for i in range(len(applied.gain)):
         for c in range(3):

@@ -158,7 +158,7 @@ def damping_power(springs, y, u, w):
     return total
 
 
-@kernel
+@kernel(apart=None)
 def add_force(springs, y, u, f):
     for i in range(len(springs.rest)):
         length, _, d = axis(springs, y, i)
@@ -175,7 +175,7 @@ def add_damping(springs, y, u, scale, q, out):
         add_opposite(out, springs, i, mul(splat(pull), d))
 
 
-@kernel
+@kernel(apart=0.0)
 def add_step(springs, y, u, h, ahead, A, b):
     upright, lowered = pack(1.0, 0.0, 0.0, 0.0), pack(1.0, 0.0, 1.0, 0.0)  # where xx, zz and yy are in a block
     count, stored = len(springs.rest), 0.0
@@ -241,7 +241,7 @@ def measure(springs, y, begin, end, e, size):
         store(where_less(cap, rho, cap, hat), size, 2, j)
 
 
-@kernel
+@kernel(apart=None)
 def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
     # φ = −h k ψ(e),  ψ = (L − L₀) λ·d + (1 − ρ̂) λ·s + ρ̂ (λ·d)(d·s) + β (λ·d)(d·w),  with λ = λ_a − λ_b held fixed.
     # ∂ρ̂/∂e = −ρ̃ d/L and ∂(p·d)/∂e = (p − (p·d) d)/L for any fixed vector p, so ∂φ/∂e = cl λ + cs s + cw w + ce e.
@@ -312,7 +312,7 @@ def by_lengths(springs, count, h, size):
         store(bent, size, BENT, j)
 
 
-@kernel
+@kernel(apart=None)
 def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
     # With t = (d·de)/L and n = de/L − t d = dd:  dρ = −ρ t, dρ̂ = −ρ̃ t, and each product rule in turn.
     beta = springs.damping

@@ -59,7 +59,7 @@ def moves_of(inputs: Inputs, row: int, directions: list[Elements]) -> Array:
     return moves(inputs.fitted, row, np.stack(keys, axis=-1), np.stack(offsets, axis=-1))
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def push_pins(inputs, system, y, dx, du, later, scratch, A, b):
     """b −= A_fp (dw_p − du_p) of an iteration at y, du_p of a `later` one alone; `scratch` (n, 3) is overwritten."""
     if len(inputs.fitted.pin) == 0:
@@ -93,7 +93,7 @@ def send_changes(inputs, system, dw):
             dw[i, c] = (inputs.fitted.change_later[p, c] - inputs.fitted.change[p, c]) / system.h
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def pull_pins(inputs, system, y, lam, A, w_bar, x_bar, coupled):
     """Turn w_bar at the pins, the gradient by their velocity in an iteration at y, into that by their places before the
     step, in x_bar, and after it; leaves A_pf λ in `coupled`, (n, 3) each.
@@ -127,7 +127,7 @@ def pull_through(inputs, coupled, w_bar):
             w_bar[i, c] += coupled[i, c]
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def pull_sent(inputs, system, x_bar, v_bar, explicit):
     """What an explicit Euler step does with the gradient by the state of the pins after it; without `explicit` a
     symplectic one. x_bar, v_bar (n, 3) get h x_bar added to v_bar later.

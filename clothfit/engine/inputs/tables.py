@@ -102,7 +102,7 @@ def with_offset(inputs: Inputs | None, spheres: int, offset: Array) -> Inputs | 
     return inputs._replace(centre=centre)
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def set_inputs(inputs, system, t):
     """Write the inputs of step t of a motion to where the forces read them, and where the pins are after it."""
     late = t + inputs.lead
@@ -132,7 +132,7 @@ def move_colliders(colliders, states):
         copy(states[c * STATE :], colliders.rows[c, :STATE])
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def share_gradient(inputs, system, t, grad):
     """Give what step t added to the gradient by the wind to the keys of the wind, that by the pins' places to the keys
     of their paths, and that by the applied forces to its row of their table.
@@ -153,7 +153,7 @@ def share_gradient(inputs, system, t, grad):
             pull_places(inputs.fitted, t + 2, inputs.fitted.change_later, grad)
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def set_direction(inputs, system, t, direction):
     """Write the change of the wind in step t: that of its keys, the first K rows of `gusts`, and in the last row what
     is the same all the time; and that of the places of the pins and of the applied forces.
@@ -257,7 +257,7 @@ def add_coupling(inputs, system, y, w, b):
                 store3(add(load3(b, other), pull), b, other)
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def couple(inputs, system, x, y, scratch, A, b):
     """The same for a step that begins at x, contacts included; `scratch` (n, 3) is overwritten."""
     if len(inputs.pins) > 0:
@@ -267,7 +267,7 @@ def couple(inputs, system, x, y, scratch, A, b):
         add_from_fixed(A.joined, -1.0, scratch, b)
 
 
-@kernel(absent=None)
+@kernel(absent=None, apart=None)
 def couple_change(inputs, system, w, u, later, y, scratch, b):
     """The same for velocities w, of a `later` iteration for their change from u."""
     if len(inputs.pins) > 0:

@@ -49,7 +49,7 @@ def workspace(A: BlockMatrix) -> Workspace:
 @contextmanager
 def served(A: BlockMatrix, work: Workspace) -> Iterator[None]:
     """Within the block a second thread, where there is one, serves solves with this matrix and workspace."""
-    if not cg_multigrid.is_there(work.large):
+    if not len(work.large.second.far):
         yield
     else:
         with cg_multigrid.served(A, work.cg, *work.large):
