@@ -62,3 +62,16 @@ def call(function: Any, context: Any, builder: Any, signature: Any, arguments: A
     with cgutils.if_unlikely(builder, status.is_error):
         kept.return_status_propagate(builder, status)
     return result
+
+
+def call_with_rows(function: Any, absent: object, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """Write the call of a kernel if the first array of its first argument, a tuple, has rows; else the result is
+    `absent`.
+    """
+    first = signature.args[0].types[0]
+    own = context.make_array(first)(context, builder, builder.extract_value(arguments[0], 0))
+    there = cgutils.is_not_null(builder, cgutils.unpack_tuple(builder, own.shape)[0])
+    result = cgutils.alloca_once_value(builder, context.get_constant_generic(builder, signature.return_type, absent))
+    with builder.if_then(there):
+        builder.store(call(function, context, builder, signature, arguments), result)
+    return builder.load(result)

@@ -48,13 +48,19 @@ def for_kernels(function: Callable[..., object], result: object = ...) -> Any:
     return made
 
 
-def for_kernels_of_part(function: Callable[..., object], result: object, absent: object) -> Any:
-    """The same for a kernel whose first argument may be None: a call with that is `absent`, without a call."""
-    made, kind = for_kernels(function, result), numba.typeof(absent)
+def for_kernels_of_part(function: Callable[..., object], result: object, absent: object, rows: bool) -> Any:
+    """The same for a kernel of a part (`kernel.OfPart`): where that is not there, there is `absent` and no call."""
+    kind = numba.typeof(absent)
 
     def constant(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return context.get_constant_generic(builder, kind, absent)
 
+    def where_there_are_rows(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return apart.call_with_rows(function, absent, context, builder, signature, arguments)
+
+    made = for_kernels(function, result)
+    if rows:
+        _replace(made, kind, where_there_are_rows)
     _replace(made, kind, constant, lambda args: args[0] == types.none)
     return made
 

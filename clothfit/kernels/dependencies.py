@@ -97,7 +97,8 @@ def _values(value: Any, called: list[Called]) -> Iterator[str]:
         result = getattr(value, "result", ...)
         if result is ...:  # else it is compiled by itself
             called.append((value.py_func, hasattr(value, "absent")))
-        yield f"{value.py_func.__module__}.{value.py_func.__qualname__} {result!r} {getattr(value, 'absent', '')!r}"
+        yield f"{value.py_func.__module__}.{value.py_func.__qualname__} {result!r} "
+        yield f"{getattr(value, 'absent', '')!r} {getattr(value, 'rows', '')!r}"
     elif value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):
         yield f"{type(value).__name__} {value!r}"
     elif isinstance(value, tuple | list):

@@ -85,32 +85,40 @@ class Kernel:
 
 
 class OfPart(Kernel):
-    """A kernel whose first argument is a part that a cloth may not have. Where that is None, kernels do without the
-    call: then nothing is compiled for it.
+    """A kernel whose first argument is a part that a cloth may not have: where that is None, or with `rows` where its
+    first array has none, kernels do without the call. So nothing is compiled for a part of type None, nor, if the
+    kernel is called `apart`, for one without rows.
     """
 
-    def __init__(self, function: Callable[..., object], nogil: bool, absent: object, result: object = ...) -> None:
+    def __init__(
+        self, function: Callable[..., object], nogil: bool, absent: object, result: object, rows: bool
+    ) -> None:
         super().__init__(function, nogil, result)
-        self.absent = absent
+        self.absent, self.rows = absent, rows
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function, if there is the part."""
-        return self.absent if arguments[0] is None else super().__call__(*arguments)
+        return self.absent if is_absent(arguments[0], self.rows) else super().__call__(*arguments)
 
     @cached_property
     def inner(self) -> Any:
         """numba's function for calls from kernels."""
         from clothfit.kernels import compiling
 
-        return compiling.for_kernels_of_part(self.py_func, self.result, self.absent)
+        return compiling.for_kernels_of_part(self.py_func, self.result, self.absent, self.rows)
 
 
-def in_python(function: Callable[..., object], absent: object) -> Callable[..., object]:
+def is_absent(part: Any, rows: bool) -> bool:
+    """Whether a part is not there."""
+    return part is None or (rows and not len(part[0]))
+
+
+def in_python(function: Callable[..., object], absent: object, rows: bool) -> Callable[..., object]:
     """What such a kernel is in plain Python."""
 
     @functools.wraps(function)
     def of_part(part: object, *others: Any) -> object:
-        return absent if part is None else function(part, *others)
+        return absent if is_absent(part, rows) else function(part, *others)
 
     return of_part
 
@@ -138,22 +146,29 @@ def kernel(function: F) -> F: ...
 
 
 @overload
-def kernel(*, nogil: bool = False, absent: object = ..., apart: object = ...) -> Callable[[F], F]: ...
+def kernel(
+    *, nogil: bool = False, absent: object = ..., empty: object = ..., apart: object = ...
+) -> Callable[[F], F]: ...
 
 
 def kernel(
-    function: F | None = None, *, nogil: bool = False, absent: object = ..., apart: object = ...
+    function: F | None = None, *, nogil: bool = False, absent: object = ..., empty: object = ..., apart: object = ...
 ) -> F | Callable[[F], F]:
     """Compile `function` on first call, with the flags that the module docstring explains.
 
-    `nogil`: other threads of Python may run meanwhile. `absent`: what it returns where its first argument is None.
-    `apart`: it is compiled once, not into each of its callers, and returns what has the type of this.
+    `nogil`: other threads of Python may run meanwhile. `absent`: what it returns where its first argument is None;
+    `empty`: where that is None, or a tuple whose first array has no rows. `apart`: it is compiled once, not into each
+    of its callers, and returns what has the type of this.
     """
     if function is None:
-        return functools.partial(kernel, nogil=nogil, absent=absent, apart=apart)
+        return functools.partial(kernel, nogil=nogil, absent=absent, empty=empty, apart=apart)
+    rows = empty is not ...
+    missing = empty if rows else absent
     made: Any
     if interpreted():
-        made = function if absent is ... else in_python(function, absent)
+        made = function if missing is ... else in_python(function, missing, rows)
+    elif missing is ...:
+        made = Kernel(function, nogil, apart)
     else:
-        made = Kernel(function, nogil, apart) if absent is ... else OfPart(function, nogil, absent, apart)
+        made = OfPart(function, nogil, missing, apart, rows)
     return made  # type: ignore[no-any-return]

@@ -51,7 +51,7 @@ def add_along(out, i, scale, n):
     store3(fma(splat(scale), n, load3(out, i)), out, i)
 
 
-@kernel(absent=0.0, apart=0.0)
+@kernel(empty=0.0, apart=0.0)
 def energy(colliders, y):
     total = 0.0  # ½ κ d²
     for c in range(len(colliders.rows)):
@@ -73,7 +73,7 @@ def damping_power(colliders, y, u, w):
     return total
 
 
-@kernel(absent=None, apart=None)
+@kernel(empty=None, apart=None)
 def add_force(colliders, y, u, f):
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
@@ -84,7 +84,7 @@ def add_force(colliders, y, u, f):
                 add_along(f, i, -gamma, across(n, v))
 
 
-@kernel(absent=None, apart=None)
+@kernel(empty=None, apart=None)
 def add_damping(colliders, y, u, scale, q, out):
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
@@ -94,7 +94,7 @@ def add_damping(colliders, y, u, scale, q, out):
                 add_along(out, i, -scale * gamma, across(n, load3(q, i)))
 
 
-@kernel(absent=0.0, apart=0.0)
+@kernel(empty=0.0, apart=0.0)
 def add_step(colliders, y, u, h, ahead, A, b):
     stored, reach = 0.0, 0.0 if ahead else h
     for c in range(len(colliders.rows)):
@@ -116,7 +116,7 @@ def add_step(colliders, y, u, h, ahead, A, b):
     return stored
 
 
-@kernel(absent=None, apart=None)
+@kernel(empty=None, apart=None)
 def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
     # φ/h = κ (d − σ) ν − γ π,  ν = n·λ,  σ = n·s,  π = λ·P z;  dγ = −μκ/q dδ − γ/q dq
     for c in range(len(colliders.rows)):
@@ -162,7 +162,7 @@ def change_of_law(direction, c):
     return dmu, dkappa
 
 
-@kernel(absent=None, apart=None)
+@kernel(empty=None, apart=None)
 def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
     o0, o1, o2 = offset_of(direction)
     offset = pack(o0, o1, o2, 0.0)

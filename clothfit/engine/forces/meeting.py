@@ -87,7 +87,7 @@ def arrive(x, h, w, end):
         store3(fma(splat(h), load3(w, i), load3(x, i)), end, i)
 
 
-@kernel(absent=0, apart=0)
+@kernel(empty=0, apart=0)
 def meet(colliders, free, at, h, end, drops, A, b):
     """Add to A and b the contacts that an iteration ends in and did not know, and where `drops` take out those that it
     met before and that pull; returns how many there are of both.
@@ -123,7 +123,7 @@ def meet(colliders, free, at, h, end, drops, A, b):
     return changed
 
 
-@kernel(absent=False, apart=False)
+@kernel(empty=False, apart=False)
 def strays(colliders, free, at, h, end):
     """Whether an iteration ends with a vertex too deep in a collider that is thick, seen from what its model knew; the
     arguments are those of `meet`. Writes `end`.
@@ -148,7 +148,7 @@ def model_depth(colliders, y, end, i, c):
     return depth - dot(n, sub(load3(end, i), load3(y, i)))
 
 
-@kernel(absent=None, apart=None)
+@kernel(empty=None, apart=None)
 def carry(colliders, free, at, h, end):
     """Let the next iteration begin with the contacts that pressed in this one and are outside at its end; the arguments
     are those of `strays`.

@@ -78,7 +78,7 @@ def energy_of_contacts(spheres, y, x):
     return total
 
 
-@kernel(apart=None)
+@kernel(empty=None, apart=None)
 def add_force(spheres, y, u, f):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
@@ -89,7 +89,7 @@ def add_force(spheres, y, u, f):
                 f[i, 2] += STIFFNESS * depth * n2
 
 
-@kernel(apart=0.0)
+@kernel(empty=0.0, apart=0.0)
 def add_step(spheres, y, u, h, ahead, A, b):
     stiff, stored = h * h * STIFFNESS, 0.0
     for c in range(len(spheres.radius)):
@@ -109,7 +109,7 @@ def add_step(spheres, y, u, h, ahead, A, b):
     return 0.5 * stored
 
 
-@kernel(apart=None)
+@kernel(empty=None, apart=None)
 def add_pullback(spheres, y, u, w, s, lam, h, grad, gy, gu):
     # φ = h κ [(r − δ) ν − ν σ],  ν = n·λ,  σ = n·s;  ∂ν/∂y = (λ − ν n)/δ,  ∂σ/∂y = (s − σ n)/δ
     for c in range(len(spheres.radius)):
@@ -141,7 +141,7 @@ def offset_of(direction):
     return 0.0, 0.0, 0.0
 
 
-@kernel(apart=None)
+@kernel(empty=None, apart=None)
 def add_pushforward(spheres, y, u, w, s, dy, du, direction, h, out):
     # F = κ (r − δ − σ) n, of y − c
     o0, o1, o2 = offset_of(direction)

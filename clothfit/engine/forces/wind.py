@@ -92,7 +92,7 @@ def powers(faces, y, u, w):
     return wind, drag
 
 
-@kernel(apart=None)
+@kernel(empty=None, apart=None)
 def add_force(faces, y, u, f):
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
@@ -101,7 +101,7 @@ def add_force(faces, y, u, f):
             add_along(f, faces.corners[i, corner], push, n)
 
 
-@kernel(apart=None)
+@kernel(empty=None, apart=None)
 def add_damping(faces, y, u, scale, q, out):
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
@@ -110,7 +110,7 @@ def add_damping(faces, y, u, scale, q, out):
             add_along(out, j, -scale * kappa * dot(load3(q, j), n), n)
 
 
-@kernel(apart=0.0)
+@kernel(empty=0.0, apart=0.0)
 def add_step(faces, y, u, h, ahead, A, b):
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
@@ -126,7 +126,7 @@ def add_step(faces, y, u, h, ahead, A, b):
     return 0.0
 
 
-@kernel(apart=None)
+@kernel(empty=None, apart=None)
 def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
@@ -175,7 +175,7 @@ def normal_pushforward(faces, y, dy, i):
     return add(cross(dp, q), cross(p, dq))
 
 
-@kernel(apart=None)
+@kernel(empty=None, apart=None)
 def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
     # F_j = κ n (η − θ_j): the product rule over κ, n, η and θ_j.
     for i in range(len(faces.corners)):

@@ -96,7 +96,7 @@ def damping_power(contact, y, u, w):
     return total
 
 
-@kernel(absent=None, apart=None)
+@kernel(empty=None, apart=None)
 def add_force(contact, y, u, f):
     for k in range(len(contact.kind)):
         own = contact.vertices[k]
@@ -106,7 +106,7 @@ def add_force(contact, y, u, f):
         spread(c, own, sub(mul(splat(push), n), mul(splat(gamma), across(n, V))), f)
 
 
-@kernel(absent=None, apart=None)
+@kernel(empty=None, apart=None)
 def add_damping(contact, y, u, scale, q, out):
     if contact.friction == 0.0:
         return
@@ -118,7 +118,7 @@ def add_damping(contact, y, u, scale, q, out):
         spread(c, own, mul(splat(-scale * gamma), across(n, mixed(c, own, q))), out)
 
 
-@kernel(absent=0.0, apart=0.0)
+@kernel(empty=0.0, apart=0.0)
 def add_step(contact, y, u, h, ahead, A, b):
     stored = 0.0
     for k in range(len(contact.kind)):
@@ -156,7 +156,7 @@ def find_parts(contact, y, out):
         out[k] = closest(contact.kind[k], contact.vertices[k], y)[1]
 
 
-@kernel(absent=None, apart=None)
+@kernel(empty=None, apart=None)
 def add_pullback(contact, y, u, w, s, lam, h, grad, gy, gu):
     # φ/h = κ s (d − σ) ν − γ π,  ν = n·Λ,  Λ = Σ cᵢ λᵢ,  σ = n·S,  π = Λ·P Z;  dγ = γ (ds/s − dδ/d − dq/q)
     for k in range(len(contact.kind)):
@@ -198,7 +198,7 @@ def weight_slope(i, by_L, lam, by_S, s, by_Z, w, by_V, u):
     return total + dot(by_Z, load3(w, i)) + dot(by_V, load3(u, i))
 
 
-@kernel(absent=None, apart=None)
+@kernel(empty=None, apart=None)
 def add_pushforward(contact, y, u, w, s, dy, du, direction, h, out):
     dmu = direction.friction[-1] if len(direction.friction) > 0 else 0.0
     dkappa = direction.contact[-1] if len(direction.contact) > 0 else 0.0
