@@ -18,6 +18,7 @@ from typing import Any
 from llvmlite import binding, ir
 from numba.core import cgutils
 
+from clothfit.kernels import helper
 from clothfit.kernels.kernel import NotCompiled
 
 SYMBOL = "clothfit_address_of"
@@ -44,6 +45,8 @@ binding.add_symbol(SYMBOL, ctypes.cast(_address, ctypes.c_void_p).value)
 def call(function: Any, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     """Write the call of a kernel."""
     kept, kinds = context.call_conv, signature.args
+    if helper.tell:
+        helper.tell(function, kinds)
     what = zlib.compress(pickle.dumps((function.__module__, function.__qualname__, kinds)))
     slot = cgutils.add_global_variable(builder.module, BYTE.as_pointer(), f".apart.{function.__qualname__}")
     slot.initializer, slot.linkage = slot.value_type(None), "internal"
@@ -72,6 +75,6 @@ def call_with_rows(function: Any, absent: object, context: Any, builder: Any, si
     own = context.make_array(first)(context, builder, builder.extract_value(arguments[0], 0))
     there = cgutils.is_not_null(builder, cgutils.unpack_tuple(builder, own.shape)[0])
     result = cgutils.alloca_once_value(builder, context.get_constant_generic(builder, signature.return_type, absent))
-    with builder.if_then(there):
+    with builder.if_then(there), helper.untold():
         builder.store(call(function, context, builder, signature, arguments), result)
     return builder.load(result)

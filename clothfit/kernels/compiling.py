@@ -133,7 +133,7 @@ def _once(made: Any, compile_now: Callable[[Any], object]) -> Callable[[Any], ob
             if tuple(normalize_signature(signature)[0]) not in made.overloads:
                 stack.enter_context(made._cache.alone(signature, made.targetctx.codegen(), look))
                 if not made._cache.linked and not made._cache.holds(signature, made.targetctx.codegen()):
-                    stack.enter_context(helper.along(made.py_func, signature))
+                    stack.enter_context(helper.along(made.py_func, signature, not made._cache.variant))
             return compile_now(signature)
 
     return compile_once

@@ -6,6 +6,9 @@ it infers the types of the same functions, but takes the calls of each in the re
 two begin at both ends and meet. Neither waits for the other: at worst both compile the kernel at which they meet. Only
 the program itself translates the entry, with all that it calls, to machine code.
 
+What the entry calls `apart` is needed when it runs. The helper compiles that as a whole, last to first, while the
+program goes on from first to last; here one waits where the other has begun.
+
 The helper ends with the program. Where none can be started, or it fails, everything is compiled here.
 """
 
@@ -18,6 +21,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from clothfit.kernels import once, parallel
@@ -34,21 +38,39 @@ SERVE = "from clothfit.kernels import backward; backward.serve()"
 _helpers: list[subprocess.Popen[bytes]] = []
 
 
+tell: Callable[[Callable[..., object], Any], object] | None = None
+"""What is told of each kernel that an entry calls apart, with its types of arguments, while the entry is compiled."""
+
+
 @contextmanager
-def along(function: Callable[..., object], signature: Any) -> Iterator[None]:
+def along(function: Callable[..., object], signature: Any, called_by_python: bool) -> Iterator[None]:
     """Within the block, in which an entry is compiled for a signature, a helper compiles along."""
+    global tell
     if once.alone or os.environ.get(ALONE) or len(reached(function)) < MANY or parallel.processors() < 2:
         yield
         return
-    once.alone = _told(pickle.dumps((function.__module__, function.__qualname__, signature)))
+    once.alone = _told(function, signature, False)
+    tell = partial(_told, whole=True) if called_by_python else None
     try:
         yield
     finally:
-        once.alone = False
+        once.alone, tell = False, None
 
 
-def _told(job: bytes) -> bool:
-    """Whether a helper has been told of a job."""
+@contextmanager
+def untold() -> Iterator[None]:
+    """Within the block no helper is told: what is called there may never be needed."""
+    global tell
+    before, tell = tell, None
+    try:
+        yield
+    finally:
+        tell = before
+
+
+def _told(function: Callable[..., object], kinds: Any, whole: bool) -> bool:
+    """Whether a helper has been told of a function: to compile it as a whole, or what it calls."""
+    job = pickle.dumps((function.__module__, function.__qualname__, kinds, whole))
     try:
         if not _helpers:
             _helpers.append(_started())

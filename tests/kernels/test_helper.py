@@ -48,7 +48,7 @@ def test_it_compiles_what_an_entry_calls_and_not_the_entry(tmp_path):
 def test_it_ends_when_the_program_does_whatever_it_is_told():
     call = [sys.executable, "-c", helper.SERVE]
     with subprocess.Popen(call, stdin=subprocess.PIPE, env=environment()) as process:
-        job = pickle.dumps(("clothfit.no.such", "kernel", ()))
+        job = pickle.dumps(("clothfit.no.such", "kernel", (), False))
         process.stdin.write(len(job).to_bytes(8, "little") + job)
         process.stdin.close()
         assert process.wait(60) == 0
