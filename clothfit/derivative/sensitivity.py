@@ -13,7 +13,7 @@ touches itself adds is in `contact_columns`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -23,8 +23,7 @@ from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.derivative import adjoint, block_cholesky
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.pins import Pins
-from clothfit.derivative.stencil import stencil
-from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
+from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian, stencil
 from clothfit.engine.forces import meeting
 from clothfit.engine.inputs.tables import set_direction, set_inputs, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
@@ -32,13 +31,15 @@ from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
 from clothfit.engine.solve.joined import is_there
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile, zeros
 from clothfit.kernels.kernel import kernel
+from clothfit.scene.block import Block
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
     from clothfit.derivative import contact_columns
+
 
 FEW_COLUMNS, FEW_OF_LARGE = 16, 32
 """Columns up to which one sweep for each is faster than one for all together: of cloths of up to `DENSE_UNKNOWNS`, and
@@ -47,6 +48,13 @@ of larger ones, whose factors cost more.
 
 DENSE_UNKNOWNS = 1500
 """Unknowns up to which A is inverted as a dense matrix."""
+
+
+LOCAL = ("mass", "stiffness", "rest")
+"""Kinds that act on one vertex or spring each; `velocity` acts at the start only, every other kind everywhere."""
+
+LEADING = ("path", "shift")
+"""Kinds that move pins, and other vertices through them alone."""
 
 
 class Columns(NamedTuple):
@@ -79,6 +87,57 @@ class Share(NamedTuple):
             return entries
         rows = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
         return np.asarray(np.bincount(rows, weights=entries, minlength=len(self.start) - 1), float)
+
+
+def columns(
+    system: System, blocks: Sequence[Block], p: Array, column: Indices, factor: Array, count: int
+) -> Columns:
+    """The columns of one cloth's sensitivity by the parameters of `blocks` at p (P,).
+
+    `column` (P,) gives the column of each parameter, −1 where it is held, `factor` (P,) a factor of its derivative,
+    `count` the number of columns.
+    """
+    local = {"mass": none(len(system.x0)), "stiffness": none(len(system.springs.rest)), "rest": none(0)}
+    everywhere: list[tuple[int, Elements]] = []
+    velocity: list[tuple[int, Array]] = []
+    led: list[tuple[int, Elements]] = []
+    for block in blocks:
+        own = np.flatnonzero(column[block.part] >= 0) + block.start
+        if block.name in LOCAL and len(own):
+            local[block.name] = share(block, p, column, factor)
+            continue
+        for i in own:
+            unit = np.zeros(len(column))
+            unit[i] = factor[i]
+            change = np.array(block.spread(unit))
+            if block.name == "velocity":
+                velocity.append((int(column[i]), change))
+            else:
+                kept = led if block.name in LEADING else everywhere
+                kept.append((int(column[i]), zeros(system)._replace(**{block.name: change})))
+    shares = local["mass"], local["stiffness"], local["rest"]
+    return Columns(count, *shares, tuple(everywhere), tuple(led), tuple(velocity))
+
+
+def none(count: int) -> Share:
+    """`count` elements without a column."""
+    return one_each(np.full(count, -1, np.int32), np.zeros(count))
+
+
+def one_each(column: Indices, factor: Array) -> Share:
+    """One column for each element."""
+    return Share(np.arange(len(column) + 1, dtype=np.int32), column, factor)
+
+
+def share(block: Block, p: Array, column: Indices, factor: Array) -> Share:
+    """The columns and factors of all elements of a block at p (P,)."""
+    own, factors = column[block.part].reshape(-1), block.factors
+    if factors is not None:
+        entries = factors.entries(p[block.part]) * factor[block.part][factors.column]
+        starts = np.searchsorted(factors.row, np.arange(len(factors.base) + 1)).astype(np.int32)
+        return Share(starts, own[factors.column].astype(np.int32), entries)
+    places = own if block.mode == "L" else np.full(block.shape[0], own[0])
+    return one_each(places.astype(np.int32), np.array(block.spread(factor), float))
 
 
 def sweep(

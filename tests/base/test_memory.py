@@ -7,7 +7,7 @@ import pytest
 from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import budget, human, left, parse
-from clothfit.engine.snapshots import LIVE, Plan, least, plan
+from clothfit.engine.tape import LIVE, Plan, least, plan
 
 STATE, SNAPSHOT = 200, 500
 
