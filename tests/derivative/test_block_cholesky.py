@@ -80,13 +80,3 @@ def test_of_a_grid_blocks_take_fewer_operations_and_of_a_full_matrix_they_do_not
     assert is_cheaper(blocks_of(A), 100)
     full = csr_array(np.ones((60, 60)) + 60 * np.eye(60))
     assert not is_cheaper(blocks_of(full), 1)
-
-
-def test_right_hand_sides_one_by_one_are_those_together():
-    A = MATRICES["a square grid"]
-    blocks = blocks_of(A)
-    factor = factor_of(A)
-    right = np.random.default_rng(3).normal(size=(A.shape[0], 3))
-    together = solve(*factor, blocks, right)
-    for q in range(3):
-        np.testing.assert_allclose(solve(*factor, blocks, right[:, [q]])[:, 0], together[:, q], rtol=0, atol=ROUNDING)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import physics
 from helpers.derivatives import assert_derivatives
-from helpers.obstacles import SHAPES, box, capsule, plane, touching
+from helpers.obstacles import SHAPES, box, capsule, plane, ring, touching, with_room
 from helpers.physics import GRAVITY, METHODS, STATES, VARIANTS, full, keys, relative, scene, sheet, state, thing, xyz
 from helpers.scenes import document, problems
 
@@ -49,9 +49,9 @@ def test_distances_are_those_of_the_shapes(name):
     np.testing.assert_allclose(np.linalg.norm(normal[0], axis=1), 1.0, atol=1e-14)
 
 
-@pytest.mark.parametrize("name", SHAPES)
-def test_normals_are_the_gradients_of_the_distances(name):
-    made = touching(SHAPES[name]).colliders
+@pytest.mark.parametrize("name", [*SHAPES, "mesh"])
+def test_normals_are_the_gradients_of_the_distances(name, wobble):
+    made = with_room(touching(SHAPES.get(name) or ring(wobble)).colliders, 200)
     y, t = made.state[0, 0] + np.random.default_rng(2).uniform(-1.2, 1.2, (200, 3)), 1e-6
     both = [[touch.depths(made, y + side * t * e)[0][0] for side in (-1, 1)] for e in np.eye(3)]
     rows = [(before - after) / (2 * t) for before, after in both]

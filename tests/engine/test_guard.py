@@ -12,8 +12,7 @@ from helpers.physics import GRAVITY, KINDS, TIGHT, ball, gentle, relative, thing
 
 import clothfit
 from clothfit.derivative import adjoint
-from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import sweep
+from clothfit.derivative.sensitivity import columns, sweep
 from clothfit.engine.forces import spheres, springs, vertex
 from clothfit.engine.march import velocities, velocity
 from clothfit.engine.rollout import rollout

@@ -63,11 +63,3 @@ def test_noise_on_a_line_is_not_taken_for_curvature():
     # the line through the last two adds less than three times the noise, a longer rule much more
     for t in TIMES[4:]:
         assert np.linalg.norm(guesses(series)[t] - series[t]) < 4 * np.linalg.norm(0.01 * np.ones((50, 3)))
-
-
-def test_a_guess_of_other_solutions_is_not_influenced():
-    one, two = polynomial(2, seed=1), polynomial(2, seed=2)
-    first = guesses(one)
-    guesses(two)
-    for a, b in zip(guesses(one), first, strict=True):
-        np.testing.assert_array_equal(a, b)

@@ -97,25 +97,6 @@ def cycles(A, made, r):
     return z
 
 
-def test_a_cycle_is_a_symmetric_positive_definite_operator():
-    A = matrix(ENDS, FREE)
-    made, order = levels(A), A.order
-    columns = []
-    for i in order:
-        for axis in range(3):
-            unit = np.zeros((N, 3))
-            unit[i, axis] = 1.0
-            columns.append(cycles(A, made, unit)[order].reshape(-1))
-    inverse = np.stack(columns, axis=1)
-    assert np.abs(inverse - inverse.T).max() < SINGLE * np.abs(inverse).max()
-    assert np.linalg.eigvalsh(inverse).min() > 0.0
-    r = right_side(FREE)
-    scale = np.abs(inverse @ r[order].reshape(-1)).max()
-    np.testing.assert_allclose(
-        cycles(A, made, r)[order].reshape(-1), inverse @ r[order].reshape(-1), atol=SINGLE * scale
-    )
-
-
 def halves(at):
     """Dense A, and the inverse of D + L, of a level; the transpose of the inverse is that of D + Lᵀ."""
     A = in_order(at.A)
@@ -209,14 +190,6 @@ def test_near_a_singular_matrix_no_more_is_asked_than_rounding_allows():
 def test_an_indefinite_matrix_is_refused_where_it_may_be():
     A, w = indefinite(0.3), np.zeros((N, 3))
     assert not linear.solve(A, right_side(FREE), 1e-12, linear.workspace(A), w, False)[2]
-
-
-def test_minimal_residuals_and_conjugate_gradients_solve_the_same_system():
-    A, b = matrix(ENDS, FREE), right_side(FREE)
-    work, w = linear.workspace(A), np.zeros((N, 3))
-    iterations, ended = minres.solve(A, b, 1e-12, work.cg, work.large.second.far, work.large.hierarchy, w)
-    assert (0 < iterations < 40, ended) == (True, cg.CONVERGED)
-    np.testing.assert_allclose(w, dense_solution(A, b), atol=1e-10)  # tolerance 1e-12, condition number below 100
 
 
 @pytest.mark.parametrize("axis", range(3))

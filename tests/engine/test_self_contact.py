@@ -236,20 +236,19 @@ def test_pairs_that_pass_through_each_other_are_found():
 # --- motions
 
 
-def resting(frames, **fields):
+def resting():
     """Two rigid-ish sheets in weightlessness but for a weight on the upper one, the lower one fixed."""
     points, springs, faces = two_sheets(0.02)
     half = len(points) // 2
     return touching(
         points, springs, faces, {"thickness": 0.02, "stiffness": 50.0}, mass=0.01, stiffness=20.0,
-        damping=4.0, fixed=range(half), delta=0.01, optimizationIterations=frames, tolerance=1e-10, **fields,
+        damping=4.0, fixed=range(half), delta=0.01, optimizationIterations=60, tolerance=1e-10,
     )  # fmt: skip
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["implicit", "bdf2"])
-def test_a_sheet_on_a_sheet_rests_where_the_push_carries_its_weight(method):
-    made = resting(60, integrationMethod=METHODS[method])  # long before it slides off, for it stands on points
+def test_a_sheet_on_a_sheet_rests_where_the_push_carries_its_weight():
+    made = resting()  # long before it slides off, for it stands on points
     motion = simulate(made)
     system, x = build(made, 0), motion.positions[-1]
     half = len(x) // 2
@@ -300,7 +299,6 @@ def pushed(speed):
 MOTIONS = {
     "explicit": ("explicit", 1, 0.4, {}),
     "symplectic": ("symplectic", 1, 0.0, {}),
-    "implicit": ("implicit", 1, 0.0, {}),
     "Newton": ("implicit", 3, 0.4, {}),
     "bdf2": ("bdf2", 1, 0.4, {}),
     "zones": ("implicit", 1, 0.0, {"speed": 20.0, "frames": 5}),
@@ -352,15 +350,6 @@ def test_a_sheet_slides_down_a_sheet(friction):
     a = (way[-1] - 2 * way[half] + way[0]) / (half * h) ** 2
     # friction begins within the first steps, and pushes are upright but at the border of the lower sheet
     assert a == pytest.approx(G * (np.sin(angle) - friction * np.cos(angle)), rel=0.02)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("speed", [1.5, 60.0])
-def test_momentum_stays(speed):
-    made = colliding(speed=speed, fixed=[], damping=0.0, gravity=xyz((0, 0, 0)))
-    part = rollout(build(made, 0), 7, TIGHT)[0]
-    momentum = part.w[:, 0].sum(axis=1)
-    np.testing.assert_allclose(momentum, np.broadcast_to(part.v.sum(axis=0), momentum.shape), atol=1e-9 * speed)
 
 
 def crossings(x, faces):
