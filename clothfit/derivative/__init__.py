@@ -2,6 +2,6 @@
 
 adjoint (backwards: one cost by all parameters; forwards: all positions along one direction) and sensitivity (forwards:
 all positions by many parameters at once, in columns) sweep over a motion. step_jacobian gives the matrices of one step,
-pins how some vertices lead others; verify compares derivatives with differences.
+contact what a cloth has that touches itself; verify compares derivatives with differences.
 A new force brings its own derivatives; nothing here changes.
 """
