@@ -32,6 +32,8 @@ LATE = {"times": [0.0, 0.02, 0.05], "values": 3 * [{"x": 1, "y": 2, "z": -1}], "
 """Keys of a wind, of which the second holds from the time of step 4 on."""
 
 ONE = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("bdf2", 1)]
+
+
 def positions(system, change, t):
     """Positions with all values changed by t · change."""
     memory, good = rollout(physics.shifted(system, change, t), STEPS, TIGHT)

@@ -48,41 +48,20 @@ def three(small):
     return np.kron(small, np.eye(3))
 
 
-def near():
-    """Which free vertices a spring joins, and each to itself, (n, n), 0 or 1."""
-    joined_to = np.eye(N)
-    joined_to[ENDS[:, 0], ENDS[:, 1]] = joined_to[ENDS[:, 1], ENDS[:, 0]] = 1.0
-    return joined_to * np.outer(FREE, FREE)
-
-
-def test_every_vertex_takes_the_mean_of_its_neighbours_aggregates():
-    A = matrix(ENDS, FREE)
-    first, second = multigrid.hierarchy(A).coarsenings
-    assert len(first.start) - 1 == FREE.sum()  # fixed vertices are in no aggregate
-    for coarsening in (first, second):
-        own = belongs(coarsening)
-        np.testing.assert_allclose(own.sum(axis=0), 1.0, atol=1e-15)  # shares of a few neighbours, rounded
-        assert own.sum(axis=1).min() > 0.0
-        assert len(own) < 0.5 * own.shape[1]
-    # one aggregate for each vertex explains all the means
-    weights, joined_to = belongs(first), near()[np.ix_(A.order, A.order)]
-    mean = joined_to / joined_to.sum(axis=1)[:, None]
-    aggregates = np.linalg.lstsq(mean, weights.T, rcond=None)[0]
-    np.testing.assert_allclose(mean @ aggregates, weights.T, atol=1e-12)
-    far = np.linalg.matrix_power(joined_to, 6) == 0.0
-    assert not ((weights.T @ weights)[far] > 0.0).any()  # an aggregate reaches two springs far, its mean three
-
-
 def test_a_small_matrix_has_no_coarser_levels(monkeypatch):
     monkeypatch.setattr(sparse, "MULTIGRID_FROM", 10_000)
     assert multigrid.hierarchy(matrix(ENDS, FREE)) is None
 
 
-def test_a_coarse_matrix_is_the_triple_product():
+def test_a_coarse_matrix_is_the_triple_product_and_every_vertex_shares_itself_out():
     A = matrix(ENDS, FREE)
     made = levels(A)
     for fine, coarse, coarsening in zip(made.levels, made.levels[1:], made.coarsenings, strict=False):
-        P = three(belongs(coarsening)).T
+        own = belongs(coarsening)
+        np.testing.assert_allclose(own.sum(axis=0), 1.0, atol=1e-15)  # shares of a few neighbours, rounded
+        assert own.sum(axis=1).min() > 0.0
+        assert len(own) < 0.5 * own.shape[1]
+        P = three(own).T
         expected = P.T @ dense_matrix(fine.A) @ P
         np.testing.assert_allclose(dense_matrix(coarse.A), expected, atol=SINGLE * np.abs(expected).max())
 

@@ -10,6 +10,8 @@ from clothfit.engine.step import explicit, implicit
 from clothfit.engine.system import IMPLICIT, clamped, with_elements
 
 FIXED = [0, 2]
+
+
 def system(method="implicit", newton=1, delta=0.02):
     return full(fixed=FIXED, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=delta)
 
