@@ -5,16 +5,30 @@ not enough.
 import numpy as np
 import pytest
 from helpers import matrices
-from helpers.matrices import free_but, joined, scrambled
+from helpers.matrices import dense_solution, free_but, joined, scrambled
 from helpers.physics import dense_matrix, times
-from helpers.ring import ALL, ENDS, FREE, N, dense_solution, matrix, right_side
 
 from clothfit.engine.solve import cg, linear, sparse, ssor
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
+N = 6
+FREE = free_but(N, 2)
+ALL = np.repeat(FREE, 3)
+ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, 0], [0, 3], [1, 4]], np.int32)
+"""A ring of six vertices, one of them fixed, with two springs across."""
+
 CLOSE = 1e-10
 """Of solutions to a tolerance of 1e-12, of a condition number below 100."""
+
+
+def matrix(pull=1.0):
+    """Of springs of strength `pull` and a mass on each vertex of the ring."""
+    return matrices.matrix(ENDS, FREE, pull)
+
+
+def right_side(seed=4):
+    return matrices.right_side(FREE, seed)
 
 
 def by_cg(A, b, w, tolerance=1e-14, limit=200):
