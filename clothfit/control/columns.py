@@ -8,9 +8,8 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
-from clothfit.derivative import columns as fitted
-from clothfit.derivative.columns import LEADING
-from clothfit.derivative.sensitivity import Carried, Columns, Point
+from clothfit.derivative import sensitivity as fitted
+from clothfit.derivative.sensitivity import LEADING, Carried, Columns, Point
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, mobile, zeros
 

@@ -19,7 +19,7 @@ from clothfit.control.feedback import with_gains
 from clothfit.control.following import Followed, Kept, follow
 from clothfit.control.keyframes import Key, last_step, left_of
 from clothfit.control.steering import Steered, steer
-from clothfit.engine.inputs.sources import arrays_from_files
+from clothfit.engine.inputs.sampling import arrays_from_files
 from clothfit.kernels.clock import computing
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion

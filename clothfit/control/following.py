@@ -25,7 +25,7 @@ from clothfit.control.descent import Descent, Report
 from clothfit.control.keyframes import Key, last_step, without_fixed
 from clothfit.control.reference import path
 from clothfit.engine import rollout
-from clothfit.engine.inputs.splines import splined
+from clothfit.engine.inputs.interpolation import splined
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.step import implicit
 from clothfit.engine.system import BDF2, IMPLICIT, System, build

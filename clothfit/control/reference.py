@@ -12,7 +12,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.control.keyframes import Key
-from clothfit.engine.inputs.splines import splined
+from clothfit.engine.inputs.interpolation import splined
 
 
 def path(free: Array, keys: Sequence[Key], springs: Indices, fixed: Flags) -> Array:

@@ -67,9 +67,9 @@ def gradient(
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
             at_start = by_position[0]
             if chunk.touches is not None:
-                from clothfit.derivative import touching  # which few scenes need
+                from clothfit.derivative import contact  # which few scenes need
 
-                touching.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
+                contact.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
                 continue
             with linear.served(work.A, work.solver):
                 for begin, end in reversed(alike(chunk)):
@@ -138,10 +138,10 @@ class Sweep:
         if skipped >= chunk.steps:
             return change
         if chunk.touches is not None:
-            from clothfit.derivative import touching  # which few scenes need
+            from clothfit.derivative import contact  # which few scenes need
 
             given = self.direction, self.tolerance, self.work
-            touching.forward(self.sweep, self.taken, chunk, *given, self.state, change)
+            contact.forward(self.sweep, self.taken, chunk, *given, self.state, change)
             return change
         with linear.served(self.work.A, self.work.solver):
             for begin, end in alike(chunk):

@@ -8,12 +8,12 @@ parameters can move
 
 for those that are free; pins whose paths are fitted go along with these (`inputs.pin_derivatives`).
 A is factorised in blocks (`block_cholesky`); one that is not positive definite is inverted whole. What a cloth that
-touches itself adds is in `contact_columns`.
+touches itself adds is in `contact`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -22,23 +22,25 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.derivative import adjoint, block_cholesky
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
-from clothfit.derivative.pins import Pins
-from clothfit.derivative.stencil import stencil
-from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
-from clothfit.engine.forces import meeting
+from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian, stencil
+from clothfit.engine.forces import meeting, springs
+from clothfit.engine.inputs.pin_derivatives import led, moves_of
 from clothfit.engine.inputs.tables import set_direction, set_inputs, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
 from clothfit.engine.solve.joined import is_there
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile, zeros
 from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import load3, store3
+from clothfit.scene.block import Block
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
-    from clothfit.derivative import contact_columns
+    from clothfit.derivative import contact
+
 
 FEW_COLUMNS, FEW_OF_LARGE = 16, 32
 """Columns up to which one sweep for each is faster than one for all together: of cloths of up to `DENSE_UNKNOWNS`, and
@@ -47,6 +49,13 @@ of larger ones, whose factors cost more.
 
 DENSE_UNKNOWNS = 1500
 """Unknowns up to which A is inverted as a dense matrix."""
+
+
+LOCAL = ("mass", "stiffness", "rest")
+"""Kinds that act on one vertex or spring each; `velocity` acts at the start only, every other kind everywhere."""
+
+LEADING = ("path", "shift")
+"""Kinds that move pins, and other vertices through them alone."""
 
 
 class Columns(NamedTuple):
@@ -79,6 +88,57 @@ class Share(NamedTuple):
             return entries
         rows = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
         return np.asarray(np.bincount(rows, weights=entries, minlength=len(self.start) - 1), float)
+
+
+def columns(
+    system: System, blocks: Sequence[Block], p: Array, column: Indices, factor: Array, count: int
+) -> Columns:
+    """The columns of one cloth's sensitivity by the parameters of `blocks` at p (P,).
+
+    `column` (P,) gives the column of each parameter, −1 where it is held, `factor` (P,) a factor of its derivative,
+    `count` the number of columns.
+    """
+    local = {"mass": none(len(system.x0)), "stiffness": none(len(system.springs.rest)), "rest": none(0)}
+    everywhere: list[tuple[int, Elements]] = []
+    velocity: list[tuple[int, Array]] = []
+    led: list[tuple[int, Elements]] = []
+    for block in blocks:
+        own = np.flatnonzero(column[block.part] >= 0) + block.start
+        if block.name in LOCAL and len(own):
+            local[block.name] = share(block, p, column, factor)
+            continue
+        for i in own:
+            unit = np.zeros(len(column))
+            unit[i] = factor[i]
+            change = np.array(block.spread(unit))
+            if block.name == "velocity":
+                velocity.append((int(column[i]), change))
+            else:
+                kept = led if block.name in LEADING else everywhere
+                kept.append((int(column[i]), zeros(system)._replace(**{block.name: change})))
+    shares = local["mass"], local["stiffness"], local["rest"]
+    return Columns(count, *shares, tuple(everywhere), tuple(led), tuple(velocity))
+
+
+def none(count: int) -> Share:
+    """`count` elements without a column."""
+    return one_each(np.full(count, -1, np.int32), np.zeros(count))
+
+
+def one_each(column: Indices, factor: Array) -> Share:
+    """One column for each element."""
+    return Share(np.arange(len(column) + 1, dtype=np.int32), column, factor)
+
+
+def share(block: Block, p: Array, column: Indices, factor: Array) -> Share:
+    """The columns and factors of all elements of a block at p (P,)."""
+    own, factors = column[block.part].reshape(-1), block.factors
+    if factors is not None:
+        entries = factors.entries(p[block.part]) * factor[block.part][factors.column]
+        starts = np.searchsorted(factors.row, np.arange(len(factors.base) + 1)).astype(np.int32)
+        return Share(starts, own[factors.column].astype(np.int32), entries)
+    places = own if block.mode == "L" else np.full(block.shape[0], own[0])
+    return one_each(places.astype(np.int32), np.array(block.spread(factor), float))
 
 
 def sweep(
@@ -122,6 +182,55 @@ def point(system: System, chunk: Rollout, t: int, work: implicit.Workspace) -> P
     return Point(inner, work.x_base, work.v_base, work.u, True, work)
 
 
+class Pins:
+    """Pins whose paths are fitted: how they move along all columns, and the free vertices with them; their rows among
+    those of the f movable vertices, in arrays (3 f, Q).
+    """
+
+    def __init__(self, system: System, columns: Sequence[tuple[int, Elements]], place: Indices) -> None:
+        """`columns` are those that move the pins, `place` (n,) the place of each vertex among the movable ones, or −1.
+        """
+        self.system, self.place, self.given = system, place, [direction for _, direction in columns]
+        self.columns = np.array([column for column, _ in columns], int)
+        self.any = bool(led(system.inputs, len(place)).any())
+
+    def changes(self, row: int, width: int) -> Array:
+        """Change of their places at a row of the tables, (3 L, Q) for L pins in the order of the vertices."""
+        inputs = self.system.inputs
+        assert inputs is not None
+        pinned = inputs.pins[inputs.fitted.pin >= 0]
+        found = np.zeros((len(pinned), 3, width))
+        if self.given:
+            found[:, :, self.columns] = moves_of(inputs, row, self.given)[inputs.fitted.pin >= 0]
+        return found[np.argsort(pinned)].reshape(-1, width)
+
+    def start(self, dx: Array, dv: Array) -> None:
+        """Write the change of the state at the start."""
+        if self.any:
+            first, second = (self.changes(row, dx.shape[1]) for row in (0, 1))
+            rows = self.rows
+            dx[rows], dv[rows] = first, (second - first) / self.system.h
+
+    @property
+    def rows(self) -> Indices:
+        """Places (3 L,) of their coordinates among the rows."""
+        own = np.sort(self.place[led(self.system.inputs, len(self.place))])
+        return np.asarray((3 * own[:, None] + np.arange(3)).reshape(-1), np.int32)
+
+    def velocity(self, step: int, system: System, dx: Array) -> Array:
+        """Change of their velocity in a step of this system, for that of where it begins, dx (3 L, Q)."""
+        return (self.changes(step + 1, dx.shape[1]) - dx) / system.h
+
+    def sent(self, step: int, system: System, width: int) -> Array:
+        """Change of their velocity after an explicit Euler step."""
+        return (self.changes(step + 2, width) - self.changes(step + 1, width)) / system.h
+
+    def couple(self, system: System, y: Array, dw: Array, right: Array) -> None:
+        """right −= A_fp dw_p at y (n, 3)."""
+        assert system.inputs is not None
+        add_coupling(system.springs, system.inputs.coupled, system.vertex.free, self.place, system.h, y, dw, right)
+
+
 class Carried:
     """The change of a state along all columns, (3 f, Q), and what the steps make of it."""
 
@@ -140,11 +249,11 @@ class Carried:
         for column, start in columns.velocity:
             self.dv[:, column] = np.where(system.vertex.free[:, None], start, 0.0)[free].reshape(-1)
         self.pins.start(self.dx, self.dv)
-        self.touching: contact_columns.Columns | None = None
+        self.touching: contact.Columns | None = None
         if meets_itself(system):
-            from clothfit.derivative import contact_columns  # which few scenes need
+            from clothfit.derivative import contact  # which few scenes need
 
-            self.touching = contact_columns.Columns(system, self.place, self.by.row)
+            self.touching = contact.Columns(system, self.place, self.by.row)
 
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
@@ -159,14 +268,14 @@ class Carried:
 
     def touched(self, chunk: Rollout, t: int) -> None:
         """Step t of a cloth that touches itself."""
-        from clothfit.derivative import contact_columns
+        from clothfit.derivative import contact
         from clothfit.engine import touching
 
         own = touching.taken(self.taken.at(chunk, t), self.work, chunk, t)
         self.advance(point(own.system, chunk.bare(), t, own.work), own.part, 0)
         if own.zones is not None:
             vertex, h = own.system.vertex, own.system.h
-            contact_columns.join(own.zones, vertex, self.place, h, self.columns.mass, self.dx, self.dv)
+            contact.join(own.zones, vertex, self.place, h, self.columns.mass, self.dx, self.dv)
 
     def advance(self, at: Point, chunk: Rollout, t: int) -> None:
         """Step t of a chunk, from its point on."""
@@ -394,3 +503,23 @@ def add_spring_columns(place, ends, by_element, share, out):
                     if j >= 0:
                         for c in range(3):
                             out[3 * j + c, q] += share.factor[e] * by_element[i, end, c]
+
+
+@kernel
+def add_coupling(links, coupled, free, place, h, y, dw, right):
+    """right −= A_fp dw_p for all springs of which one end is free and the other a pin that moves."""
+    one, pull = np.zeros((1, 3)), np.zeros((3, 3))
+    for c in range(len(coupled)):
+        i = coupled[c]
+        for end in range(2):
+            pin, other = links.ends[i, end], links.ends[i, 1 - end]
+            if free[pin] or place[pin] < 0:
+                continue
+            for b in range(3):
+                one[:] = 0.0
+                one[0, b] = 1.0
+                store3(springs.pull_of(links, y, i, h, load3(one, 0)), pull, b)
+            for a in range(3):
+                for b in range(3):
+                    for q in range(right.shape[1]):
+                        right[3 * place[other] + a, q] += pull[b, a] * dw[3 * place[pin] + b, q]

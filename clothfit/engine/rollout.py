@@ -30,6 +30,10 @@ STEP_WORK, DIRECT_WORK = 7, 500
 """Work of a step beside its solves, and of a direct solve, in iterations of conjugate gradients."""
 
 
+OF_STEPS = ("w", "used", "solves", "clamped", "theta", "euler", "early", "met", "touches")
+"""Fields of a `Rollout` with an item for each step, or None."""
+
+
 @record
 class Rollout(NamedTuple):
     """T steps of one cloth with n vertices and up to N iterations per step: a whole motion, or a part of it."""
@@ -59,23 +63,11 @@ class Rollout(NamedTuple):
     def part(self, begin: int, end: int) -> Rollout:
         """The steps from `begin` to below `end`, counted here; not a copy."""
         x_before, v_before = (self.x[begin - 1], self.velocity(begin - 1)) if begin else (self.x_before, self.v_before)
+        cut: dict[str, Any] = {name: getattr(self, name)[begin : end + 1] for name in ("x", "budget")}
+        cut |= {name: None if (own := getattr(self, name)) is None else own[begin:end] for name in OF_STEPS}
+        ready = bool(self.theta[begin - 1] == 1.0 and not self.early[begin - 1]) if begin else self.ready
         return Rollout(
-            self.x[begin : end + 1],
-            self.w[begin:end],
-            self.used[begin:end],
-            self.solves[begin:end],
-            self.clamped[begin:end],
-            self.theta[begin:end],
-            self.euler[begin:end],
-            self.early[begin:end],
-            self.budget[begin : end + 1],
-            self.velocity(begin),
-            x_before,
-            v_before,
-            bool(self.theta[begin - 1] == 1.0 and not self.early[begin - 1]) if begin else self.ready,
-            self.first + begin,
-            None if self.met is None else self.met[begin:end],
-            None if self.touches is None else self.touches[begin:end],
+            **cut, v=self.velocity(begin), x_before=x_before, v_before=v_before, ready=ready, first=self.first + begin
         )
 
     def bare(self) -> Rollout:

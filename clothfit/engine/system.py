@@ -89,12 +89,10 @@ def surface_of(scene: Scene, index: int) -> pairs.Surface:
     law, cloth = scene.self_contact, scene.cloths[index]
     if law is None:
         return pairs.nowhere()
-    from clothfit.engine.forces.selfcontact import start  # which few scenes need
-
     numbers = law.thickness, law.stiffness, law.friction
     found = pairs.surface(cloth.triangles, cloth.positions, cloth.fixed, numbers)
     try:
-        start.check(found, f"objects[{index}]")
+        pairs.check_start(found, f"objects[{index}]")
     except InvalidScene as error:
         raise InvalidScene(error.problems, scene.name) from None
     return found

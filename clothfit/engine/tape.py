@@ -2,7 +2,11 @@
 
 One part is held at a time. Snapshots at the ends of some parts let the motion be computed again from there. A step
 depends on nothing but its state and the first guess of its solve, and a snapshot has both, so the second time gives the
-same to the last bit. `snapshots.Plan` says where the snapshots are.
+same to the last bit.
+
+With one level of snapshots every step is computed twice, with L levels at most L + 1 times, and m^L parts need only L m
+snapshots. Reference: A. Griewank, Achieving logarithmic growth of temporal and spatial complexity in reverse automatic
+differentiation, Optimization Methods and Software 1, 1992.
 """
 
 from __future__ import annotations
@@ -21,7 +25,6 @@ from clothfit.engine import prescribed
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, work_of
-from clothfit.engine.snapshots import Plan
 from clothfit.engine.solve.guess import Past
 from clothfit.engine.step import implicit
 from clothfit.engine.system import BDF2, System
@@ -29,6 +32,18 @@ from clothfit.kernels.work import counted
 
 SHORTEST_PART = 16
 """Steps of a part, at least, of a motion that only goes forwards."""
+
+
+LIVE = 3
+"""Snapshots in use while steps are computed, beside those that are kept."""
+
+
+class Plan(NamedTuple):
+    """Which states of a motion are kept."""
+
+    length: int  # steps whose states are held at a time
+    strides: tuple[int, ...] = ()  # steps between snapshots, from coarse to fine; the last is `length`
+    snapshots: int | None = None  # the most at a time; None: every state is kept, or none is needed again
 
 
 class Snapshot(NamedTuple):
@@ -154,3 +169,32 @@ class Tape:
         x_before, v_before = (last.x_before.copy(), last.v_before.copy()) if two else (x, v)
         budget = float(last.budget[0])
         return Held(at.step, end, part, Snapshot(end, x, v, x_before, v_before, last.ready, budget, work.past))
+
+
+def plan_for(steps: int, state: int, snapshot: int, most: float) -> Plan | None:
+    """The plan that keeps `steps` states of `state` bytes within `most` bytes and computes the fewest steps again; a
+    snapshot has `snapshot` bytes. None where no plan is small enough.
+    """
+    if steps * state <= most:
+        return Plan(max(steps, 1), (max(steps, 1),))
+    return next((found for found in plans(steps) if plan_bytes(found, state, snapshot) <= most), None)
+
+
+def plans(steps: int) -> Iterator[Plan]:
+    """All plans with snapshots, those that compute the fewest steps again first."""
+    for levels in range(1, max(steps - 1, 1).bit_length() + 1):
+        for parts in range(2, steps + 1):
+            length = -(-steps // parts**levels)
+            yield Plan(length, tuple(length * parts**i for i in reversed(range(levels))), levels * parts)
+            if length == 1:
+                break
+
+
+def plan_bytes(found: Plan, state: int, snapshot: int) -> int:
+    """Bytes that a plan holds."""
+    return found.length * state + (0 if found.snapshots is None else (LIVE + found.snapshots) * snapshot)
+
+
+def least_bytes(steps: int, state: int, snapshot: int) -> int:
+    """The fewest bytes with which a motion of this many steps can be swept back."""
+    return min([steps * state, *(plan_bytes(found, state, snapshot) for found in plans(steps))])

@@ -13,7 +13,7 @@ import numpy as np
 
 from clothfit.engine import system
 from clothfit.engine.inputs import interpolation, sampling
-from clothfit.engine.inputs.sources import keyed
+from clothfit.engine.inputs.sampling import keyed
 from clothfit.engine.rollout import state_bytes
 from clothfit.engine.stability import UNLIMITED, frequency, limit
 from clothfit.engine.system import build

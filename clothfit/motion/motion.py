@@ -262,7 +262,6 @@ def _short(error: BaseException) -> str:
     return text if len(text) <= LONGEST_REASON else f"{text[: LONGEST_REASON - 1]}…"
 
 
-
 def in_world(motion: Motion, scene: Scene) -> Motion:
     """A motion in the scene's axes, in those of the world; the same object where these do not move."""
     if scene.frame is None:

@@ -75,7 +75,6 @@ def simulate_cloths(
     return motion
 
 
-
 def answered(scene: Scene, steps: int, tolerance: float) -> Scene:
     """The scene with the forces that its feedback makes of the planned ones in so many steps; the same scene where it
     has no such feedback. Springs of a feedback stay. Raises InvalidInput where it does not fit the scene.

@@ -9,11 +9,11 @@ import numpy as np
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import human
-from clothfit.engine import snapshots
+from clothfit.engine import tape
 from clothfit.engine.rollout import state_bytes
-from clothfit.engine.snapshots import Plan
 from clothfit.engine.step import implicit
 from clothfit.engine.system import BDF2, System
+from clothfit.engine.tape import Plan
 from clothfit.motion.motion import Motion
 from clothfit.objective.run import Run
 from clothfit.objective.running_cost import running_cost
@@ -64,14 +64,14 @@ def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
     for run in runs:
         steps, state, snapshot = run.steps, state_bytes(run.system), snapshot_bytes(run.system)
         most = max(most, steps * state)
-        found = snapshots.plan(steps, state, snapshot, budget - held)
+        found = tape.plan_for(steps, state, snapshot, budget - held)
         if found is None or found.snapshots is not None:
             room = COUNTED * budget - held - DIRECT * len(run.system.x0)
-            found = snapshots.plan(steps, state, snapshot, max(room, snapshots.least(steps, state, snapshot))) or found
-            if found is not None and held + snapshots.size(found, state, snapshot) > budget:
+            found = tape.plan_for(steps, state, snapshot, max(room, tape.least_bytes(steps, state, snapshot))) or found
+            if found is not None and held + tape.plan_bytes(found, state, snapshot) > budget:
                 found = None
         if found is None:
-            least = held + snapshots.least(steps, state, snapshot)
+            least = held + tape.least_bytes(steps, state, snapshot)
             raise InvalidInput(too_little(budget, held, steps, len(run.system.x0), least))
         plans[run.system.x0.shape, steps] = found
     return Needs(held, held + most, budget, plans)
@@ -83,7 +83,7 @@ def check_own(systems: Sequence[System], frames: int, budget: int) -> None:
     """
     held, steps = sum(frames * system.x0.nbytes for system in systems), frames - 1
     for system in systems:
-        least = held + snapshots.least(steps, state_bytes(system), snapshot_bytes(system))
+        least = held + tape.least_bytes(steps, state_bytes(system), snapshot_bytes(system))
         if least > budget:
             raise InvalidInput(too_little(budget, held, steps, len(system.x0), least))
 

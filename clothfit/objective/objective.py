@@ -24,9 +24,8 @@ from clothfit.derivative.adjoint import CostDerivative, Observer, TrajectoryMemo
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.engine.prescribed import Forms, forms_from, forms_of
 from clothfit.engine.rollout import Rollout, work_of
-from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, build
-from clothfit.engine.tape import Tape
+from clothfit.engine.tape import Plan, Tape
 from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import in_world

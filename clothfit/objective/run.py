@@ -16,13 +16,11 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.adjoint import Observer
-from clothfit.engine.inputs.moving_axes import Axes
-from clothfit.engine.inputs.sampling import axes
+from clothfit.engine.inputs.sampling import Axes, axes
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty, state_bytes
-from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, meets_itself, mobile, with_elements
-from clothfit.engine.tape import Tape
+from clothfit.engine.tape import Plan, Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Comparison
 from clothfit.objective.running_cost import running_cost

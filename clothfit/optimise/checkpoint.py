@@ -18,7 +18,7 @@ from clothfit.base import checkpoint as files
 from clothfit.base.arrays import Array
 from clothfit.base.checkpoint import digest
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.inputs.sources import arrays_from_files
+from clothfit.engine.inputs.sampling import arrays_from_files
 from clothfit.objective.experiment import Experiment
 from clothfit.optimise.status import Rung, Status
 from clothfit.scene.factors import FACTOR_MODES

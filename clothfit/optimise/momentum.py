@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import Columns
+from clothfit.derivative.sensitivity import Columns, columns
 from clothfit.engine.system import EXPLICIT
 from clothfit.kernels.parallel import only_here, together
 from clothfit.objective.objective import Objective

@@ -20,8 +20,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.rollout import Rollout
-from clothfit.engine.snapshots import Plan
-from clothfit.engine.tape import Tape
+from clothfit.engine.tape import Plan, Tape
 from clothfit.objective.comparison import Comparison
 from clothfit.objective.objective import Objective
 from clothfit.objective.running_cost import RunningCost, running_cost

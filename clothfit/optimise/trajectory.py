@@ -20,8 +20,7 @@ from functools import partial
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, at_start, one_by_one, sweep, tangents
+from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, at_start, columns, one_by_one, sweep, tangents
 from clothfit.engine.system import mobile
 from clothfit.kernels.parallel import together
 from clothfit.motion.divergence import Diverged

@@ -23,8 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import Columns, at_start, one_by_one, sweep, tangents
+from clothfit.derivative.sensitivity import Columns, at_start, columns, one_by_one, sweep, tangents
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape

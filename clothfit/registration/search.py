@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.motion.alignment import apart
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.foreign import apart
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment, flagged_as
 from clothfit.registration.free_fall import other_fall

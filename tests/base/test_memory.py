@@ -7,7 +7,7 @@ import pytest
 from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import budget, human, left, parse
-from clothfit.engine.snapshots import LIVE, Plan, least, plan
+from clothfit.engine.tape import LIVE, Plan, least_bytes, plan_for
 
 STATE, SNAPSHOT = 200, 500
 
@@ -83,9 +83,9 @@ def test_what_is_free_is_no_more_than_the_machine_has():
 @pytest.mark.parametrize("steps", [1, 2, 7, 99, 1000])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 1.0])
 def test_a_plan_holds_no_more_than_it_may_and_covers_all_steps(steps, share):
-    low, high = least(steps, STATE, SNAPSHOT), steps * STATE
+    low, high = least_bytes(steps, STATE, SNAPSHOT), steps * STATE
     most = max(low, low + share * (high - low))
-    found = plan(steps, STATE, SNAPSHOT, most)
+    found = plan_for(steps, STATE, SNAPSHOT, most)
     kept = 0 if found.snapshots is None else (found.snapshots + LIVE) * SNAPSHOT
     assert found.length * STATE + kept <= most
     assert found.strides[-1] == found.length
@@ -95,16 +95,16 @@ def test_a_plan_holds_no_more_than_it_may_and_covers_all_steps(steps, share):
 
 
 def test_everything_is_kept_where_it_fits_and_as_few_steps_as_possible_are_done_again_where_not():
-    assert plan(1000, STATE, SNAPSHOT, 1000 * STATE) == Plan(1000, (1000,))
+    assert plan_for(1000, STATE, SNAPSHOT, 1000 * STATE) == Plan(1000, (1000,))
     most = 1000 * STATE - 1
-    found = plan(1000, STATE, SNAPSHOT, most)
+    found = plan_for(1000, STATE, SNAPSHOT, most)
     assert found == Plan(500, (500,), 2)  # one level, the longest parts
-    levels = [len(plan(1000, STATE, SNAPSHOT, m).strides) for m in range(12_000, 60_000, 4000)]
+    levels = [len(plan_for(1000, STATE, SNAPSHOT, m).strides) for m in range(12_000, 60_000, 4000)]
     assert levels == sorted(levels, reverse=True)
     assert levels[0] > 2 > levels[-1]
 
 
 def test_there_is_no_plan_for_too_little():
-    enough = least(1000, STATE, SNAPSHOT)
-    assert plan(1000, STATE, SNAPSHOT, enough) is not None
-    assert plan(1000, STATE, SNAPSHOT, enough - 1) is None
+    enough = least_bytes(1000, STATE, SNAPSHOT)
+    assert plan_for(1000, STATE, SNAPSHOT, enough) is not None
+    assert plan_for(1000, STATE, SNAPSHOT, enough - 1) is None

@@ -4,8 +4,7 @@ import numpy as np
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth
 
-from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import along
+from clothfit.derivative.sensitivity import along, columns
 from clothfit.engine.system import build
 from clothfit.scene.fit_vector import changes, parameters, size
 
@@ -42,36 +41,6 @@ def test_a_column_is_the_change_of_all_elements_by_its_parameter():
             # a kind that a column does not touch may be left out of its change
             whole = np.broadcast_to(getattr(change, name), value.shape) if getattr(change, name).size else 0.0 * value
             np.testing.assert_array_equal(whole, value)
-
-
-def test_what_is_held_has_no_column():
-    given = made("LL")
-    column = np.full(size(given), -1, np.int32)
-    places = {(block.cloth, block.name): block.start for block in given.blocks}
-    column[places[1, "mass"] + 4] = 0
-    column[places[1, "stiffness"] + 7] = 1
-    column[places[1, "velocity"] + 5] = 2
-    found = of_second(given, column, np.ones(len(column)), 3)
-    assert np.flatnonzero(found.mass.column >= 0).tolist() == [4]
-    assert np.flatnonzero(found.stiffness.column >= 0).tolist() == [7]
-    assert [len(part) for part in (found.rest.column, found.everywhere, found.velocity)] == [0, 0, 1]
-    ((place, change),) = found.velocity
-    assert place == 2
-    assert np.argwhere(change != 0).tolist() == [[1, 2]]
-
-
-def test_one_value_for_all_has_one_column_with_the_units_of_its_elements():
-    given = made("GG")
-    count = size(given)
-    places = {block.name: block for block in given.blocks if block.cloth == 1}
-    column = np.full(count, -1, np.int32)
-    column[places["stiffness"].start], column[places["rest"].start] = 0, 1
-    found = of_second(given, column, np.full(count, 3.0), 2)
-    assert set(found.stiffness.column.tolist()) == {0}
-    np.testing.assert_array_equal(found.stiffness.factor, 3.0)
-    assert set(found.rest.column.tolist()) == {1}
-    # one factor on the lengths at vertPos; rounding of a product
-    np.testing.assert_allclose(found.rest.factor, 3.0 * given.cloths[1].lengths, rtol=1e-15)
 
 
 def test_nothing_to_fit_has_no_columns():

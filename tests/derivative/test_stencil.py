@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from helpers import physics
 from helpers.physics import gentle, thing
-from helpers.scenes import cloth
 
-from clothfit.derivative.stencil import colouring, stencil
+from clothfit.derivative.step_jacobian import stencil
 from clothfit.engine.step import explicit
-from clothfit.engine.system import IMPLICIT
 
 
 def distances(system):
@@ -55,20 +53,9 @@ def test_two_of_one_colour_are_farther_apart_than_the_distance(name, distance):
     assert sorted(set(made.color.tolist())) == list(range(made.colors))
 
 
-def test_a_chain_takes_one_colour_more_than_the_distance():
-    chain = SYSTEMS["chain"]
-    assert [stencil(chain, distance).colors for distance in (1, 2)] == [2, 3]
-
-
 def test_the_number_of_colours_does_not_grow_with_the_cloth():
     # greedy: at most one more than the neighbours at distance 2, of which an inner vertex of this pattern has 18
     assert stencil(gentle(nx=12, ny=12), 2).colors <= 19
-
-
-def test_a_colour_is_the_first_that_is_not_taken():
-    start, neighbour = np.array([0, 2, 4, 6]), np.array([0, 1, 1, 0, 2, 1])
-    assert colouring(start, neighbour).tolist() == [0, 1, 0]
-    assert colouring(np.array([0]), np.zeros(0, int)).tolist() == []
 
 
 def test_no_force_reaches_beyond_the_stencil():
@@ -87,9 +74,3 @@ def explicit_force(system, x, v):
     w = np.zeros_like(x)
     explicit.step(system, x, v, w, np.empty_like(x))
     return w
-
-
-def test_what_is_not_felt_is_no_neighbour():
-    still = physics.system(cloth(3, 3, springs=[], springStiffness=[], dragCoefficient=0.0))
-    assert still.method == IMPLICIT
-    assert stencil(still, 2).colors == 1

@@ -117,11 +117,5 @@ def test_energy_counts_the_work_of_the_forces():
     assert found.kinetic[-1] == pytest.approx(0.5 * 0.5 * (0.1 / 0.5) ** 2, rel=1e-12)  # (Σ h u)²/2m
 
 
-def test_forces_of_one_scene_do_not_fit_another():
-    own = flapping("implicit", 1)
-    with pytest.raises(ValueError, match="are for 2 vertices; the scene has 9"):
-        own.with_forces(Forces(np.zeros(1), np.zeros((1, 2, 3))))
-
-
 def test_a_system_without_forces_has_none():
     assert gentle().applied is None

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from helpers import physics
 from helpers.derivatives import assert_derivatives
-from helpers.obstacles import SHAPES, box, capsule, plane, touching
+from helpers.obstacles import SHAPES, box, capsule, plane, ring, touching, with_room
 from helpers.physics import GRAVITY, METHODS, STATES, VARIANTS, full, keys, relative, scene, sheet, state, thing, xyz
 from helpers.scenes import document, problems
+from helpers.surfaces import block, body
 
 from clothfit.engine.forces import colliders, touch
 from clothfit.engine.inputs import sampling
@@ -49,9 +50,9 @@ def test_distances_are_those_of_the_shapes(name):
     np.testing.assert_allclose(np.linalg.norm(normal[0], axis=1), 1.0, atol=1e-14)
 
 
-@pytest.mark.parametrize("name", SHAPES)
-def test_normals_are_the_gradients_of_the_distances(name):
-    made = touching(SHAPES[name]).colliders
+@pytest.mark.parametrize("name", [*SHAPES, "mesh"])
+def test_normals_are_the_gradients_of_the_distances(name, wobble):
+    made = with_room(touching(SHAPES.get(name) or ring(wobble)).colliders, 200)
     y, t = made.state[0, 0] + np.random.default_rng(2).uniform(-1.2, 1.2, (200, 3)), 1e-6
     both = [[touch.depths(made, y + side * t * e)[0][0] for side in (-1, 1)] for e in np.eye(3)]
     rows = [(before - after) / (2 * t) for before, after in both]
@@ -309,20 +310,32 @@ def test_sizes_are_those_of_unity_unless_they_are_given():
     np.testing.assert_allclose(sizes, [[0.2, 0.2, 2.6], [0.5, 1.0, 1.5], [0.2, 0.1, 2.0]], rtol=1e-15)
 
 
-BAD = {
-    "radius": (capsule(radius=0), "colliders[0].radius: 0 is too small; it must be above 0"),
-    "height": (capsule(height=-1), "colliders[0].height: -1 is too small; it must be at least 0"),
-    "friction": (box(friction=-0.1), "colliders[0].friction: -0.1 is too small; it must be at least 0"),
-    "stiffness": (box(stiffness=0), "colliders[0].stiffness: 0 is too small; it must be above 0"),
-    "thickness": (plane(thickness=-1), "colliders[0].thickness: -1 is too small; it must be at least 0"),
-    "lengths": (box(lengths=(1, 0, 1)), "colliders[0].scale.y: 0 is too small; it must be above 0"),
-    "keys": (box(rotKeys=keys([1, 0], [(0, 0, 0)] * 2)), "colliders[0].rotKeys.times[1]: 0 s is not later than 1 s"),
-    "type": ({**box(), "type": 5}, "colliders[0].type: 5 is not one of 0, 1, 2, 3, 4"),
-}
+BAD = [
+    (capsule(radius=0), "radius: 0 is too small; it must be above 0"),
+    (capsule(height=-1), "height: -1 is too small; it must be at least 0"),
+    (box(friction=-0.1), "friction: -0.1 is too small; it must be at least 0"),
+    (box(stiffness=0), "stiffness: 0 is too small; it must be above 0"),
+    (plane(thickness=-1), "thickness: -1 is too small; it must be at least 0"),
+    (box(lengths=(1, 0, 1)), "scale.y: 0 is too small; it must be above 0"),
+    (box(rotKeys=keys([1, 0], [(0, 0, 0)] * 2)), "rotKeys.times[1]: 0 s is not later than 1 s"),
+    ({**box(), "type": 5}, "type: 5 is not one of 0, 1, 2, 3, 4"),
+    (box(scaleKeys=keys([0, 1], [(1, 1, 1), (0, 1, 1)])), "scaleKeys.values[1].x: 0 is too small; it must be"),
+    ({**physics.ball((0, 0, 0), 1), "scaleKeys": keys([0], [(1, -2, 1)])}, "scaleKeys.values[0].y: -2 is too small"),
+    (box(scaleKeys={"file": "a.glb", "joint": "arm"}), "scaleKeys: a joint has no scale; give times and values"),
+    (body(block(), scaleKeys=keys([0], [(1, 1, 1)]), motion={"file": "walk.pc2"}),
+     "scaleKeys: a mesh with a motion has its size from that"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_faults_are_named_with_their_place(name):
-    item, said = BAD[name]
+@pytest.mark.parametrize(("item", "said"), BAD)
+def test_faults_are_named_with_their_place(item, said):
     found = problems(document(thing([(0, 0, 0)]), colliders=[item], planes="solid"))
-    assert any(problem.startswith(said) for problem in found)
+    assert any(problem.startswith(f"colliders[0].{said}") for problem in found), found
+
+
+@pytest.mark.parametrize(("field", "value", "least"), [
+    ("thickness", 0, "above 0"), ("stiffness", -1, "above 0"), ("friction", -0.5, "at least 0"),
+])  # fmt: skip
+def test_faults_of_self_contact_are_named_with_their_place(field, value, least):
+    said = [f"selfCollision.{field}: {value} is too small; it must be {least}"]
+    assert problems(document(selfCollision={field: value})) == said

@@ -7,8 +7,7 @@ import pytest
 from helpers.derivatives import assert_gradient_and_tangent
 from helpers.physics import METHODS, VARIANTS, ball, keys, scene, sheet, xyz
 
-from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import at_start, sweep, tangents
+from clothfit.derivative.sensitivity import at_start, columns, sweep, tangents
 from clothfit.engine.system import build, mobile
 from clothfit.fit.estimate import estimate
 from clothfit.motion.simulate import simulate

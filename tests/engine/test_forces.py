@@ -9,7 +9,7 @@ from helpers.matrices import dense_matrix
 from helpers.obstacles import SHAPES, box, ring, touching
 from helpers.physics import STATES, ball, dense_forces, full, parts, relative, state, step_terms, thing, times, xyz
 
-from clothfit.engine.forces import spheres, springs, touch, wind
+from clothfit.engine.forces import spheres, springs, touch
 from clothfit.engine.system import clamped
 
 SYSTEM = full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)])
@@ -149,10 +149,6 @@ def test_all_forces_of_the_system_are_covered():
     assert len(parts(SYSTEM)) == 5
 
 
-def test_fixed_vertices_are_those_of_the_scene():
-    assert np.flatnonzero(~full(fixed=(0, 2)).vertex.free).tolist() == [0, 2]
-
-
 # --- springs
 
 
@@ -161,33 +157,6 @@ def test_rest_lengths_are_the_lengths_at_the_start():
     np.testing.assert_allclose(SPRINGS.rest, expected, rtol=1e-15)  # one rounding each
     f = physics.total_force(springs, SPRINGS, SYSTEM.x0, np.zeros_like(SYSTEM.x0))
     assert np.abs(f).max() == 0.0  # the length is computed in the same way as the rest length
-
-
-def test_one_stretched_damped_spring_by_hand():
-    one = physics.system(thing([(0, 0, 0), (3, 4, 0)], [(0, 1)], stiffness=20.0, damping=0.5))
-    y, u = np.array([[0.0, 0, 0], [6, 8, 0]]), np.array([[0.0, 0, 0], [1, 2, 3]])
-    # stretched from 5 m to 10 m along (0.6, 0.8, 0), opening at 2.2 m/s: 20 · 5 N + 0.25 · 20 · 2.2 N
-    pull = 20 * 5 + 0.25 * 20 * 2.2
-    f = physics.total_force(springs, one.springs, y, u)
-    np.testing.assert_allclose(f, [[0.6 * pull, 0.8 * pull, 0], [-0.6 * pull, -0.8 * pull, 0]], rtol=1e-14)
-
-
-@pytest.mark.parametrize("name", STATES[1:])
-def test_internal_forces_sum_to_zero_in_force_and_torque(name):
-    at = state(SYSTEM, name)
-    f = physics.total_force(springs, SPRINGS, at.y, at.u)
-    size = np.abs(f).sum()
-    # each spring adds p and −p along its axis: rounding of the sum over 9 vertices
-    assert np.abs(f.sum(axis=0)).max() < 1e-14 * size
-    assert np.abs(np.cross(at.y, f).sum(axis=0)).max() < 1e-14 * size * np.abs(at.y).max()
-
-
-def test_damping_does_not_resist_a_rigid_motion():
-    at = state(SYSTEM, "random")
-    spin = np.cross([0.3, -1.0, 0.5], at.y) + [1.0, 2.0, 3.0]
-    drag = physics.damping(springs, SPRINGS, at.y, at.u, spin)
-    # the length of no spring changes: rounding of d·(ω × e) against k β times speeds of order 1
-    assert np.abs(drag).max() < 1e-14 * SPRINGS.damping * SPRINGS.stiffness.max() * np.abs(spin).max()
 
 
 @pytest.mark.parametrize("name", STATES)
@@ -228,44 +197,6 @@ def test_the_rounded_clamp_has_no_kink(rho):
 
 
 # --- air
-
-
-RIGHT = np.array([[0.0, 0, 0], [2, 0, 0], [0, 0, 3]])
-"""A right triangle in the plane y = 0: n = (0, −6, 0), area 3."""
-
-
-@pytest.mark.parametrize(
-    ("flow", "speeds", "push"),
-    [((0, 0, 0), (0.3, 0.6, 0.9), -0.6), ((5, 0, -7), (0, 0, 0), 0), ((5, 2, -7), (0, 0, 0), 2)],
-    ids=["still air", "along", "across"],
-)
-def test_one_face_by_hand(flow, speeds, push):
-    made = physics.system(thing(RIGHT, triangles=[(0, 1, 2)], dragCoefficient=0.5), windVel=xyz(flow)).faces
-    u = np.array([[1.0, 0, 0], [0, 0, 2], [0, 0, 0]]) * any(speeds) + np.outer(speeds, [0, 1, 0])
-    f = physics.total_force(wind, made, RIGHT, u)
-    # (drag A / 3) n (n·(W − ū)) = (0.5 · 3 / 3) 6 · 6 (W − ū)·y on each corner
-    np.testing.assert_allclose(f, [[0, 0.5 * 36 * push, 0]] * 3, rtol=1e-14)
-
-
-@pytest.mark.parametrize("name", STATES)
-def test_a_cloth_that_moves_with_the_wind_feels_nothing(name):
-    at = state(SYSTEM, name)
-    f = physics.total_force(wind, FACES, at.y, np.broadcast_to(FACES.wind, at.y.shape).copy())
-    still = physics.total_force(wind, FACES, at.y, np.zeros_like(at.y))
-    assert np.abs(f).max() < 1e-15 * max(np.abs(still).max(), 1)  # the mean of three equal numbers, rounded
-
-
-def test_damping_is_the_row_sum_of_the_true_jacobian():
-    at = state(SYSTEM, "random")
-    same = np.broadcast_to([0.3, -1.0, 2.0], at.y.shape).copy()
-    change = physics.total_force(wind, FACES, at.y, at.u + same) - physics.total_force(wind, FACES, at.y, at.u)
-    assert relative(physics.damping(wind, FACES, at.y, at.u, same), change) < 1e-13  # linear in u: rounding only
-
-
-def test_no_drag_no_faces():
-    corners = np.array([[0, 1, 2]], np.int32)
-    assert wind.build(corners, 0.0, np.zeros(3)).corners.shape == (0, 3)
-    assert wind.build(corners, 0.1, np.zeros(3)).corners.tolist() == [[0, 1, 2]]
 
 
 # --- spheres

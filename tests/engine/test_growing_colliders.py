@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from helpers.derivatives import assert_derivatives
 from helpers.physics import METHODS, ball, keys, scene, sheet, thing, xyz
-from helpers.scenes import document, problems
 from helpers.surfaces import block, body
 
 from clothfit.base.errors import InvalidScene
@@ -17,6 +16,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.pictures.solids import solids
 
 TIGHT = 1e-13
+
 
 def shape(kind, lengths=(1, 1, 1), at=(0, 0, 0), **fields):
     """A collider of a type of the file."""
@@ -114,21 +114,6 @@ def test_pictures_show_its_size(kind):
     along_x = np.array([1.0, 1.3, 1.1])
     np.testing.assert_allclose(sizes[:, 0], along_x * sizes[0, 0], rtol=1e-12)
     assert sizes[0, 0] == pytest.approx(1.0, rel=1e-2)
-
-
-FAULTS = [
-    ({"scaleKeys": keys([0, 1], [(1, 1, 1), (0, 1, 1)])}, 3, "scaleKeys.values[1].x: 0 is too small; it must be"),
-    ({"scaleKeys": keys([0, 1], [(1, -2, 1), (1, 1, 1)])}, 1, "scaleKeys.values[0].y: -2 is too small; it must be"),
-    ({"scaleKeys": keys([1, 0], [(1, 1, 1), (1, 1, 1)])}, 2, "scaleKeys.times[1]: 0 s is not later than 1 s before it"),
-    ({"scaleKeys": {"file": "a.glb", "joint": "arm"}}, 3, "scaleKeys: a joint has no scale; give times and values"),
-    ({"scaleKeys": GROWS, "motion": {"file": "walk.pc2"}}, 4, "scaleKeys: a mesh with a motion has its size from that"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("fields", "kind", "said"), FAULTS)
-def test_what_is_refused(fields, kind, said):
-    found = problems(document(thing([(0, 0, 0)]), colliders=[shape(kind, **fields)]))
-    assert any(problem.startswith(f"colliders[0].{said}") for problem in found), found
 
 
 def test_a_smooth_scale_that_swings_below_0_is_refused_with_its_place(tmp_path):

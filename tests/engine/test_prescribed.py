@@ -7,9 +7,8 @@ from helpers.physics import TIGHT
 
 from clothfit.derivative import adjoint
 from clothfit.engine.prescribed import forms_from, forms_of
-from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import BDF2
-from clothfit.engine.tape import Tape
+from clothfit.engine.tape import Plan, Tape
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

@@ -3,13 +3,13 @@ do not pass through themselves, and exact derivatives.
 """
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import physics
 from helpers.derivatives import assert_derivatives
 from helpers.physics import METHODS, keys, relative, rotation, scene, thing, xyz
-from helpers.scenes import document, problems
 
 from clothfit.base.errors import InvalidScene
 from clothfit.cli.validate import judge
@@ -236,20 +236,19 @@ def test_pairs_that_pass_through_each_other_are_found():
 # --- motions
 
 
-def resting(frames, **fields):
+def resting():
     """Two rigid-ish sheets in weightlessness but for a weight on the upper one, the lower one fixed."""
     points, springs, faces = two_sheets(0.02)
     half = len(points) // 2
     return touching(
         points, springs, faces, {"thickness": 0.02, "stiffness": 50.0}, mass=0.01, stiffness=20.0,
-        damping=4.0, fixed=range(half), delta=0.01, optimizationIterations=frames, tolerance=1e-10, **fields,
+        damping=4.0, fixed=range(half), delta=0.01, optimizationIterations=60, tolerance=1e-10,
     )  # fmt: skip
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["implicit", "bdf2"])
-def test_a_sheet_on_a_sheet_rests_where_the_push_carries_its_weight(method):
-    made = resting(60, integrationMethod=METHODS[method])  # long before it slides off, for it stands on points
+def test_a_sheet_on_a_sheet_rests_where_the_push_carries_its_weight():
+    made = resting()  # long before it slides off, for it stands on points
     motion = simulate(made)
     system, x = build(made, 0), motion.positions[-1]
     half = len(x) // 2
@@ -300,7 +299,6 @@ def pushed(speed):
 MOTIONS = {
     "explicit": ("explicit", 1, 0.4, {}),
     "symplectic": ("symplectic", 1, 0.0, {}),
-    "implicit": ("implicit", 1, 0.0, {}),
     "Newton": ("implicit", 3, 0.4, {}),
     "bdf2": ("bdf2", 1, 0.4, {}),
     "zones": ("implicit", 1, 0.0, {"speed": 20.0, "frames": 5}),
@@ -354,60 +352,19 @@ def test_a_sheet_slides_down_a_sheet(friction):
     assert a == pytest.approx(G * (np.sin(angle) - friction * np.cos(angle)), rel=0.02)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("speed", [1.5, 60.0])
-def test_momentum_stays(speed):
-    made = colliding(speed=speed, fixed=[], damping=0.0, gravity=xyz((0, 0, 0)))
-    part = rollout(build(made, 0), 7, TIGHT)[0]
-    momentum = part.w[:, 0].sum(axis=1)
-    np.testing.assert_allclose(momentum, np.broadcast_to(part.v.sum(axis=0), momentum.shape), atol=1e-9 * speed)
-
-
-def crossings(x, faces):
-    """How many edges pass through triangles, with which they share no vertex: all pairs."""
-    edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
-    e, t = (each.ravel() for each in np.meshgrid(np.arange(len(edges)), np.arange(len(faces))))
-    apart = ~(edges[e][:, :, None] == faces[t][:, None]).any(axis=(1, 2))
-    (p, q), (a, b, c) = x[edges[e[apart]]].swapaxes(0, 1), x[faces[t[apart]]].swapaxes(0, 1)
-
-    def volume(a, b, c, d):
-        return np.linalg.det(np.stack([b - a, c - a, d - a], axis=-1))
-
-    sides = np.sign([volume(p, q, a, b), volume(p, q, b, c), volume(p, q, c, a)])
-    return int(((volume(a, b, c, p) * volume(a, b, c, q) < 0) & (np.abs(sides.sum(axis=0)) == 3)).sum())
+def crossings(surface, x):
+    """How many edges pass through triangles, with which they share no vertex."""
+    return len(pairs.pierced(surface._replace(start=x)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "speed"), [("implicit", 1.5), ("implicit", 60.0), ("bdf2", 10.0)])
 def test_halves_that_meet_do_not_pass_through_each_other(method, speed):
     made = colliding(method, speed=speed, frames=20)
-    faces = made.cloths[0].triangles
-    free = simulate(scene(object_of(made), delta=0.005, optimizationIterations=20)).positions
-    assert max(crossings(x, faces) for x in free) > 0  # without, they do
-    motion = simulate(made)
-    assert [crossings(x, faces) for x in motion.positions] == [0] * 20
-
-
-def object_of(made, order=slice(None), springs=None, faces=None):
-    """The object of a scene, its vertices in another order."""
-    one = made.cloths[0]
-    ends, corners = one.springs if springs is None else springs, one.triangles if faces is None else faces
-    own = thing(one.positions[order], ends, corners, mass=one.mass[order], stiffness=one.stiffness, fixed=[0])
-    return {**own, "vertVel": [xyz(v) for v in one.velocity[order]], "damping": 0.3}
-
-
-@pytest.mark.slow
-def test_the_order_of_vertices_and_triangles_does_not_matter():
-    made = colliding(frames=12)
-    one = made.cloths[0]
-    rng = np.random.default_rng(3)
-    order = np.append(0, 1 + rng.permutation(len(one.mass) - 1))
-    place = np.argsort(order)
-    faces = place[one.triangles][rng.permutation(len(one.triangles))]
-    own = object_of(made, order, place[one.springs], faces)
-    law = {"thickness": 0.05, "stiffness": 400.0}
-    other = scene(own, selfCollision=law, delta=0.005, optimizationIterations=12, tolerance=TIGHT)
-    np.testing.assert_allclose(simulate(other).positions, simulate(made).positions[:, order], atol=1e-9)
+    surface = build(made, 0).surface
+    free = simulate(replace(made, self_contact=None)).positions
+    assert max(crossings(surface, x) for x in free) > 0  # without, they do
+    assert [crossings(surface, x) for x in simulate(made).positions] == [0] * 20
 
 
 @pytest.mark.slow
@@ -490,12 +447,3 @@ def test_seams_that_are_not_welded_pass():
     lower = np.arange(len(points)) < len(points) // 2
     assert not len(pairs.near(made.surface, points))
     assert not len(pairs.crossing(made.surface, points, points + lower[:, None] * [0, 1.0, 0]))
-
-
-@pytest.mark.parametrize(("field", "value", "said"), [
-    ("thickness", 0, "0 is too small; it must be above 0"),
-    ("stiffness", -1, "-1 is too small; it must be above 0"),
-    ("friction", -0.5, "-0.5 is too small; it must be at least 0"),
-])  # fmt: skip
-def test_faults_are_named_with_their_place(field, value, said):
-    assert problems(document(selfCollision={field: value})) == [f"selfCollision.{field}: {said}"]

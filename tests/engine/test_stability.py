@@ -102,28 +102,18 @@ def matrix(method, h, omega, d):
 
 
 OSCILLATORS = list(product([EXPLICIT, SYMPLECTIC], [0.0, 0.3, 30.0, 80.0, 81.0, 500.0], [0.0, 40.0]))
-LIMITED = [(method, d, omega) for method, d, omega in OSCILLATORS if d > 0 or (method == SYMPLECTIC and omega > 0)]
-"""Those whose longest step is neither 0 nor infinite."""
 
 
 @pytest.mark.parametrize(("method", "d", "omega"), OSCILLATORS)
-def test_the_growth_is_the_largest_eigenvalue(method, d, omega):
+def test_the_growth_is_the_largest_eigenvalue_and_passes_1_at_the_limit(method, d, omega):
     for h in (1e-3, 0.02, 0.3):
         exact = np.abs(np.linalg.eigvals(matrix(method, h, omega, d))).max()
         assert growth(method, h, omega, d) == pytest.approx(exact, rel=1e-7)  # a double eigenvalue has half the digits
-
-
-@pytest.mark.parametrize(("method", "d", "omega"), OSCILLATORS)
-def test_every_step_is_stable_without_forces_and_no_explicit_one_without_damping(method, d, omega):
     h = longest_step(method, omega, d, d)
     assert (h == inf) == (omega == d == 0)
-    assert (h == 0) == (method == EXPLICIT and d == 0 < omega)
-
-
-@pytest.mark.parametrize(("method", "d", "omega"), LIMITED)
-def test_the_limit_is_where_the_growth_passes_1(method, d, omega):
-    h = longest_step(method, omega, d, d)
-    assert growth(method, 0.999 * h, omega, d) <= 1 + 1e-12 < growth(method, 1.001 * h, omega, d)
+    assert (h == 0) == (method == EXPLICIT and d == 0 < omega)  # no explicit step is stable without damping
+    if 0 < h < inf:
+        assert growth(method, 0.999 * h, omega, d) <= 1 + 1e-12 < growth(method, 1.001 * h, omega, d)
 
 
 def test_damping_between_two_bounds_counts_at_its_worse_one():
@@ -148,17 +138,6 @@ def test_real_steps_below_the_limit_stay_and_those_beyond_grow(method, damping, 
     # undamped symplectic steps at 0.95 of the limit swing up to 1/√(1 − 0.95²) = 3.2 times as far as the start
     assert sizes[0] < 3.3e-9
     assert sizes[1] > 10 * sizes[0]
-
-
-def test_the_growth_of_explicit_steps_is_what_happens():
-    made = one_spring(integrationMethod=EXPLICIT, delta=0.005)
-    moved = build(made, 0)
-    moved.x0[1, 1] -= 1e-6
-    memory, _ = rollout(moved, 100, 1e-5)
-    energy = [0.5 * K * (memory.x[t, 1, 1] + 1) ** 2 + 0.5 * M * (memory.w[t - 1, 0, 1, 1] ** 2) for t in (1, 100)]
-    assert limit(moved).growth == pytest.approx(sqrt(1 + (0.005 * 40) ** 2), rel=1e-12)
-    # an explicit step multiplies the energy of a linear spring by 1 + h² ω²; the spring is linear to 1e-6
-    assert energy[1] / energy[0] == pytest.approx(limit(moved).growth ** (2 * 99), rel=1e-4)
 
 
 # --- warnings
@@ -207,18 +186,3 @@ def test_air_that_stops_everything_at_once_leaves_no_step():
     wide = [(0, 0, 0), (1e150, 0, 0), (0, 0, 1e150)]
     face = thing(wide, [(0, 1)], [(0, 1, 2)], dragCoefficient=1.0)
     assert limit(physics.system(face, integrationMethod=SYMPLECTIC)).step == 0.0
-
-
-def test_where_eigsh_does_not_converge_a_power_iteration_comes_near(monkeypatch):
-    import scipy.sparse.linalg
-
-    made = build(one_spring(), 0)
-    cloth = physics.full(4, 4)
-    exact = frequency(made), frequency(cloth)
-
-    def fail(*_, **__):
-        raise scipy.sparse.linalg.ArpackError(-9999)
-
-    monkeypatch.setattr(scipy.sparse.linalg, "eigsh", fail)
-    assert frequency(made) == pytest.approx(exact[0], rel=1e-12)  # one oscillation: one product is enough
-    assert (1 - 3 * ACCURACY) * exact[1] ** 2 <= frequency(cloth) ** 2 <= (1 + ACCURACY) * exact[1] ** 2

@@ -1,12 +1,11 @@
 """From the scene to arrays: every name in its place, and nothing that the scene does not need."""
 
 import numpy as np
-import pytest
 from helpers.physics import ball, scene, xyz
 from helpers.scenes import cloth
 
 from clothfit.base.arrays import Elements
-from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, all_elements, build, with_elements
+from clothfit.engine.system import IMPLICIT, SYMPLECTIC, all_elements, build, with_elements
 
 MADE = scene(
     cloth(2, 2), cloth(3, 3, damping=0.6, dragCoefficient=0.2), windVel=xyz((1, 2, 3)), delta=0.01, forwardSubSteps=4
@@ -37,22 +36,12 @@ def test_the_pattern_joins_the_free_ends_of_the_springs():
     assert pairs == {tuple(sorted(pair)) for pair in system.springs.ends.tolist() if set(pair) <= free}
 
 
-@pytest.mark.parametrize("method", [EXPLICIT, SYMPLECTIC, IMPLICIT])
-def test_the_numbers_of_the_methods_are_those_of_the_file(method):
-    assert build(scene(integrationMethod=method), 0).method == method
-
-
-def test_without_drag_there_are_no_faces():
-    assert build(scene(cloth(dragCoefficient=0.0), windVel=xyz((9, 9, 9))), 0).faces.corners.shape == (0, 3)
-
-
-def test_without_colliders_there_are_no_spheres():
-    assert build(scene(), 0).spheres.radius.shape == (0,)
-
-
-def test_planes_are_no_spheres():
-    made = scene(colliders=[{**ball((0, 0, 0), 1.0), "type": 0}, ball((1, 2, 3), 0.25)])
-    spheres = build(made, 0).spheres
+def test_what_does_nothing_has_no_rows():
+    still = build(scene(cloth(dragCoefficient=0.0), windVel=xyz((9, 9, 9)), integrationMethod=SYMPLECTIC), 0)
+    assert still.method == SYMPLECTIC
+    assert (still.faces.corners.shape, still.spheres.radius.shape) == ((0, 3), (0,))
+    planes = scene(colliders=[{**ball((0, 0, 0), 1.0), "type": 0}, ball((1, 2, 3), 0.25)])
+    spheres = build(planes, 0).spheres
     assert (spheres.centre.tolist(), spheres.radius.tolist()) == ([[1, 2, 3]], [0.25])
 
 

@@ -12,9 +12,8 @@ from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import whole
 from clothfit.engine import rollout, tape
 from clothfit.engine.rollout import state_bytes
-from clothfit.engine.snapshots import Plan, least, plan
 from clothfit.engine.system import BDF2, IMPLICIT
-from clothfit.engine.tape import Tape
+from clothfit.engine.tape import Plan, Tape, least_bytes, plan_for
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -174,8 +173,8 @@ def test_any_budget_gives_the_same_gradient():
     expected = adjoint.gradient(system, memory, weight, TIGHT)
     size, snapshot = state_bytes(system), 5 * system.x0.nbytes
     seen = set()
-    for most in np.linspace(least(steps, size, snapshot), steps * size, 7):
-        chosen = plan(steps, size, snapshot, most)
+    for most in np.linspace(least_bytes(steps, size, snapshot), steps * size, 7):
+        chosen = plan_for(steps, size, snapshot, most)
         seen.add(len(chosen.strides))
         assert_same(adjoint.gradient(system, told(system, chosen, steps), weight, TIGHT), expected)
     assert seen >= {1, 2}

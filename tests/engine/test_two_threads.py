@@ -142,42 +142,21 @@ def test_a_second_thread_that_does_not_come_is_not_waited_for():
     assert done.tolist() == [[1] * 10, [0] * 10]
 
 
-@pytest.fixture
-def unlimited(monkeypatch):
-    """No wish for one thread in the environment."""
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
+@pytest.mark.parametrize(("own", "all_there", "wish", "count"), [
+    (1, None, {}, 1), (2, None, {}, 2), (5, None, {}, 5),
+    (None, 4, {}, 4), (None, None, {}, 1),  # where processes have no processors of their own
+    (2, None, {"NUMBA_NUM_THREADS": "2"}, 2), (2, None, {"NUMBA_NUM_THREADS": " 1 "}, 1),
+    (2, None, {"OMP_NUM_THREADS": "2"}, 2), (2, None, {"OMP_NUM_THREADS": " 1 "}, 1),
+    (2, None, {"NUMBA_DISABLE_JIT": "1"}, 1),  # interpreted code runs alone
+])  # fmt: skip
+def test_the_processors_are_those_of_the_process_unless_one_is_asked_for(monkeypatch, own, all_there, wish, count):
+    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_DISABLE_JIT"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
-
-
-@pytest.mark.usefixtures("unlimited")
-def test_the_processors_are_those_of_the_process(monkeypatch):
-    for count in (1, 2, 5):
-        monkeypatch.setattr(os, "sched_getaffinity", lambda _, count=count: set(range(count)), raising=False)
-        assert two_threads.processors() == count
-
-
-@pytest.mark.usefixtures("unlimited")
-@pytest.mark.parametrize(("said", "meant"), [(4, 4), (None, 1)])
-def test_where_processes_have_no_processors_of_their_own_all_count(monkeypatch, said, meant):
-    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
-    monkeypatch.setattr(os, "cpu_count", lambda: said)
-    assert two_threads.processors() == meant
-
-
-@pytest.mark.usefixtures("unlimited")
-@pytest.mark.parametrize("name", ["NUMBA_NUM_THREADS", "OMP_NUM_THREADS"])
-def test_who_asks_for_one_thread_gets_one(monkeypatch, name):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    assert two_threads.processors() == 2
-    monkeypatch.setenv(name, "2")
-    assert two_threads.processors() == 2
-    monkeypatch.setenv(name, " 1 ")
-    assert two_threads.processors() == 1
-
-
-@pytest.mark.usefixtures("unlimited")
-def test_interpreted_code_runs_alone(monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
-    assert two_threads.processors() == 1
+    for name, value in wish.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(os, "cpu_count", lambda: all_there)
+    if own is None:
+        monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    else:
+        monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(own)), raising=False)
+    assert two_threads.processors() == count

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import sweep
+from clothfit.derivative.sensitivity import columns, sweep
 from clothfit.derivative.verify import check
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from clothfit.engine.forces.touch import Colliders
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.system import System
 from helpers.physics import ball, full, keys, xyz
@@ -51,3 +54,8 @@ def touching(obstacle: dict[str, Any], step: int = 1, **fields: Any) -> System:
     made = full(colliders=[obstacle], planes="solid", **fields)
     set_inputs(made.inputs, made, step)
     return made
+
+
+def with_room(own: Colliders, count: int) -> Colliders:
+    """The same colliders for so many points."""
+    return own._replace(bodies=own.bodies._replace(last=np.repeat(own.bodies.last[:, :1], count, axis=1)))

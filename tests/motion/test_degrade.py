@@ -113,13 +113,9 @@ def test_more_frames_than_memory_are_refused():
         degrade(MOTION, fps=1e14)
 
 
-def test_a_mask_loses_the_frames_that_are_skipped():
-    twice = degrade(degrade(MOTION, observed=0.5), every=2)
+def test_a_mask_loses_the_frames_that_are_skipped_and_what_was_not_seen_before():
+    twice = degrade(degrade(MOTION, observed=0.5), observed=0.5, every=2, seed=9)
     assert twice.observed.shape == (11, 36)
-
-
-def test_what_was_not_seen_before_is_not_seen_after():
-    twice = degrade(degrade(MOTION, observed=0.5), observed=0.5, seed=9)
     assert not np.isnan(twice.positions[twice.observed]).any()
 
 

@@ -49,7 +49,10 @@ def test_the_last_states_are_those_of_the_steps_whatever_the_parts(method, lengt
 
 def test_a_motion_that_diverges_at_once_has_its_start():
     one = thing([(0, 0, 0), (1, 0, 0), (0, 0, 1)], [(0, 1)], [(0, 1, 2)], dragCoefficient=1.0)
-    states = fault_of(scene(one, windVel={"x": 0, "y": 1e150, "z": 0}, optimizationIterations=10)).fault.states
+    error = fault_of(scene(one, windVel={"x": 0, "y": 1e150, "z": 0}, optimizationIterations=10))
+    assert (error.step, len(error.motion.positions)) == (1, 1)
+    assert str(error).endswith("try a smaller delta")  # of implicit steps there is no limit to name
+    states = error.fault.states
     assert states.steps.tolist() == [0, 1]
     assert np.isfinite(states.x[0]).all()
     assert np.abs(states.x[1]).max() > FARTHEST

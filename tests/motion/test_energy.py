@@ -10,7 +10,7 @@ import clothfit.motion.energy
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.cli.common.console import Console
 from clothfit.cli.simulate import joules, show_energy
-from clothfit.engine.forces import spheres, springs, total, vertex, wind
+from clothfit.engine.forces import springs, total, vertex, wind
 from clothfit.engine.march import velocity
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import all_elements, build, with_elements
@@ -24,10 +24,6 @@ NO_WEIGHT = {"gravity": xyz((0, 0, 0))}
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of steps are slow without compilation")
 RISE = 1e-12
 """Of the most energy in one place: sums of some hundred terms, and differences of positions over a step."""
-
-
-def potential(system, y):
-    return springs.energy(system.springs, y) + vertex.energy(system.vertex, y) + spheres.energy(system.spheres, y)
 
 
 def force(system, y, u):
@@ -44,20 +40,6 @@ def account(made, frames, **options):
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_the_force_of_a_cloth_at_rest_in_still_air_is_minus_the_gradient_of_its_energy(name):
-    system = full(**STILL)
-    y, t = state(system, name).y, 1e-6
-    measured = np.zeros_like(y)
-    for place in np.ndindex(*y.shape):
-        d = np.zeros_like(y)
-        d[place] = t
-        measured[place] = (potential(system, y - d) - potential(system, y + d)) / (2 * t)
-    f = force(system, y, np.zeros_like(y))
-    # rounding of energies of some 1000 J over 2e-6 m
-    np.testing.assert_allclose(measured, f, atol=1e-6 * max(1.0, np.abs(f).max()))
-
-
-@pytest.mark.parametrize("name", STATES)
 def test_what_is_not_potential_is_wind_damping_and_drag(name):
     system = full()
     at = state(system, name)
@@ -68,15 +50,6 @@ def test_what_is_not_potential_is_wind_damping_and_drag(name):
     damped += springs.damping_power(system.springs, at.y, at.u, at.w)
     f = force(system, at.y, at.u)
     assert abs(conservative + blown + dragged + damped - np.vdot(f, at.w)) < 1e-12 * np.abs(f * at.w).sum()
-
-
-def test_damping_and_drag_only_take():
-    system = full()
-    for name in STATES[1:]:
-        at = state(system, name)
-        assert vertex.damping_power(system.vertex, at.y, at.u, at.u) < 0
-        assert springs.damping_power(system.springs, at.y, at.u, at.u) < 0
-        assert wind.powers(system.faces, at.y, at.u, at.u)[1] < 0
 
 
 # --- closed forms
@@ -123,30 +96,21 @@ def test_a_damped_vertex_loses_to_damping_and_to_the_implicit_step():
 
 
 @SLOW
-@pytest.mark.parametrize(("method", "newton"), [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 8)])
-def test_what_no_force_takes_is_of_the_first_order_of_the_step(method, newton):
-    """So work and damping are counted right, whatever the integrator: the rest must go with h."""
+@pytest.mark.parametrize(("method", "newton", "order"), [
+    ("explicit", 1, 1), ("symplectic", 1, 1), ("implicit", 1, 1), ("implicit", 8, 1), ("bdf2", 1, 2),
+])  # fmt: skip
+def test_what_no_force_takes_is_of_the_order_of_the_steps(method, newton, order):
+    """So work and damping are counted right, whatever the integrator: the rest must go with h, or h²."""
     left, taken = [], []
     for k in (2, 4, 8):
         fields = {"integrationMethod": METHODS[method], "forwardSubSteps": newton, "delta": 0.002 / k}
         found = account(scene(sheet(dragCoefficient=3.0), windVel=xyz((5, 3, -4)), **fields), 100 * k + 1)
         left.append(found.numerical[-1])
         taken.append([found.wind[-1], found.damping[-1], found.drag[-1]])
-    # halved with the step, but for terms of second order
-    np.testing.assert_allclose(np.array(left[:2]) / left[1:], 2.0, atol=0.3)
+    # but for terms of the next order, and of BDF2 those of the one Euler step
+    np.testing.assert_allclose(np.array(left[:2]) / left[1:], 2.0**order, atol=0.3 if order == 1 else 1.0)
     np.testing.assert_allclose(taken[1], taken[2], rtol=0.1)
     assert np.abs(taken[2]).min() > 3 * abs(left[2])  # so one of them left out would show
-
-
-@SLOW
-def test_what_no_force_takes_of_bdf2_steps_is_of_second_order():
-    left = []
-    for k in (4, 8, 16):
-        fields = {"integrationMethod": METHODS["bdf2"], "delta": 0.004 / k}
-        found = account(scene(sheet(dragCoefficient=3.0), windVel=xyz((5, 3, -4)), **fields), 50 * k + 1)
-        left.append(found.numerical[-1])
-    # quartered when the step is halved, but for terms of third order, and of those of the one Euler step
-    np.testing.assert_allclose(np.array(left[:2]) / left[1:], 4.0, atol=1.0)
 
 
 def test_the_velocities_of_bdf2_steps_are_those_that_it_took():
@@ -193,10 +157,8 @@ def test_the_explicit_method_gains_what_the_implicit_one_loses():
 
 
 IMPLICIT = {
-    "falling cloth": swing("implicit", 0.02),
     "long steps": swing("implicit", 0.1),
     "stiff": swing("implicit", 0.02, springStiffness=[1e4] * 16),
-    "soft": swing("implicit", 0.02, springStiffness=[0.5] * 16),
     "in motion, in air, damped": scene(sheet(), **STILL),
     "newton": scene(sheet(), forwardSubSteps=4, **STILL),
     "stretched": scene(sheet(springRestLength=[0.6] * 16), **STILL, **NO_WEIGHT),
@@ -249,12 +211,6 @@ def test_the_shortest_motions(method, frames):
     free = ~made.cloths[0].fixed
     start = 0.5 * (made.cloths[0].mass[free, None] * made.cloths[0].velocity[free] ** 2).sum()
     np.testing.assert_allclose(found.kinetic[0], start, rtol=1e-11)  # positions of 1 m, differences of 1 mm
-
-
-@pytest.mark.parametrize("method", list(METHODS))
-def test_one_frame_has_no_rise(method):
-    made = scene(sheet(), integrationMethod=METHODS[method], delta=0.002)
-    assert account(made, 1).largest_rise == (0.0, 0)
 
 
 def test_the_last_velocity_of_explicit_steps_is_that_of_the_next_position():

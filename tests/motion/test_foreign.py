@@ -88,37 +88,26 @@ def test_frames_keep_their_times(there):
         ([1, 1.5, 2.5], None, [0, 0.5, 1.5], "by its own times"),
     ],
 )
-def test_times_are_given_or_the_files_or_the_scenes(there, monkeypatch, read, given, times, rate):
+def test_times_are_given_or_the_files_or_the_scenes(there, pretend, read, given, times, rate):
     made = Animation(MOTION.positions[:3], Axes("y", "left"), None if read is None else np.array(read, float))
-    pretend(monkeypatch, made)
+    pretend(made)
     found = foreign.load("a.pc2", SCENE, Reading(fps=given))
     np.testing.assert_allclose(found.motion.times, times)
     assert rate in found.interpretation.rate
 
 
-def test_samples_between_frames_count_by_the_rate(there, monkeypatch):
-    pretend(monkeypatch, Animation(MOTION.positions[:3], Axes("y", "left"), spacing=0.5))
+def test_samples_between_frames_count_by_the_rate(there, pretend):
+    pretend(Animation(MOTION.positions[:3], Axes("y", "left"), spacing=0.5))
     np.testing.assert_allclose(foreign.load("a.pc2", SCENE, Reading(fps=10)).motion.times, [0, 0.05, 0.1])
-
-
-def pretend(monkeypatch, animation):
-    """Let every file hold this."""
-
-    class Module:
-        @staticmethod
-        def read(path):
-            return animation
-
-    monkeypatch.setattr("clothfit.formats.registry.module_of", lambda found: Module)
 
 
 # --- gaps
 
 
-def test_what_was_not_seen_is_not_observed(there, monkeypatch):
+def test_what_was_not_seen_is_not_observed(there, pretend):
     positions = MOTION.positions.copy()
     positions[2, 3] = np.nan
-    pretend(monkeypatch, Animation(positions, Axes("y", "left")))
+    pretend(Animation(positions, Axes("y", "left")))
     found = clothfit.load_motion("a.pc2", SCENE)
     assert np.argwhere(~found.observed).tolist() == [[2, 3]]
 

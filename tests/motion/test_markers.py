@@ -18,16 +18,13 @@ CHOSEN = [3, 14, 0]  # vertices of all objects
 NAMES = ("left", "right", "far")
 
 
-def markers(monkeypatch, positions, names=NAMES, observed=None):
-    """Let every file hold these."""
-    made = Animation(np.asarray(positions, float), Axes("y", "left"), observed=observed, names=names)
+@pytest.fixture
+def markers(pretend):
+    """A function that lets every file hold markers."""
+    def hold(positions, names=NAMES, observed=None):
+        pretend(Animation(np.asarray(positions, float), Axes("y", "left"), observed=observed, names=names))
 
-    class Module:
-        @staticmethod
-        def read(path):
-            return made
-
-    monkeypatch.setattr("clothfit.formats.registry.module_of", lambda found: Module)
+    return hold
 
 
 def moved(frames=4):
@@ -42,8 +39,8 @@ def written(folder, text):
     return str(path)
 
 
-def test_markers_belong_to_the_nearest_vertices(monkeypatch):
-    markers(monkeypatch, moved())
+def test_markers_belong_to_the_nearest_vertices(markers):
+    markers(moved())
     found = foreign.load("a.trc", SCENE, Reading())
     each = found.interpretation.matches.each
     assert [(match.marker, match.object, match.vertex) for match in each] == [("left", 0, 3), ("right", 1, 2),
@@ -58,37 +55,37 @@ def test_markers_belong_to_the_nearest_vertices(monkeypatch):
     assert summary["each"][1]["vertex"] == 2
 
 
-def test_a_marker_counts_from_where_it_is_first_seen(monkeypatch):
+def test_a_marker_counts_from_where_it_is_first_seen(markers):
     positions = moved()
     positions[:2, 0] = np.nan
     positions[2, 0] = START[5]
-    markers(monkeypatch, positions)
+    markers(positions)
     found = foreign.load("a.c3d", SCENE, Reading(frames="3:"))
     assert found.interpretation.matches.each[0].vertex == 5
     assert found.motion.observed[0, 5]
 
 
-def test_gaps_are_not_observed(monkeypatch):
+def test_gaps_are_not_observed(markers):
     positions, observed = moved(), np.ones((4, 3), bool)
     positions[1, 0] = np.nan
     observed[2, 1] = False
-    markers(monkeypatch, positions, observed=observed)
+    markers(positions, observed=observed)
     found = foreign.load("a.csv", SCENE, Reading()).motion
     assert found.observed[:, CHOSEN].tolist() == [[1, 1, 1], [0, 1, 1], [1, 0, 1], [1, 1, 1]]
     assert np.isnan(found.positions[~found.observed]).all()
 
 
-def test_a_marker_that_is_never_seen_is_left_out_and_told(monkeypatch):
+def test_a_marker_that_is_never_seen_is_left_out_and_told(markers):
     positions = moved()
     positions[:, 2] = np.nan
-    markers(monkeypatch, positions)
+    markers(positions)
     found = foreign.load("a.trc", SCENE, Reading()).interpretation
     assert len(found.matches.each) == 2
     assert 'never seen, and left out: "far"' in found.notes
 
 
-def test_a_map_says_which_vertices_they_are(monkeypatch, tmp_path):
-    markers(monkeypatch, moved())
+def test_a_map_says_which_vertices_they_are(markers, tmp_path):
+    markers(moved())
     path = written(tmp_path, "\ufeffVertex,marker, object ,why\r\n8,right,1,x\r\n\r\n 1 , left , 0\r\n")
     found = foreign.load("a.trc", SCENE, Reading(markers=path))
     assert [match[:3] for match in found.interpretation.matches.each] == [("left", 0, 1), ("right", 1, 8)]
@@ -97,38 +94,38 @@ def test_a_map_says_which_vertices_they_are(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_a_map_has_line_ends_of_any_kind(monkeypatch, tmp_path, end):
-    markers(monkeypatch, moved())
+def test_a_map_has_line_ends_of_any_kind(markers, tmp_path, end):
+    markers(moved())
     (tmp_path / "map.csv").write_bytes(f"marker,object,vertex{end}far,0,1{end}".encode())
     found = foreign.load("a.trc", SCENE, Reading(markers=tmp_path / "map.csv"))
     assert [match[:3] for match in found.interpretation.matches.each] == [("far", 0, 1)]
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])
-def test_a_map_has_separators_as_tables_have(monkeypatch, tmp_path, separator):
-    markers(monkeypatch, moved())
+def test_a_map_has_separators_as_tables_have(markers, tmp_path, separator):
+    markers(moved())
     text = "vertex,marker,object\n1,far,0\n".replace(",", separator)
     found = foreign.load("a.trc", SCENE, Reading(markers=written(tmp_path, text)))
     assert [match[:3] for match in found.interpretation.matches.each] == [("far", 0, 1)]
 
 
-def test_markers_without_names_are_counted(monkeypatch, tmp_path):
-    markers(monkeypatch, moved(), names=None)
+def test_markers_without_names_are_counted(markers, tmp_path):
+    markers(moved(), names=None)
     assert [m.marker for m in foreign.load("a.csv", SCENE, Reading()).interpretation.matches.each] == ["0", "1", "2"]
     path = written(tmp_path, "marker,object,vertex\n2,0,7\n")
     assert foreign.load("a.csv", SCENE, Reading(markers=path)).interpretation.matches.each[0].vertex == 7
 
 
-def test_as_many_points_as_vertices_without_names_are_the_vertices(monkeypatch):
-    markers(monkeypatch, [START[::-1]], names=None)
+def test_as_many_points_as_vertices_without_names_are_the_vertices(markers):
+    markers([START[::-1]], names=None)
     found = foreign.load("a.csv", SCENE, Reading())
     assert found.interpretation.matches is None
     np.testing.assert_array_equal(found.motion.positions[0], START[::-1])
 
 
-def test_a_map_also_tells_of_the_points_of_another_mesh(monkeypatch, tmp_path):
+def test_a_map_also_tells_of_the_points_of_another_mesh(markers, tmp_path):
     """As of a mesh with seams that the scene has welded."""
-    markers(monkeypatch, [START[[4, 4, 3]]], names=None)
+    markers([START[[4, 4, 3]]], names=None)
     path = written(tmp_path, "marker,object,vertex\n0,0,4\n2,0,3\n")
     found = foreign.load("a.pc2", SCENE, Reading(markers=path))
     assert np.flatnonzero(found.motion.observed[0]).tolist() == [3, 4]
@@ -137,21 +134,21 @@ def test_a_map_also_tells_of_the_points_of_another_mesh(monkeypatch, tmp_path):
         foreign.load("a.pc2", None, Reading(markers=path))
 
 
-def test_points_with_the_names_of_the_vertices_are_the_vertices(monkeypatch):
-    markers(monkeypatch, [START[::-1]], names=tuple(f"v{i}" for i in range(len(START))))
+def test_points_with_the_names_of_the_vertices_are_the_vertices(markers):
+    markers([START[::-1]], names=tuple(f"v{i}" for i in range(len(START))))
     found = foreign.load("a.c3d", SCENE, Reading())
     assert found.interpretation.matches is None
     np.testing.assert_array_equal(found.motion.positions[0], START[::-1])
 
 
-def test_without_a_scene_markers_stay_markers(monkeypatch):
-    markers(monkeypatch, moved())
+def test_without_a_scene_markers_stay_markers(markers):
+    markers(moved())
     found = foreign.load("a.trc", None, Reading())
     assert (found.names, found.motion.positions.shape, found.interpretation.matches) == (NAMES, (4, 3, 3), None)
 
 
-def test_two_markers_at_one_vertex_are_named(monkeypatch):
-    markers(monkeypatch, moved()[:, [0, 1, 0]])
+def test_two_markers_at_one_vertex_are_named(markers):
+    markers(moved()[:, [0, 1, 0]])
     with pytest.raises(InvalidMotion, match=r'markers "left" and "far" both belong to objects\[0\] vertex 3'):
         foreign.load("a.trc", SCENE, Reading())
 
@@ -171,7 +168,7 @@ def test_two_markers_at_one_vertex_are_named(monkeypatch):
         ("marker,object,vertex\nleft,0,0\nright,0,0\n", r'map.csv: markers "left" and "right" both belong to'),
     ],
 )
-def test_a_wrong_map_is_told_with_its_line(monkeypatch, tmp_path, text, message):
-    markers(monkeypatch, moved())
+def test_a_wrong_map_is_told_with_its_line(markers, tmp_path, text, message):
+    markers(moved())
     with pytest.raises(InvalidMotion, match=message):
         foreign.load("a.trc", SCENE, Reading(markers=written(tmp_path, text)))

@@ -2,7 +2,6 @@
 
 import io
 import pickle
-import zipfile
 
 import numba
 import numpy as np
@@ -121,16 +120,6 @@ def test_a_simulation_that_diverges_says_where_and_keeps_what_is_good(method):
     np.testing.assert_array_equal(good.positions, error.motion.positions)
 
 
-def test_an_implicit_simulation_that_diverges_gets_the_other_advice():
-    # a wind of 1e150 m/s on a face pushes beyond any sensible number within a step
-    one = thing([(0, 0, 0), (1, 0, 0), (0, 0, 1)], [(0, 1)], [(0, 1, 2)], dragCoefficient=1.0)
-    with pytest.raises(Diverged) as caught:
-        simulate(scene(one, windVel=xyz((0, 1e150, 0)), optimizationIterations=10))
-    assert str(caught.value).endswith("try a smaller delta")
-    assert caught.value.step == 1
-    assert len(caught.value.motion.positions) == 1
-
-
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="100 steps of 288 vertices are slow without compilation")
 @pytest.mark.skipif(
     not (SHARED / "reference" / "side.npz").is_file(), reason="../shared with the reference motion is not there"
@@ -185,11 +174,6 @@ def test_weights_of_vertices_or_positions_are_kept(shape):
     assert reread(walk()).weights is walk().weights_of(0) is None
 
 
-def test_an_open_file_will_do_both_ways():
-    motion = walk()
-    np.testing.assert_array_equal(reread(motion).positions, motion.positions)
-
-
 def test_a_stream_that_cannot_go_back_is_read():
     class Pipe(io.BytesIO):
         def seekable(self):
@@ -199,26 +183,25 @@ def test_a_stream_that_cannot_go_back_is_read():
             raise io.UnsupportedOperation("seek")
 
     motion = walk()
-    assert (
-        load_motion(Pipe(written(positions=motion.positions).getvalue()), TWO).positions.tolist()
-        == motion.positions.tolist()
-    )
+    found = load_motion(Pipe(written(positions=motion.positions).getvalue()), TWO)
+    np.testing.assert_array_equal(found.positions, motion.positions)
 
 
 def test_what_is_all_observed_needs_no_flags():
-    assert reread(walk(np.ones((4, 10), bool))).observed is None
+    motion = walk(np.ones((4, 10), bool))
+    back = reread(motion)
+    assert back.observed is None
+    np.testing.assert_array_equal(back.positions, motion.positions)
 
 
-def test_bare_positions_get_the_times_of_the_scene():
-    motion = load_motion(written(positions=walk().positions), TWO)
-    np.testing.assert_allclose(motion.times, [0, 0.02, 0.04, 0.06], rtol=1e-15)  # one product each
-    assert motion.vertex_counts == COUNTS
-
-
-def test_a_bare_array_file(tmp_path):
-    motion = walk()
-    np.save(tmp_path / "walk.npy", motion.positions)
-    np.testing.assert_array_equal(load_motion(tmp_path / "walk.npy", TWO).positions, motion.positions)
+def test_bare_positions_get_the_times_of_the_scene_and_other_arrays_are_left_alone(tmp_path):
+    positions = walk().positions
+    np.save(tmp_path / "walk.npy", positions)
+    for file in (written(positions=positions, velocities=np.zeros(3)), tmp_path / "walk.npy"):
+        motion = load_motion(file, TWO)
+        np.testing.assert_array_equal(motion.positions, positions)
+        np.testing.assert_allclose(motion.times, [0, 0.02, 0.04, 0.06], rtol=1e-15)  # one product each
+        assert motion.vertex_counts == COUNTS
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.int64, np.uint8])
@@ -226,10 +209,6 @@ def test_numbers_of_other_types_become_doubles(kind):
     motion = load_motion(written(positions=np.full((2, 10, 3), 7, kind)), TWO)
     assert motion.positions.dtype == np.float64
     assert motion.positions.max() == 7
-
-
-def test_other_arrays_in_the_archive_are_left_alone():
-    assert load_motion(written(positions=walk().positions, velocities=np.zeros(3)), TWO).positions.shape == (4, 10, 3)
 
 
 def good():
@@ -251,38 +230,24 @@ BAD = [
     ({"positions": np.full((4, 10, 3), "a")}, "positions: has type <U1, numbers are needed"),
     ({"positions": np.zeros((4, 10, 3), complex)}, "positions: has type complex128, numbers are needed"),
     ({"positions": np.zeros((4, 9, 3))}, "positions: has shape (4, 9, 3), (frames, 10, 3) fits scene"),
-    ({"positions": np.zeros((4, 10, 2))}, "positions: has shape (4, 10, 2), (frames, 10, 3) fits scene"),
-    ({"positions": np.zeros((10, 3))}, "positions: has shape (10, 3), (frames, 10, 3) fits scene"),
     ({"positions": np.zeros((0, 10, 3))}, "positions: has shape (0, 10, 3), (frames, 10, 3) fits scene"),
     ({"positions": with_nan()}, NOT_FINITE),
     ({"positions": with_nan(np.inf)}, NOT_FINITE),
     ({"positions": with_nan(), "observed": np.roll(UNSEEN, 1, axis=1)}, NOT_FINITE),
     ({"vertex_counts": np.array([6, 4])}, "vertex_counts: is [6, 4], the scene has [4, 6]"),
     ({"vertex_counts": np.array(10)}, "vertex_counts: is [10], the scene has [4, 6]"),
-    ({"vertex_counts": np.array([])}, "vertex_counts: is [], the scene has [4, 6]"),
     ({"times": np.arange(3.0)}, "times: has shape (3,) and type float64, 4 numbers, one per frame, fit"),
     ({"times": np.arange(4.0)[:, None]}, "times: has shape (4, 1) and type float64, 4 numbers, one per frame, fit"),
     ({"times": np.array(list("abcd"))}, "times: has shape (4,) and type <U1, 4 numbers, one per frame, fit"),
     ({"times": np.array([0, 1, 1, 2])}, "times: must be finite and increasing"),
-    ({"times": np.array([0, 2, 1, 3])}, "times: must be finite and increasing"),
     ({"times": np.array([0, 1, np.nan, 3])}, "times: must be finite and increasing"),
     ({"times": np.array([0, 1, 2, np.inf])}, "times: must be finite and increasing"),
     ({"observed": np.ones((4, 9), bool)}, "observed: has shape (4, 9) and type bool, (4, 10) bool fits"),
-    (
-        {"weights": np.ones((4, 9))},
-        "weights: has shape (4, 9) and type float64, (10,) or (4, 10) numbers fit",
-    ),
     ({"weights": np.ones(4)}, "weights: has shape (4,) and type float64, (10,) or (4, 10) numbers fit"),
     ({"weights": np.full(10, "a")}, "weights: has shape (10,) and type <U1, (10,) or (4, 10) numbers fit"),
     ({"weights": -UNSEEN.astype(int)}, "weights[0, 0] must be at least 0 and finite; -1 was given"),
-    (
-        {"weights": np.array([1.0] * 9 + [np.nan])},
-        "weights[9] must be at least 0 and finite; nan was given",
-    ),
-    (
-        {"weights": np.array([np.inf] + [1.0] * 9)},
-        "weights[0] must be at least 0 and finite; inf was given",
-    ),
+    ({"weights": np.array([1.0] * 9 + [np.nan])}, "weights[9] must be at least 0 and finite; nan was given"),
+    ({"weights": np.array([np.inf] + [1.0] * 9)}, "weights[0] must be at least 0 and finite; inf was given"),
     ({"observed": np.ones((4, 10))}, "observed: has shape (4, 10) and type float64, (4, 10) bool fits"),
 ]
 
@@ -309,10 +274,7 @@ FILES = [
     (b"hello", "walk.npz: cannot be read as .npz or .npy ("),
     (pickle.dumps({"positions": 1}), "walk.npz: cannot be read as .npz or .npy (it is neither)"),
     (written(positions=np.zeros((4, 10, 3))).getvalue()[:200], "walk.npz: cannot be read as .npz or .npy ("),
-    (
-        written(positions=np.array([{}, None])).getvalue(),
-        "walk.npz: cannot be read as .npz or .npy (it holds pickled objects)",
-    ),
+    (written(positions=np.array([{}, None])).getvalue(), "walk.npz: cannot be read as .npz or .npy (it holds pickled"),
     (b"PK\x05\x06" + bytes(18), "walk.npz: positions: is missing"),
 ]
 
@@ -324,22 +286,6 @@ def test_files_that_are_no_motions_are_refused(tmp_path, data, message):
         load_motion(tmp_path / "walk.npz", TWO)
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
-
-
-def test_a_damaged_archive_is_refused(tmp_path):
-    data = bytearray(written(positions=np.zeros((4, 10, 3))).getvalue())
-    data[200:300] = bytes(b ^ 255 for b in data[200:300])
-    (tmp_path / "walk.npz").write_bytes(data)
-    with pytest.raises(InvalidMotion):
-        load_motion(tmp_path / "walk.npz", TWO)
-
-
-def test_an_archive_of_other_things_is_refused(tmp_path):
-    with zipfile.ZipFile(tmp_path / "walk.npz", "w") as archive:
-        archive.writestr("positions.npy", "hello")
-    with pytest.raises(InvalidMotion) as caught:
-        load_motion(tmp_path / "walk.npz", TWO)
-    assert str(caught.value).startswith("walk.npz: ")
 
 
 def test_files_that_are_not_there_are_named(tmp_path):

@@ -10,7 +10,7 @@ from helpers.scenes import document, load_text, trial, write_scene
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import human
 from clothfit.cli.program import run
-from clothfit.engine import snapshots
+from clothfit.engine import tape
 from clothfit.engine.rollout import state_bytes
 from clothfit.fit.estimate import estimate
 from clothfit.motion.divergence import Diverged
@@ -39,7 +39,7 @@ def tightest(made, motion, **options):
     """A budget in which a few states fit beside what is held anyway."""
     aim = Objective(made, motion, memory=PLENTY, **options)
     system = aim.runs[0].system
-    return aim.needs.held + snapshots.least(aim.steps, state_bytes(system), snapshot_bytes(system))
+    return aim.needs.held + tape.least_bytes(aim.steps, state_bytes(system), snapshot_bytes(system))
 
 
 @pytest.mark.parametrize("newton", [1, 3])
@@ -69,7 +69,7 @@ def test_frames_between_steps_and_several_cloths():
     made = with_parameters(truth, 1.2 * parameters(truth))
     aim = Objective(made, motion, memory=PLENTY)
     systems = [run.system for run in aim.runs]
-    tight = aim.needs.held + max(snapshots.least(aim.steps, state_bytes(s), snapshot_bytes(s)) for s in systems)
+    tight = aim.needs.held + max(tape.least_bytes(aim.steps, state_bytes(s), snapshot_bytes(s)) for s in systems)
     found, expected = (cost_and_gradient(made, motion, memory=size) for size in (tight, PLENTY))
     assert Objective(made, motion, memory=tight).needs.snapshots > 0
     assert found[0] == expected[0]

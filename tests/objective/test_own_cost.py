@@ -12,7 +12,7 @@ from helpers.scenes import cloth, document, even
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
-from clothfit.engine import snapshots
+from clothfit.engine import tape
 from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate
 from clothfit.motion.times import interpolated
@@ -94,7 +94,7 @@ def test_so_it_is_where_states_are_computed_again():
     own = load(even("nL", 60, 8, 8))
     whole = Objective(own, None, objective=mixed)
     (run,) = whole.runs
-    least = snapshots.least(run.steps, state_bytes(run.system), snapshot_bytes(run.system))
+    least = tape.least_bytes(run.steps, state_bytes(run.system), snapshot_bytes(run.system))
     tight = Objective(own, None, objective=mixed, memory=whole.needs.held + least)
     assert tight.needs.snapshots is not None
     p = 1.1 * parameters(own)

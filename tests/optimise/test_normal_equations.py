@@ -7,8 +7,7 @@ from helpers.marks import compiled
 from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth
 
-from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import sweep
+from clothfit.derivative.sensitivity import columns, sweep
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective

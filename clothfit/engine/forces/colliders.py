@@ -39,16 +39,11 @@ from clothfit.engine.forces.touch import (
     surface_change,
     surface_gradient,
 )
+from clothfit.engine.forces.wind import add_along
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
+from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, sub
 from clothfit.kernels.vectors import dot
-
-
-@kernel
-def add_along(out, i, scale, n):
-    """out_i += scale · n."""
-    store3(fma(splat(scale), n, load3(out, i)), out, i)
 
 
 @kernel(empty=0.0, apart=0.0)

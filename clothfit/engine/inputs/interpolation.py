@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidScene
-from clothfit.engine.inputs.splines import splined
 from clothfit.scene.keys import Keys
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 
 def resolved(keys: Keys) -> Keys:
@@ -42,3 +46,19 @@ def growth(keys: Keys, times: Array) -> Array:
         late = np.append(0.0, times)[np.argmin((found > 0.0).all(axis=1))]
         raise InvalidScene(f"{keys.place}: at {late:.4g} s the scale is not above 0")
     return np.asarray(found[1:] / found[0])
+
+
+def splined(times: Array, values: Array, place: str) -> CubicSpline:
+    """The spline through values (K, …) at times (K,), s. Raises InvalidScene, with the place, where the values are so
+    large or the times so close that its slopes are no numbers.
+    """
+    from scipy.interpolate import CubicSpline
+
+    with np.errstate(all="ignore"):
+        try:
+            found = CubicSpline(times, values, bc_type="clamped")
+        except ValueError:  # of finite values at times that increase: a slope overflows
+            found = None
+    if found is None or not np.isfinite(found.c).all():
+        raise InvalidScene(f"{place}: the values change too much in too short a time for a smooth curve")
+    return found

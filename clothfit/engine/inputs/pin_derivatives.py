@@ -13,7 +13,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Elements, Flags
 from clothfit.engine.forces import springs
 from clothfit.engine.inputs.fitted_paths import moves, pull_places, push_places
-from clothfit.engine.inputs.tables import Inputs, add_coupling
+from clothfit.engine.inputs.tables import Inputs, add_coupling, lead_pins, send
 from clothfit.engine.solve.joined import add_from_fixed, add_to_fixed
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, load3, store3
@@ -78,19 +78,13 @@ def push_pins(inputs, system, y, dx, du, later, scratch, A, b):
 @kernel(absent=None)
 def move_pins(inputs, system, dx, dw):
     """Write the change of the pins' velocities in a step to dw, for the change dx of where it begins, (n, 3) each."""
-    for p in range(len(inputs.fitted.pin)):
-        i = inputs.pins[p]
-        for c in range(3):
-            dw[i, c] = (inputs.fitted.change[p, c] - dx[i, c]) / system.h
+    lead_pins(inputs.pins, inputs.fitted.change, dx, system.h, dw)
 
 
 @kernel(absent=None)
 def send_changes(inputs, system, dw):
     """The same for the velocities after an explicit Euler step."""
-    for p in range(len(inputs.fitted.pin)):
-        i = inputs.pins[p]
-        for c in range(3):
-            dw[i, c] = (inputs.fitted.change_later[p, c] - inputs.fitted.change[p, c]) / system.h
+    send(inputs.pins, inputs.fitted.change_later, inputs.fitted.change, system.h, dw)
 
 
 @kernel(absent=None, apart=None)

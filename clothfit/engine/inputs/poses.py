@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.forces import bodies as meshes
-from clothfit.engine.inputs.splines import splined
+from clothfit.engine.inputs.interpolation import splined
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sub
 

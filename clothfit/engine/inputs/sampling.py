@@ -1,11 +1,11 @@
-"""Keys at the times of the steps: rotations, places, and the tables of a cloth."""
+"""Keys at the times of the steps: rotations, places, moving axes, and the tables of a cloth; all keys of a scene."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces.touch import AXES, PLACE, RATE, SIZE, SPIN, STATE, VELOCITY
 from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.interpolation import growth, interpolated, resolved
-from clothfit.engine.inputs.moving_axes import Axes
 from clothfit.engine.inputs.poses import Poses
 from clothfit.engine.inputs.poses import build as build_poses
 from clothfit.engine.inputs.poses import none as no_poses
@@ -24,6 +23,45 @@ from clothfit.scene.keys import Frame, Keys, Pin
 from clothfit.scene.scene import Scene
 
 ANY_NUMBER = 2**31  # of steps: tables without rows have no end
+
+
+class Axes(NamedTuple):
+    """A moving frame of reference at T times: the axes in which a scene is meant move in those of the world.
+
+        X = turn (x − pivot) + pivot + shift
+
+    is the place in the world of what is at x in the scene; at time 0 both are the same. A cloth is simulated in the
+    world, where no forces of inertia act: its fixed vertices, pins and colliders are led there, and gravity and wind
+    are those of the world. Linear acceleration, Euler, centrifugal and Coriolis force are in it, as exactly as the
+    steps are, and so are all derivatives: distances, and with them squared errors, are the same in both. Written as
+    forces in the scene's axes, they would ask for a term that depends on velocities by an antisymmetric matrix, which
+    a step's symmetric one has no room for; taken at the step's beginning it adds energy.
+    """
+
+    turn: Array  # (T, 3, 3)
+    pivot: Array  # (3,), m
+    shift: Array  # (T, 3), m
+
+    def at(self, place: int) -> Axes:
+        """The axes at one of the times."""
+        return Axes(self.turn[place : place + 1], self.pivot, self.shift[place : place + 1])
+
+    def world(self, x: Array) -> Array:
+        """Places (T, n, 3) of the scene's axes, or (1, n, 3) that stay there, in the world, m."""
+        return np.asarray((x - self.pivot) @ self.turn.transpose(0, 2, 1) + (self.pivot + self.shift)[:, None])
+
+    def own(self, places: Array) -> Array:
+        """Places (T, n, 3) of the world in the scene's axes, m."""
+        away = places - (self.pivot + self.shift)[:, None]
+        return np.asarray(away @ self.turn + self.pivot)
+
+    def directions(self, vectors: Array) -> Array:
+        """Vectors (T, n, 3) of the world in the scene's axes."""
+        return np.asarray(vectors @ self.turn)
+
+    def world_directions(self, vectors: Array) -> Array:
+        """Vectors (T, n, 3) of the scene's axes in the world."""
+        return np.asarray(vectors @ self.turn.transpose(0, 2, 1))
 
 
 def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
@@ -264,3 +302,36 @@ def path(start: Array, pin: Pin, times: Array) -> Array:
             raise InvalidScene(f"{pin.position.place}.points: {have}; give one point for all, or one for each vertex")
         places += change if change.ndim == 3 else change[:, None]
     return places
+
+
+def keyed(scene: Scene) -> Iterator[tuple[Keys, int | None]]:
+    """The keys of a scene, and how many vertices each moves where it is a pin's."""
+    for cloth in scene.cloths:
+        for pin in cloth.pins:
+            for keys in filter(None, (pin.position, pin.rotation)):
+                yield keys, len(pin.vertices)
+    moved = [each.position for each in scene.spheres]
+    for each in scene.colliders:
+        moved += [each.position, each.rotation, each.scaling, each.body.motion if each.body else None]
+    frame = (scene.frame.position, scene.frame.rotation) if scene.frame else ()
+    for keys in filter(None, (scene.wind_keys, scene.gravity_keys, *frame, *moved)):
+        yield keys, None
+
+
+def arrays_from_files(scene: Scene) -> list[Array]:
+    """The times and values of all keys and forces, and the meshes, that the text of the scene has not. Raises
+    InvalidScene where one cannot be read.
+    """
+    found = []
+    for keys, _ in keyed(scene):
+        if keys.file is not None:
+            own = resolved(keys)
+            found += [own.times, own.values]
+    if scene.forces is not None:
+        found += [scene.forces.times, scene.forces.values]
+    if any(each.body and each.body.file for each in scene.colliders):
+        from clothfit.engine.inputs.body_files import bodies_of  # what reads all formats, which few scenes need
+
+        for each in bodies_of(scene.colliders):
+            found += [each.surface.place, each.surface.triangles.astype(float)]
+    return found

@@ -220,19 +220,30 @@ def add_row(table, row, base, out):
 @kernel(absent=None)
 def set_pins(inputs, system, x, w):
     """The velocities w (n, 3) of the pins in a step that begins at x, by the h of the system."""
-    for p in range(len(inputs.pins)):
-        i = inputs.pins[p]
+    lead_pins(inputs.pins, inputs.place, x, system.h, w)
+
+
+@kernel
+def lead_pins(pins, places, x, h, w):
+    """w = (places − x)/h of the pins that have places (P, 3), x and w (n, 3)."""
+    for p in range(len(places)):
+        i = pins[p]
         for c in range(3):
-            w[i, c] = (inputs.place[p, c] - x[i, c]) / system.h
+            w[i, c] = (places[p, c] - x[i, c]) / h
+
+
+@kernel
+def send(pins, later, now, h, w):
+    """w = (later − now)/h of the pins that have places (P, 3), w (n, 3)."""
+    for p in range(len(later)):
+        for c in range(3):
+            w[pins[p], c] = (later[p, c] - now[p, c]) / h
 
 
 @kernel(absent=None)
 def send_pins(inputs, system, w):
     """The velocities w (n, 3) of the pins after an explicit Euler step: those with which the next one moves them."""
-    for p in range(len(inputs.pins)):
-        i = inputs.pins[p]
-        for c in range(3):
-            w[i, c] = (inputs.later[p, c] - inputs.place[p, c]) / system.h
+    send(inputs.pins, inputs.later, inputs.place, system.h, w)
 
 
 @kernel(absent=None)

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
-from clothfit.derivative.stencil import Stencil, stencil
-from clothfit.derivative.step_jacobian import differentiate, jacobian
+from clothfit.derivative.step_jacobian import Stencil, differentiate, jacobian, stencil
 from clothfit.engine.forces import meeting, total, touch
 from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse

@@ -1,26 +1,29 @@
-"""What self-contact adds to a step of `sensitivity`: pair by pair, all columns together.
+"""The sweeps of `adjoint` and `sensitivity` through the steps of a cloth that touches itself: one by one, each with its
+own pairs; what zones join at the end of a step stands between the step and the state after it.
 
-A pair joins four vertices that no spring may join, so the probes of `step_jacobian` would mix up what they find: those
-find the derivative without pairs, and each pair is probed for itself, for 12 × 12 numbers by its positions and as many
-by its velocities. What zones join at the end of a step is joined in all columns.
+In a step of `sensitivity` pairs are added one by one, in all columns together. A pair joins four vertices that no
+spring may join, so the probes of `step_jacobian` would mix up what they find: those find the derivative without pairs,
+and each pair is probed for itself, for 12 × 12 numbers by its positions and as many by its velocities.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine import touching
-from clothfit.engine.forces.selfcontact import force, pairs
+from clothfit.engine.forces.selfcontact import force, pairs, zones
 from clothfit.engine.forces.selfcontact.nearest import mixed, spread
 from clothfit.engine.forces.selfcontact.zones import centre, masses
+from clothfit.engine.rollout import Rollout, Taken, forms
 from clothfit.engine.step import implicit
 from clothfit.engine.system import IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import mul, splat
-from clothfit.kernels.vectors import dot
+from clothfit.kernels.vectors import add, copy, dot
 
 FIRST, LATER, EXPLICIT = 0, 1, 2
 """What is linearised: the first or a later iteration of an implicit step, or an explicit step."""
@@ -166,3 +169,32 @@ def join(zones, vertex, place, h, share, dx, dv):
                     add_row(h, change[c], dx[3 * place[i] + c])
                     add_row(-h, dv[3 * place[i] + c], dx[3 * place[i] + c])
                     dv[3 * place[i] + c] = change[c]
+
+
+def back(
+    sweep: Callable[..., None], taken: Taken, chunk: Rollout, by_position: Array, tolerance: float,
+    work: implicit.Workspace, after: int, state: tuple[Array, ...], grad: Elements,
+) -> None:  # fmt: skip
+    """Carry the gradient, `state`, from after a chunk to before it; see `adjoint.sweep_back`. `after` steps come from
+    its beginning on.
+    """
+    nothing = np.zeros((2, *state[0].shape))
+    for t in reversed(range(chunk.steps)):
+        own = touching.taken(taken.at(chunk, t), work, chunk, t)
+        add(1.0, by_position[t + 1], state[0])
+        if own.zones is not None:
+            zones.pull(own.zones, own.system.vertex, own.system.h, state[0], state[1], grad)
+        sweep(*forms(own.system), own.part, nothing, 0, 1, tolerance, own.work, after - t - 1, *state, grad)
+
+
+def forward(
+    sweep: Callable[..., None], taken: Taken, chunk: Rollout, direction: Elements, tolerance: float,
+    work: implicit.Workspace, state: tuple[Array, ...], change: Array,
+) -> None:  # fmt: skip
+    """Carry the change of a state from before a chunk to after it, all dx to `change`; see `adjoint.sweep_forward`."""
+    for t in range(chunk.steps):
+        own = touching.taken(taken.at(chunk, t), work, chunk, t)
+        sweep(*forms(own.system), own.part, 0, 1, direction, tolerance, own.work, *state, change[t : t + 1])
+        if own.zones is not None:
+            zones.push(own.zones, own.system.vertex, own.system.h, direction, state[0], state[1])
+            copy(state[0], change[t])
