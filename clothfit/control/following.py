@@ -22,8 +22,7 @@ from clothfit.base.checkpoint import Checkpoint
 from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs
 from clothfit.control.controls import Controls
 from clothfit.control.descent import Descent, Report
-from clothfit.control.keyframes import Key, last_step, without_fixed
-from clothfit.control.reference import path
+from clothfit.control.keyframes import Key, last_step, path, without_fixed
 from clothfit.engine import rollout
 from clothfit.engine.inputs.splines import splined
 from clothfit.engine.rollout import Rollout

@@ -2,25 +2,28 @@
 
 The residuals are √w (x − x* + μ) of each key, in root mean square over its vertices, with μ the multipliers of hard
 keys, and √γ R z of each block. J dz is a tangent sweep of each cloth, Jᵀ r an adjoint sweep, each about as long as a
-simulation; for a few hundred numbers J is formed as a whole (`columns`).
+simulation; for a few hundred numbers J is formed as a whole, by a sensitivity with forces as columns (`Pushed`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
-from clothfit.control import columns
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, flagged
 from clothfit.control.keyframes import Key, left_of
 from clothfit.control.unknowns import Block, blocks
 from clothfit.derivative import adjoint, sensitivity
+from clothfit.derivative import columns as fitted
+from clothfit.derivative.columns import LEADING
+from clothfit.derivative.sensitivity import Carried, Columns, Point
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build, mobile, with_elements, zeros
 from clothfit.motion.simulate import limited
@@ -208,7 +211,7 @@ class Shooting:
         system, motion = shot.systems[cloth], shot.motions[cloth]
         needed = {key.step - back for _, key, _ in self.counted() if key.cloth == cloth for back in (0, 1)}
         mine = np.flatnonzero(np.repeat([block.cloth in (cloth, -1) for block in self.blocks], np.diff(self.parts)))
-        known = columns.derivatives(system, motion, self.directions(cloth), needed) if needed and len(mine) else {}
+        known = derivatives(system, motion, self.directions(cloth), needed) if needed and len(mine) else {}
         place = np.cumsum(mobile(system)) - 1
         moves = mobile(system)
 
@@ -285,3 +288,53 @@ class Shooting:
         """Root mean square distance from each key up to the horizon, m."""
         left = [left_of(key, shot.motions[key.cloth].x) for _, key, _ in self.counted()]
         return np.array([np.sqrt(np.mean((each**2).sum(axis=1))) for each in left])
+
+
+def derivatives(
+    system: System, motion: Rollout, directions: Sequence[tuple[str, int, Array]], needed: Collection[int]
+) -> dict[int, Array]:
+    """dX (3 f, Q) of the movable vertices after the steps that are needed, 0 the start; `directions` are kind, column
+    and change.
+    """
+    width = 1 + max(column for _, column, _ in directions)
+    carried = Pushed(system, columns(system, directions, width), directions)
+    found = {0: carried.dx.copy()} if 0 in needed else {}
+    for t in range(max(needed)):
+        carried.through(motion, t)
+        interrupts.check()
+        if t + 1 in needed:
+            found[t + 1] = carried.dx.copy()
+    return found
+
+
+def columns(system: System, directions: Sequence[tuple[str, int, Array]], width: int) -> Columns:
+    """The columns of a sensitivity, those of forces left out."""
+    led = [(q, zeros(system)._replace(**{kind: change})) for kind, q, change in directions if kind in LEADING]
+    wind = [(q, zeros(system)._replace(gusts=change)) for kind, q, change in directions if kind == "gusts"]
+    start = [(q, change) for kind, q, change in directions if kind == "velocity"]
+    nothing = fitted.none(len(system.x0)), fitted.none(len(system.springs.rest)), fitted.none(0)
+    return Columns(width, *nothing, tuple(wind), tuple(led), tuple(start))
+
+
+class Pushed(Carried):
+    """A sensitivity of which some columns are forces."""
+
+    def __init__(self, system: System, given: Columns, directions: Sequence[tuple[str, int, Array]]) -> None:
+        super().__init__(system, given)
+        pushes = [(column, change) for kind, column, change in directions if kind == "force"]
+        self.pushed = np.array([column for column, _ in pushes], int)
+        moves = mobile(system)
+        self.tables = np.array([change[:, moves].reshape(len(change), -1) for _, change in pushes])  # (P, T, 3 f)
+        self.step = 0
+
+    def solved(self, at: Point, w: Array, du: Array, step: int) -> Array:
+        """The change of the velocity w of an iteration, for that of the one before, du (3 f, Q)."""
+        self.step = step
+        return super().solved(at, w, du, step)
+
+    def right(self, at: Point, w: Array, du: Array) -> Array:
+        """The right-hand side of an iteration to w; its matrix is left in the workspace."""
+        found = super().right(at, w, du)
+        if len(self.pushed):
+            found[:, self.pushed] += at.system.h * self.tables[:, self.step].T
+        return found

@@ -24,7 +24,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import System
 from clothfit.subspace.carrier import relative
-from clothfit.subspace.recorded.recording import Data
+from clothfit.subspace.recording import Data
 
 MOST_FRAMES, WORK = 1500, 1e10
 """Frames that the decomposition sees, spread over all motions, and multiplications within which it sees more: those of

@@ -1,4 +1,7 @@
-"""From recorded motions to a model: the basis, the cubature, and how well both follow a motion that neither saw."""
+"""From recorded motions to a model: the basis, the cubature, and how well both follow a motion that neither saw.
+
+How well a recorded motion is followed decides the basis and the cubature.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +20,12 @@ from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier, frames
-from clothfit.subspace.fitness import Fitness, coarsest, fitness
-from clothfit.subspace.judge import cost, whole
+from clothfit.subspace.judge import FORGOTTEN, SOUGHT, amplitudes, cost, floor_of_recorded, relative, whole
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
-from clothfit.subspace.physics.reduced import Reduced, check
-from clothfit.subspace.recorded.recording import Data
-from clothfit.subspace.sensitivity import SOUGHT, floor_of_recorded
+from clothfit.subspace.physics.march import roll
+from clothfit.subspace.physics.reduced import Reduced, check, decode
+from clothfit.subspace.recording import Data
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 
@@ -241,3 +243,57 @@ def summary(found: Report) -> dict[str, Any]:
         own = getattr(found, name)
         made[name] = None if own is None else {"rmse": own.rmse, "relative_rmse": own.relative}
     return made
+
+
+AS_GOOD = 1.25
+"""How far, relative to that with all elements, a recorded motion with few may be from the full one."""
+
+GOOD = 1e-3
+"""Of the RMS of a motion: what is good enough."""
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """How a reduced motion compares with the full one, over all frames of one episode."""
+
+    rmse: float  # m
+    relative: float  # to the RMS of the motion's displacements
+    spectrum: float = 0.0  # of the amplitudes of the vertices' spectra, relative
+
+    @property
+    def forgets(self) -> bool:
+        """Whether points mean nothing, but spectra."""
+        return not self.relative <= FORGOTTEN
+
+    def better_than(self, other: Fitness) -> bool:
+        """Whether this is nearer to the recorded motion: by points, or where neither follows these, by spectrum."""
+        if self.forgets and other.forgets:
+            return self.spectrum < other.spectrum
+        return self.relative < other.relative
+
+
+def fitness(own: Reduced, x: Array) -> Fitness:
+    """How a motion on the subspace compares with a recorded one, by displacements (frames, n, 3)."""
+    made = decode(own, roll(own, len(x) - 1)) - own.system.x0
+    rmse = float(np.sqrt(((made - x) ** 2).sum(axis=2).mean()))
+    size = float(np.sqrt((x**2).sum(axis=2).mean()))
+    same = np.isfinite(rmse)
+    return Fitness(
+        rmse, rmse / size if size > 0 else 0.0, relative(amplitudes(made), amplitudes(x)) if same else np.inf
+    )
+
+
+def coarsest(own: Reduced, basis: Array, choices: Sequence[cubature.Found], x: Array) -> cubature.Found:
+    """The first of some choices of elements with which a recorded motion (frames, n, 3) is followed nearly as well as
+    with all of them, else the last; what `own` leaves out with all of them no cubature mends.
+    """
+    if len(choices) == 1:
+        return choices[0]
+    whole = fitness(own, x)
+    for each in choices[:-1]:
+        found = fitness(Reduced(own.system, basis, each.selection), x)
+        if whole.forgets and found.spectrum <= AS_GOOD * whole.spectrum:
+            return each
+        if found.relative <= max(GOOD, AS_GOOD * whole.relative) and not whole.forgets:
+            return each
+    return choices[-1]

@@ -18,9 +18,9 @@ from clothfit.base.memory import check_memory
 from clothfit.engine.system import System, build
 from clothfit.motion.motion import Motion, in_scene
 from clothfit.scene.scene import Scene
-from clothfit.subspace import proxies
+from clothfit.subspace.frames import push_all
 from clothfit.subspace.model import Model, Part, reduced
-from clothfit.subspace.network.roll import Stepper
+from clothfit.subspace.network.weights import Stepper
 from clothfit.subspace.physics.march import roll
 from clothfit.subspace.physics.reduced import Reduced
 
@@ -46,7 +46,7 @@ def check_objects(model: Model, scene: Scene) -> None:
 
 def play(model: Model, scene: Scene, frames: int, distance: float | None = None) -> Played:
     """The motion of so many frames of a scene with the model's objects; vertices nearer to obstacles than a `distance`,
-    m, are pushed out (`proxies`). Raises InvalidInput where the scene's objects are others.
+    m, are pushed out (`frames`). Raises InvalidInput where the scene's objects are others.
     """
     check_objects(model, scene)
     if frames < 1:
@@ -66,7 +66,7 @@ def play(model: Model, scene: Scene, frames: int, distance: float | None = None)
         spent["state"] += middle - begin
         spent["decode"] += end - middle
         if distance is not None:
-            proxies.push_all(own.system, x[-1], distance)
+            push_all(own.system, x[-1], distance)
             spent["push out"] = spent.get("push out", 0.0) + perf_counter() - end
         coordinates.append(q)
     times = scene.delta * np.arange(frames, dtype=np.float64)

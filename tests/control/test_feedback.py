@@ -11,7 +11,7 @@ from scipy.linalg import solve_discrete_are
 from clothfit.control import feedback
 from clothfit.control.feedback import Tangent, backwards, riccati, with_gains
 from clothfit.control.keyframes import Key
-from clothfit.control.vibration import modes_of
+from clothfit.control.unknowns import modes_of
 from clothfit.engine.rollout import fill, rollout
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build

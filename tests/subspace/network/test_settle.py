@@ -6,9 +6,9 @@ from helpers.scenes import cloth, document
 from helpers.subspaces import scene_of, whole
 
 from clothfit.engine.system import build
+from clothfit.subspace.inputs import Ranges, episodes
 from clothfit.subspace.network.learn import lesson
-from clothfit.subspace.recorded.recording import Data, record
-from clothfit.subspace.recorded.variation import Ranges, episodes
+from clothfit.subspace.recording import Data, record
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
