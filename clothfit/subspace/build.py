@@ -94,7 +94,8 @@ def build(
     kept = list(range(count - held_out if count > held_out else count))
     beside = [e for e in range(count) if e not in kept]
     scene = data.scene
-    parts, reports, limits = [], [], Limits()
+    parts, reports = [], []
+    limits: dict[str, list[list[float]]] = {}
     for c in range(len(scene.cloths)):
         check(build_system(scene, c, steps=1))
         part, found = of_object(data, c, kept, options, limits, report)
@@ -106,16 +107,17 @@ def build(
         reports.append(found)
     folder = os.path.abspath(scene.folder)
     built = {"objects": [summary(each) for each in reports], "seed": options.seed}
-    return Model(dumps(scene), folder, tuple(parts), limits.found, built), reports
+    return Model(dumps(scene), folder, tuple(parts), limits, built), reports
 
 
 def of_object(
-    data: Data, c: int, kept: Sequence[int], options: Options, limits: Limits, report: Callable[[str], None]
-) -> tuple[Part, Report]:
+    data: Data, c: int, kept: Sequence[int], options: Options, limits: dict[str, list[list[float]]],
+    report: Callable[[str], None],
+) -> tuple[Part, Report]:  # fmt: skip
     """The subspace of one object."""
     systems = [build_system(data.scene_of(e), c, steps=data.steps) for e in kept]
     for system in systems:
-        limits.add(system)
+        widen(limits, system)
     report("decomposing the motions")
     found, U = basis_of(data, c, systems, kept, options)
     runs = runs_on(U, systems)
@@ -209,28 +211,18 @@ def judged(data: Data, c: int, episode: int, part: Part) -> tuple[Fitness, Fitne
     return fitness(Reduced(system, part.basis), x), fitness(Reduced(system, part.basis, part.chosen), x)
 
 
-class Limits:
-    """The range of the recorded inputs."""
-
-    def __init__(self) -> None:
-        self.found: dict[str, list[list[float]]] = {}
-
-    def add(self, system: System) -> None:
-        """Take in those of one motion."""
-        inputs = system.inputs
-        self._widen("start", system.v0.min(axis=0), system.v0.max(axis=0))
-        if inputs is None:
-            return
-        for name, table in (("wind", inputs.wind), ("gravity", inputs.gravity)):
-            if len(table):
-                self._widen(name, table.min(axis=0), table.max(axis=0))
-        if inputs.path.size:
-            moved = inputs.path - system.x0[inputs.pins]
-            self._widen("pins", moved.min(axis=(0, 1)), moved.max(axis=(0, 1)))
-
-    def _widen(self, name: str, low: Array, high: Array) -> None:
-        before = self.found.get(name, [low.tolist(), high.tolist()])
-        self.found[name] = [np.minimum(before[0], low).tolist(), np.maximum(before[1], high).tolist()]
+def widen(limits: dict[str, list[list[float]]], system: System) -> None:
+    """Widen the range of the recorded inputs by those of one motion."""
+    tables, inputs = {"start": system.v0}, system.inputs
+    if inputs is not None:
+        moved = inputs.path - system.x0[inputs.pins] if inputs.path.size else inputs.path
+        tables |= {"wind": inputs.wind, "gravity": inputs.gravity, "pins": moved}
+    for name, table in tables.items():
+        if table.size:
+            rows = table.reshape(-1, 3)
+            low, high = rows.min(axis=0), rows.max(axis=0)
+            before = limits.get(name, [low, high])
+            limits[name] = [np.minimum(before[0], low).tolist(), np.maximum(before[1], high).tolist()]
 
 
 def summary(found: Report) -> dict[str, Any]:

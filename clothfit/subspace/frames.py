@@ -163,20 +163,13 @@ def push_all(system: System, x: Array, distance: float = 0.0) -> None:
     if not len(system.spheres.radius) and (system.colliders is None or not len(system.colliders.rows)):
         raise InvalidInput("--push-out: the scene has no obstacles")
     for frame, each in enumerate(x):
-        push_out(system, each, frame, distance)
-
-
-def push_out(system: System, x: NDArray[np.floating], frame: int, distance: float = 0.0) -> None:
-    """Move positions (n, 3), m, of a frame, with the obstacles where the inputs of the system say, to a `distance`, m,
-    from them.
-    """
-    set_frame(system.inputs, system, frame)
-    push(system.spheres, system.colliders, system.vertex.free, x, distance)
+        set_frame(system.inputs, system, frame)
+        push(system.spheres, system.colliders, system.vertex.free, each, distance)
 
 
 @kernel
 def push(balls, colliders, free, x, distance):
-    """The same, for obstacles where they are."""
+    """Move positions (n, 3), m, to a distance, m, from the obstacles where they are."""
     for i in range(len(x)):
         if free[i]:
             for _ in range(ROUNDS):

@@ -113,13 +113,8 @@ class Compared:
         return carrier.coordinates(x - system.x0, system, carrier.projection(basis, system))
 
 
-def judge(model: Model, scene: Scene, frames: int) -> Judgement:
-    """Compare so many frames. Raises Diverged, InvalidInput."""
-    return compare(model, scene, frames).found
-
-
 def compare(model: Model, scene: Scene, frames: int) -> Compared:
-    """The same, with the motions."""
+    """Compare so many frames. Raises Diverged, InvalidInput."""
     played = play(model, scene, frames)
     full = simulate(scene, frames)
     both = energies(scene, played.motion), energies(scene, full)
@@ -139,7 +134,8 @@ def judged(model: Model, scene: Scene, played: Played, full: Motion, both: tuple
     far = size > 0.0 and rmse > SOUGHT * size
     with threads.single():
         times, step = cost_of(model, scene, frames)
-    bytes_of = sum(4 * part.basis.size + of_steps(part) for part in model.parts)
+    bytes_of = sum(4 * part.basis.size + sum(each.nbytes for each in part.chosen) for part in model.parts)
+    bytes_of += sum(part.network.nbytes for part in model.parts if part.network)
     return Judgement(
         frames=frames,
         rmse=rmse,
@@ -159,11 +155,6 @@ def judged(model: Model, scene: Scene, played: Played, full: Motion, both: tuple
         clamped=played.clamped,
         floor=floor_of(scene, full, [part.basis for part in model.parts]) if far else 0.0,
     )
-
-
-def of_steps(part: Part) -> int:
-    """Bytes of what steps an object."""
-    return sum(each.nbytes for each in part.chosen) + (part.network.nbytes if part.network else 0)
 
 
 def normals(model: Model, scene: Scene, played: Played, full: Motion) -> dict[str, float]:

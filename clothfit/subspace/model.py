@@ -96,18 +96,13 @@ def arrays(model: Model) -> dict[str, Any]:
         found[f"basis{c}"] = part.basis.astype(part.precision)
         found |= {f"{name}{c}": array for name, array in still(scene, c, part.basis)._asdict().items()}
         found[f"envelope{c}"] = part.envelope
-        for name, value in names_of(part.chosen).items():
+        for name, value in part.chosen._asdict().items():
             found[f"{name}{c}"] = value
         if part.normals is not None:
             found[f"normals{c}"] = part.normals.astype(part.precision)
         if part.network is not None:
             found |= weights.arrays(part.network, c)
     return found
-
-
-def names_of(chosen: Selection) -> dict[str, Any]:
-    """The arrays of a selection by their names in the file."""
-    return chosen._asdict()
 
 
 def encoded(model: Model) -> Data:
@@ -118,18 +113,6 @@ def encoded(model: Model) -> Data:
 def save(model: Model, path: str | os.PathLike[str]) -> None:
     """Write a model. Raises InvalidInput where the file cannot be written."""
     write_atomically(path, encoded(model))
-
-
-def is_model(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is an archive with a subspace in it."""
-    try:
-        with open(path, "rb") as file:
-            if file.read(2) != npz.ZIP_MAGIC:
-                return False
-            file.seek(0)
-            return {HEAD, "basis0"} <= set(npz.stored(file, (HEAD, "basis0"), ""))
-    except npz.FAULTS:
-        return False
 
 
 def load_model(path: str | os.PathLike[str]) -> Model:

@@ -122,15 +122,10 @@ PATIENCE = 40
 """Rounds without a smaller residual after which the best weights are taken."""
 
 
-def sparse_weights(G: Array, g: Array, error: float, most: int) -> tuple[Array, float]:
-    """Weights (N,), 0 or more, at most `most` of them above 0, with |G w − g| ≤ error |g| if that can be, for G (R, N);
-    and the relative residual that is left.
-    """
-    return weights_for(G, g, [error], most)[0]
-
-
 def weights_for(G: Array, g: Array, errors: Sequence[float], most: int) -> list[tuple[Array, float]]:
-    """The same for each of some errors, the largest first: on the way to the smallest there are the others."""
+    """Weights (N,), 0 or more, at most `most` of them above 0, with |G w − g| ≤ error |g| if that can be, for G (R, N);
+    and the relative residual that is left: for each of some errors, the largest first, which lie on one way.
+    """
     size = np.sqrt((G * G).sum(axis=0))
     scale = np.where(size > 0, size, np.inf)
     target, w = float(np.linalg.norm(g)), np.zeros(G.shape[1])

@@ -39,18 +39,10 @@ class Reduced:
         self.layout, self.own = samples.build(system, basis, self.chosen)
         self.r, self.h = basis.shape[2], system.h
         self.path, self.held, self.v_held = carrier.paths(system)
-        self._measure()
-        self._make_room()
-
-    def _measure(self) -> None:
-        """The projected masses, which no step changes."""
-        weighted = self.basis * self.system.vertex.mass[:, None, None]
-        flat = self.basis.reshape(-1, self.r)
-        self.mass = np.asfortranarray(weighted.reshape(-1, self.r).T @ flat)  # Uᵀ M U
+        weighted = self.basis * system.vertex.mass[:, None, None]
+        self.mass = np.asfortranarray(weighted.reshape(-1, self.r).T @ self.basis.reshape(-1, self.r))  # Uᵀ M U
         self.weight = np.ascontiguousarray(weighted.sum(axis=0).T)  # Uᵀ M 1, (r, 3)
-        self.alpha = self.system.vertex.damping
-
-    def _make_room(self) -> None:
+        self.alpha = system.vertex.damping
         copies, points = len(self.layout.point), len(self.layout.constant)
         self.A = samples.blocks(self.layout)
         self.b, self.y, self.u = (np.zeros((copies, 3)) for _ in range(3))
