@@ -80,14 +80,6 @@ class Linear:
     lift: Array  # F, (2 r + m,)
     left: Array  # s, (r,), the RMS of what it leaves out
 
-    @property
-    def radius(self) -> float:
-        """The spectral radius of the step z₁, z₂ → z, z₁."""
-        r = len(self.offset)
-        a, b = self.matrix[:r].T, self.matrix[r : 2 * r].T
-        step = np.block([[a + b, -b], [np.eye(r), np.zeros((r, r))]])
-        return float(np.abs(np.linalg.eigvals(step)).max())
-
 
 def dense(motions: Motions) -> Linear:
     """That of all coordinates and inputs."""

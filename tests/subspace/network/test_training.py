@@ -116,16 +116,6 @@ def test_the_linear_part_is_that_of_least_squares():
     np.testing.assert_allclose(np.concatenate([own.matrix, own.offset[None]]), best, atol=1e-6)  # a ridge of 1e-8
 
 
-def test_the_spectral_radius_is_the_growth_of_free_motions():
-    own = dense(motions(seed=6))
-    z = [np.ones(R), np.ones(R)]
-    for _ in range(2000):
-        z.append(np.concatenate([z[-1], z[-1] - z[-2], np.zeros(M)]) @ own.matrix)
-    size = [np.linalg.norm(each) for each in z]
-    growth = (max(size[1900:]) / max(size[1000:1100])) ** (1 / 900)
-    assert abs(growth - own.radius) < 1e-4  # of beats a hundredth may be left in each of the maxima
-
-
 def test_windows_hold_good_frames_only():
     own = motions(episodes=2, frames=20)
     own.good[0, 11] = own.good[1, 3] = False
