@@ -100,7 +100,10 @@ def build(
         check(build_system(scene, c, steps=1))
         part, found = of_object(data, c, kept, options, limits, report)
         for e in beside:
-            found.whole, found.sampled = judged(data, c, e, part)
+            x, _ = data.motion(e, c)
+            system = build_system(data.scene_of(e), c, steps=data.steps)
+            found.whole = fitness(Reduced(system, part.basis), x)
+            found.sampled = fitness(Reduced(system, part.basis, part.chosen), x)
             found.floor = floor_of_recorded(data, c, e, part.basis) if found.sampled.relative > SOUGHT else 0.0
         found.us_per_frame, found.full_us_per_step = cost(part, data.scene_of(kept[0]), c, min(data.steps, TIMED))
         parts.append(part)
@@ -202,13 +205,6 @@ def seen(
         some = rng.permutation(steps)[: -(-STATES // len(kept))]
         found += [cubature.Sample(number, int(t), q[t], v[t - 1], v[t]) for t in sorted(some)]
     return low, high, found
-
-
-def judged(data: Data, c: int, episode: int, part: Part) -> tuple[Fitness, Fitness]:
-    """How a motion on the subspace compares with a recorded one, with all elements and with those of the cubature."""
-    x, _ = data.motion(episode, c)
-    system = build_system(data.scene_of(episode), c, steps=data.steps)
-    return fitness(Reduced(system, part.basis), x), fitness(Reduced(system, part.basis, part.chosen), x)
 
 
 def widen(limits: dict[str, list[list[float]]], system: System) -> None:

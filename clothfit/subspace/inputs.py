@@ -31,7 +31,6 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import unreadable
 from clothfit.base.reading import MOST_TEXT, unchanged, whole
 from clothfit.engine.inputs.interpolation import resolved
-from clothfit.scene.cloth import Cloth
 from clothfit.scene.keys import INTERPOLATIONS, Frame, Keys, Pin, times_problem
 from clothfit.scene.scene import Scene
 
@@ -198,15 +197,10 @@ def gentle_wind(scene: Scene) -> float:
     """The wind, m/s, that pushes the cloths of a scene with a part of their weight; 0 where they feel no air."""
     push = weight = 0.0
     for cloth in scene.cloths:
-        push += air_push(cloth)
+        a, b, c = (cloth.positions[corner] for corner in cloth.triangles.T)  # faced with all faces, by 1 m/s
+        push += 0.5 * cloth.drag * float((np.linalg.norm(np.cross(b - a, c - a), axis=1) ** 3).sum())
         weight += float(cloth.mass[~cloth.fixed].sum() * np.linalg.norm(scene.gravity))
     return float(f"{GENTLE * weight / push:.2g}") if push > 0 else 0.0
-
-
-def air_push(cloth: Cloth) -> float:
-    """The push, N, of a wind of 1 m/s on a cloth that faces it with all its faces."""
-    a, b, c = (cloth.positions[corner] for corner in cloth.triangles.T)
-    return 0.5 * cloth.drag * float((np.linalg.norm(np.cross(b - a, c - a), axis=1) ** 3).sum())
 
 
 def episodes(scene: Scene, ranges: Ranges, count: int, seconds: float, seed: int) -> list[Episode]:

@@ -24,12 +24,11 @@ from clothfit.base import npz
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import Data, write_atomically
-from clothfit.engine.system import System, build
+from clothfit.engine.system import build
 from clothfit.scene.scene import Scene, load
 from clothfit.subspace import carrier
 from clothfit.subspace.network import weights
 from clothfit.subspace.network.weights import Network
-from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.physics.samples import Selection
 
 VERSION = 1
@@ -72,15 +71,6 @@ class Model:
     def scene(self) -> Scene:
         """The scene that it was built of."""
         return load(io.BytesIO(self.text), folder=self.folder)
-
-    def reduced(self, scene: Scene, steps: int) -> list[Reduced]:
-        """Of each object the reduced cloth, for motions of a scene with other inputs or values."""
-        return [reduced(part, build(scene, c, steps=steps)) for c, part in enumerate(self.parts)]
-
-
-def reduced(part: Part, system: System) -> Reduced:
-    """The reduced cloth of a system."""
-    return Reduced(system, part.basis, part.chosen)
 
 
 def arrays(model: Model) -> dict[str, Any]:

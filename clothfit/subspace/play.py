@@ -19,7 +19,7 @@ from clothfit.engine.system import System, build
 from clothfit.motion.motion import Motion, in_scene
 from clothfit.scene.scene import Scene
 from clothfit.subspace.frames import push_all
-from clothfit.subspace.model import Model, Part, reduced
+from clothfit.subspace.model import Model, Part
 from clothfit.subspace.network.weights import Stepper
 from clothfit.subspace.physics.march import roll
 from clothfit.subspace.physics.reduced import Reduced
@@ -83,7 +83,7 @@ def ready(model: Model, part: Part, scene: Scene, c: int, steps: int, said: dict
 def stepper(part: Part, system: System, steps: int, said: dict[str, None]) -> Reduced | Stepper:
     """The reduced cloth of a system, or its network for so many steps."""
     if part.network is None:
-        return reduced(part, system)
+        return Reduced(system, part.basis, part.chosen)
     return Stepper(part.network, system, part.basis, steps, said)
 
 

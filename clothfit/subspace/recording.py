@@ -37,7 +37,6 @@ from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
 from clothfit.motion.motion import Motion
 from clothfit.motion.times import frame_places
-from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene, dumps, load
 from clothfit.subspace import inputs
 from clothfit.subspace.inputs import Episode, Ranges, varied
@@ -255,10 +254,8 @@ def start(scene: Scene) -> Array:
 
 def held(scene: Scene, x: Array) -> Array:
     """The positions (frames, N, 3) with those of the fixed vertices that no key moves as the scene has them."""
-    still = np.concatenate([cloth.fixed & ~np.isin(np.arange(len(cloth.mass)), moved(cloth)) for cloth in scene.cloths])
-    return np.where(still[:, None], start(scene), x)
-
-
-def moved(cloth: Cloth) -> NDArray[np.intp]:
-    """The vertices of a cloth that keys move."""
-    return np.concatenate([np.zeros(0, int), *(pin.vertices for pin in cloth.pins)]).astype(int)
+    still = [cloth.fixed.copy() for cloth in scene.cloths]
+    for own, cloth in zip(still, scene.cloths, strict=True):
+        for pin in cloth.pins:
+            own[pin.vertices] = False
+    return np.where(np.concatenate(still)[:, None], start(scene), x)

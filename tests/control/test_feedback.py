@@ -160,11 +160,9 @@ def test_steps_that_are_not_those_of_the_plan(flag):
     plan = planned(own, [5, 6], size=0.01)
     back = replace(with_gains(own, plan, keys_of(own, plan, [30])), pulls=True)
     finer = own.with_step(0.5 * own.delta, 61)
+    here = simulate(own.with_forces(plan), 31).positions
     apart, left = (
-        np.abs(
-            simulate(finer.with_forces(each), 61).positions[::2] - simulate(own.with_forces(plan), 31).positions
-        ).max()
-        for each in (plan, back)
+        np.abs(simulate(finer.with_forces(each), 61).positions[::2] - here).max() for each in (plan, back)
     )
     assert left < apart  # the feedback takes the error of the longer steps for a disturbance
 

@@ -14,7 +14,6 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -229,14 +228,10 @@ def teach(
         ended = pupil.training.run(share if ended else Budget(1e-9), say) and ended
         parts.append(pupil.part(model.parts[c]))
         judge(parts[c], reports[c], data, c)
-    about = {"recipe": "own", "seed": school.seed, "training": [described(each) for each in own]}
+    states = [pupil.training.state for pupil in own]
+    training = [{"rounds": s.rounds, "seconds": s.seconds, "held_out_error": s.best_error} for s in states]
+    about = {"recipe": "own", "seed": school.seed, "training": training}
     return replace(model, parts=tuple(parts), method=NETWORK, built={**model.built, **about}), ended
-
-
-def described(own: Pupil) -> dict[str, Any]:
-    """What a training was, as JSON."""
-    state = own.training.state
-    return {"rounds": state.rounds, "seconds": state.seconds, "held_out_error": state.best_error}
 
 
 def judge(part: Part, found: Report, data: Data, c: int) -> None:
