@@ -13,7 +13,7 @@ from clothfit.subspace import carrier
 from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics.march import March, State
 from clothfit.subspace.physics.reduced import Reduced, decode
-from clothfit.subspace.recorded.recording import TOLERANCE
+from clothfit.subspace.recording import TOLERANCE
 
 
 def pieces(motions: Motions, steps: int) -> tuple[Motions, list[tuple[int, int]]]:

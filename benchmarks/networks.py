@@ -26,16 +26,16 @@ from clothfit.base.arrays import Array
 from clothfit.engine.system import build
 from clothfit.subspace import basis as bases
 from clothfit.subspace.build import seen
-from clothfit.subspace.network import prior
-from clothfit.subspace.network.layers import played
+from clothfit.subspace.network import windows
+from clothfit.subspace.network.layers import OWN, Recipe, played
 from clothfit.subspace.network.learn import Lesson, lesson, limits, prepared
-from clothfit.subspace.network.recipe import OWN, PAPER, Budget, Recipe
-from clothfit.subspace.network.training import Training, begin
+from clothfit.subspace.network.training import Budget, Training, begin
 from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.physics.samples import Selection
-from clothfit.subspace.recorded.recording import Data
+from clothfit.subspace.recording import Data
+from paper import schooled
 from recurrent import Recurrent
 from trainings import Held, changed
 
@@ -44,15 +44,11 @@ LEADING = 12
 """Coordinates whose products are features of the quadratic regression."""
 
 VARIANTS: dict[str, Recipe] = {
-    "paper": PAPER,
     "own": OWN,
     "own, one step": dataclasses.replace(OWN, windows=(1, 1)),
     "own, windows of 48": dataclasses.replace(OWN, windows=(48, 48)),
     "own, windows to 16": dataclasses.replace(OWN, windows=(4, 16)),
-    "own, ReLU": dataclasses.replace(OWN, activation="relu"),
-    "own, α and β": dataclasses.replace(OWN, dense=False),
     "own, batches of 16": dataclasses.replace(OWN, batch=16),
-    "own, absolute errors": dataclasses.replace(OWN, absolute=True),
     "own, rate 1e-4": dataclasses.replace(OWN, rate=1e-4),
     "own, no noise": dataclasses.replace(OWN, noise=0.0),
     "own, layers as small as what is left": dataclasses.replace(OWN, least=0.0),
@@ -134,11 +130,11 @@ def recurrent(task: Task, kind: str, minutes: float) -> tuple[Any, float]:
     recipe = dataclasses.replace(OWN, windows=(32, 32), margin=0.1)
     training, size = prepared(task.lesson, recipe, 0)
     now, way, _, after = training.motions.steps()
-    linear = prior.dense(dataclasses.replace(training.motions, z=training.motions.z.astype(float)))
+    linear = windows.dense(dataclasses.replace(training.motions, z=training.motions.z.astype(float)))
     left = np.sqrt(((after - now - way) ** 2).mean(axis=0))
     reach = limits(task.lesson.motions.scaled(size, float), recipe.margin)
     own = Recurrent(kind, (linear.mean, linear.lift, left), reach, 128, 0)
-    run(changed(training, Forgetting, own=own, state=begin(own, recipe, 0)), minutes)  # type: ignore[arg-type]
+    run(changed(training, Forgetting, own=own, state=begin(own, 0)), minutes)  # type: ignore[arg-type]
     return own, size
 
 
@@ -189,10 +185,17 @@ def regression(task: Task, quadratic: bool) -> tuple[Any, float]:
 
 def only_prior(task: Task) -> tuple[Any, float]:
     """The linear part of the paper, alone."""
-    own, size = prepared(task.lesson, PAPER, 0)
-    for each in (*own.own.weights, *own.own.biases):
+    training, size = schooled(task.lesson)
+    for each in training.own.values:
         each[:] = 0
-    return own.own, size
+    return training.own, size
+
+
+def paper(task: Task, minutes: float) -> tuple[Any, float]:
+    """The network of the paper after so much time."""
+    training, size = schooled(task.lesson)
+    run(training, minutes)
+    return training.own, size
 
 
 def physics(task: Task, error: float | None) -> Array:
@@ -210,6 +213,7 @@ def rows(task: Task, minutes: float) -> dict[str, Callable[[], Any]]:
         "prior only": lambda: only_prior(task),
         "linear regression": lambda: regression(task, False),
         "quadratic regression": lambda: regression(task, True),
+        "paper": lambda: paper(task, minutes),
         "LSTM": lambda: recurrent(task, "LSTM", minutes),
         "GRU": lambda: recurrent(task, "GRU", minutes),
         "own, spectral radius held": lambda: held(task, minutes),

@@ -19,11 +19,11 @@ from clothfit.cli.common.scenes import check_there, one_stream, read_scene
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
-    from clothfit.subspace.recorded.variation import Ranges
+    from clothfit.subspace.inputs import Ranges
 
 RECORDING = ("--episodes", "--frames", "--wind", "--pins", "--pace", "--seed", "--motion", "--fps")
 BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method", "--normals", "--half")
-TRAINING = ("minutes", "rounds", "recipe", "resume")
+TRAINING = ("minutes", "rounds", "resume")
 SECTIONS = {
     "What to record (record, and build from a SCENE)": RECORDING,
     "What to build (build)": BUILDING,
@@ -80,8 +80,6 @@ ONLY = {
 @click.option("--minutes", type=float, metavar="M", help="Processor time of the training.  [default: 10]")
 @click.option("--rounds", type=int, metavar="N",
               help="Rounds of the training in place of --minutes: the same network on every machine, but for rounding.")
-@click.option("--recipe", type=click.Choice(("own", "paper")),
-              help="How to train: as we do, or as Holden et al. (2019).  [default: own]")
 @click.option("--resume", is_flag=True, default=None,
               help="Go on with the training whose state is beside OUT, <OUT's stem>.training.npz.")
 @click.option("--normals", is_flag=True, default=None,
@@ -132,7 +130,7 @@ def command(
 
 def ranges_of(scene: Scene, given: dict[str, Any]) -> Ranges:
     """The ranges that are asked for. Raises InvalidInput."""
-    from clothfit.subspace.recorded.variation import Ranges, gentle_wind
+    from clothfit.subspace.inputs import Ranges, gentle_wind
 
     wind = gentle_wind(scene) if given["wind"] is None else given["wind"]
     pace = 1.25 if given["pace"] is None else given["pace"]
@@ -153,9 +151,9 @@ def lengths(scene: Scene) -> tuple[int, int]:
 def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -> dict[str, Any]:
     """Record motions of a scene to a file, and say what they are; the summary."""
     from clothfit.engine.system import build as build_system
+    from clothfit.subspace.inputs import episodes
     from clothfit.subspace.physics.reduced import check
-    from clothfit.subspace.recorded.recording import record as record_to
-    from clothfit.subspace.recorded.variation import episodes
+    from clothfit.subspace.recording import record as record_to
 
     many, frames = lengths(scene)
     if given["method"] == "network":
@@ -204,7 +202,7 @@ def build(given_path: str, path: str | None, given: dict[str, Any], as_json: boo
     options.check()
     out = output_for(path, given_path, ".model.npz", ())
     school = school_of(given, out)
-    from clothfit.subspace.recorded.recording import Data
+    from clothfit.subspace.recording import Data
 
     if kind == RECORDED:
         asked = [f"--{name}" for name in ONLY["record"] if name != "seed" and given[name] is not None]
@@ -230,7 +228,7 @@ def collected(scene: Scene, path: str, given: dict[str, Any], console: Console) 
     from clothfit.cli.common.motions import read
     from clothfit.cli.parts.estimate_files import motion_and_scene
     from clothfit.formats.axes import Reading
-    from clothfit.subspace.recorded.foreign import collect, episode
+    from clothfit.subspace.recording import collect, episode
 
     asked = [f"--{name}" for name in RANDOM if given[name] is not None]
     if asked:

@@ -22,8 +22,7 @@ from clothfit.base.checkpoint import Checkpoint
 from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs
 from clothfit.control.controls import Controls
 from clothfit.control.descent import Descent, Report
-from clothfit.control.keyframes import Key, last_step, without_fixed
-from clothfit.control.reference import path
+from clothfit.control.keyframes import Key, last_step, path, without_fixed
 from clothfit.engine import rollout
 from clothfit.engine.inputs.interpolation import splined
 from clothfit.engine.rollout import Rollout
@@ -219,8 +218,9 @@ def recorded(scene: Scene, loop: ClosedLoop, f: Array, most: float = np.inf) -> 
     the motion diverges.
     """
     steps = len(f)
-    played = open_system(scene, loop)
-    closed = loop.system
+    times = loop.h * np.arange(loop.steps, dtype=float)
+    table = Forces(times, np.zeros((loop.steps, sum(scene.vertex_counts), 3)))
+    played, closed = build(scene.with_forces(table), loop.cloth, steps=loop.steps), loop.system
     assert closed.inputs is not None
     assert played.inputs is not None
     closed.inputs.force[:steps] = f
@@ -236,13 +236,6 @@ def recorded(scene: Scene, loop: ClosedLoop, f: Array, most: float = np.inf) -> 
             break
         interrupts.check()
     return u[:steps].copy()
-
-
-def open_system(scene: Scene, loop: ClosedLoop) -> System:
-    """The system without springs, with a table of forces to fill."""
-    times = loop.h * np.arange(loop.steps, dtype=float)
-    forces = Forces(times, np.zeros((loop.steps, sum(scene.vertex_counts), 3)))
-    return build(scene.with_forces(forces), loop.cloth, steps=loop.steps)
 
 
 def ahead(closed: System, one: Rollout, tolerance: float, work: implicit.Workspace) -> Array:

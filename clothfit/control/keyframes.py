@@ -1,4 +1,4 @@
-"""Keyframes: where vertices of a scene are to be at some times.
+"""Keyframes: where vertices of a scene are to be at some times, and a first path through them.
 
 They come from JSON,
 
@@ -10,6 +10,9 @@ They come from JSON,
 
 or from a motion in any format, of which each frame after the start is a key. Without `vertices` all of the object
 count; `average` asks for the mean of some vertices, `centre` for the centre of mass.
+
+On the first path a displacement from the motion without control goes through the keys: by a cubic spline in time from
+rest, and over the cloth so that vertices without a key lie between those with one (the discrete harmonic function).
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from clothfit.base.limits import FARTHEST
 from clothfit.base.messages import unreadable
 from clothfit.base.reading import MOST_TEXT
 from clothfit.base.reading import whole as whole_file
+from clothfit.engine.inputs.interpolation import splined
 from clothfit.motion.motion import Motion
 from clothfit.scene.scene import Scene
 
@@ -214,3 +218,45 @@ def without_fixed(key: Key, fixed: Flags) -> Key:
     kept = ~fixed[key.vertices]
     velocities = None if key.velocities is None else key.velocities[kept]
     return replace(key, vertices=key.vertices[kept], positions=key.positions[kept], velocities=velocities)
+
+
+def path(free: Array, keys: Sequence[Key], springs: Indices, fixed: Flags) -> Array:
+    """A path (T + 1, n, 3), m, through the keys, T the last of them, from the motion `free` (T + 1, n, 3)."""
+    wanted: dict[int, tuple[Array, Flags]] = {}
+    for key in keys:
+        away, known = wanted.setdefault(key.step, (np.zeros_like(free[0]), np.zeros(len(fixed), bool)))
+        if key.share is None:
+            away[key.vertices] = key.positions - free[key.step, key.vertices]
+        else:
+            more = key.positions[0] - key.share @ free[key.step, key.vertices]
+            away[key.vertices] = np.where(known[key.vertices, None], away[key.vertices], more)
+        known[key.vertices] = True
+    steps = sorted(wanted)
+    rows = [np.zeros_like(free[0])]
+    for step in steps:
+        away, known = wanted[step]
+        away[fixed & ~known] = 0.0
+        rows.append(harmonic(away, known | fixed, springs))
+    times = np.array([0, *steps], float)
+    found = splined(times, np.array(rows), "keys")(np.arange(len(free)))
+    moved: Array = free + found
+    moved[:, fixed] = free[:, fixed]
+    return moved
+
+
+def harmonic(values: Array, known: Flags, springs: Indices) -> Array:
+    """Values (n, 3) where they are known, and means of their neighbours elsewhere."""
+    from scipy.sparse import csr_array, diags_array
+    from scipy.sparse.linalg import splu
+
+    n = len(values)
+    ends = np.concatenate([springs, springs[:, ::-1]])
+    graph = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
+    laplacian = csr_array(diags_array(graph.sum(axis=1) + 1e-9) - graph)  # vertices without springs get 0
+    open_ = np.flatnonzero(~known)
+    if not len(open_):
+        return values
+    right = graph[open_][:, np.flatnonzero(known)] @ values[known]
+    found = values.copy()
+    found[open_] = splu(laplacian[open_][:, open_].tocsc()).solve(np.asarray(right))
+    return found

@@ -2,25 +2,27 @@
 
 The residuals are √w (x − x* + μ) of each key, in root mean square over its vertices, with μ the multipliers of hard
 keys, and √γ R z of each block. J dz is a tangent sweep of each cloth, Jᵀ r an adjoint sweep, each about as long as a
-simulation; for a few hundred numbers J is formed as a whole (`columns`).
+simulation; for a few hundred numbers J is formed as a whole, by a sensitivity with forces as columns (`Pushed`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
-from clothfit.control import columns
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, flagged
 from clothfit.control.keyframes import Key, left_of
 from clothfit.control.unknowns import Block, blocks
 from clothfit.derivative import adjoint, sensitivity
+from clothfit.derivative import sensitivity as fitted
+from clothfit.derivative.sensitivity import LEADING, Carried, Columns, Point
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build, mobile, with_elements, zeros
 from clothfit.motion.simulate import limited
@@ -35,6 +37,10 @@ MOST_COLUMNS = 600
 
 TOLERANCE = 1e-9
 """Of the linear systems of the derivatives, relative; the motion is the one that plays back."""
+
+
+Moves: TypeAlias = Callable[[int, Indices], Array]
+"""What gives the derivative (m, 3, Q) of the places of vertices after a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,15 +137,10 @@ class Shooting:
         for i, key, weight in self.counted():
             x = shot.motions[key.cloth].x
             parts.append(weight * (left_of(key, x) + self.multipliers[i]).reshape(-1))
-            if key.velocities is not None:
-                parts.append(weight * self.too_fast(key, x).reshape(-1))
+            if key.velocities is not None:  # missed over the time since the key before, m
+                v = (x[key.step, key.vertices] - x[key.step - 1, key.vertices]) / self.scene.delta
+                parts.append(weight * ((v - key.velocities) * self.since(key)).reshape(-1))
         return np.concatenate([*parts, *self.efforts(shot.z), *self.excess(shot.z)])
-
-    def too_fast(self, key: Key, x: Array) -> Array:
-        """By how far the velocities of a key are missed over the time since the key before, (m, 3), m."""
-        assert key.velocities is not None
-        own = x[key.step, key.vertices] - x[key.step - 1, key.vertices]
-        return np.asarray((own / self.scene.delta - key.velocities) * self.since(key))
 
     def since(self, key: Key) -> float:
         """The time from the key before, or the start, to a key, s."""
@@ -154,10 +155,8 @@ class Shooting:
         """The excess of forces over their bound, as a penalty of the size of the keys'."""
         if not np.isfinite(self.most):
             return []
-        return [
-            10.0 * (np.maximum(np.linalg.norm(u, axis=2) / self.most - 1.0, 0.0)).reshape(-1)
-            for u in (block.values(own) for block, own in self.own(z) if block.kind == "force")
-        ]
+        forces = (block.values(own) for block, own in self.own(z) if block.kind == "force")
+        return [10.0 * (np.maximum(np.linalg.norm(u, axis=2) / self.most - 1.0, 0.0)).reshape(-1) for u in forces]
 
     def excess_slope(self, z: Array) -> list[tuple[int, Array]]:
         """The derivative (rows, n, 3) of the excess by each force, with the number of its block."""
@@ -173,44 +172,40 @@ class Shooting:
         """J dz (N,)."""
         moves = {}
         for cloth, system in shot.systems.items():
-            direction = zeros(system)
             own = {b.kind: b.change(part) for b, part in self.own(dz) if b.cloth in (cloth, -1)}
-            moves[cloth] = adjoint.tangent(system, shot.motions[cloth], direction._replace(**own), TOLERANCE)
-        parts = []
-        for _, key, weight in self.counted():
-            dx = moves[key.cloth]
-            now = dx[key.step, key.vertices]
-            parts.append(weight * (now if key.share is None else (key.share @ now)[None]).reshape(-1))
-            if key.velocities is not None:
-                rate = weight * self.since(key) / self.scene.delta
-                parts.append(rate * (now - dx[key.step - 1, key.vertices]).reshape(-1))
+            dx = adjoint.tangent(system, shot.motions[cloth], zeros(system)._replace(**own), TOLERANCE)
+            moves[cloth] = partial(lambda dx, step, vertices: dx[step, vertices, :, None], dx)
         beyond = [
             (slope * self.blocks[i].change(self.own(dz)[i][1])).sum(axis=2).reshape(-1)
             for i, slope in self.excess_slope(shot.z)
         ]
-        return np.concatenate([*parts, *self.efforts(dz), *beyond])
+        return np.concatenate([*(each[:, 0] for each in self.rows(moves, 1)), *self.efforts(dz), *beyond])
+
+    def rows(self, moves: Mapping[int, Moves], columns: int) -> list[Array]:
+        """The rows (…, columns) of all keys for what gives each cloth's derivative."""
+        found = []
+        for _, key, weight in self.counted():
+            now = moves[key.cloth](key.step, key.vertices)
+            mean = now if key.share is None else np.tensordot(key.share, now, 1)[None]
+            found.append(weight * mean.reshape(-1, columns))
+            if key.velocities is not None:
+                rate = weight * self.since(key) / self.scene.delta
+                found.append(rate * (now - moves[key.cloth](key.step - 1, key.vertices)).reshape(-1, columns))
+        return found
 
     def matrix(self, shot: Shot) -> Array:
         """J (N, Q) whole, by sweeps with all columns at once."""
-        moves = {cloth: self.moved(shot, cloth) for cloth in shot.systems}
-        rows = []
-        for _, key, weight in self.counted():
-            now = moves[key.cloth](key.step, key.vertices)
-            share = key.share
-            rows.append(weight * (now if share is None else np.tensordot(share, now, 1)[None]).reshape(-1, self.size))
-            if key.velocities is not None:
-                rate = weight * self.since(key) / self.scene.delta
-                rows.append(rate * (now - moves[key.cloth](key.step - 1, key.vertices)).reshape(-1, self.size))
+        rows = self.rows({cloth: self.moved(shot, cloth) for cloth in shot.systems}, self.size)
         return np.concatenate([*rows, self.gentle.toarray() * np.sqrt(self.gamma)])
 
-    def moved(self, shot: Shot, cloth: int) -> Callable[[int, Indices], Array]:
+    def moved(self, shot: Shot, cloth: int) -> Moves:
         """What gives the derivative (m, 3, Q) of the places of vertices after a step."""
         system, motion = shot.systems[cloth], shot.motions[cloth]
         needed = {key.step - back for _, key, _ in self.counted() if key.cloth == cloth for back in (0, 1)}
         mine = np.flatnonzero(np.repeat([block.cloth in (cloth, -1) for block in self.blocks], np.diff(self.parts)))
-        known = columns.derivatives(system, motion, self.directions(cloth), needed) if needed and len(mine) else {}
-        place = np.cumsum(mobile(system)) - 1
+        known = derivatives(system, motion, self.directions(cloth), needed) if needed and len(mine) else {}
         moves = mobile(system)
+        place = np.cumsum(moves) - 1
 
         def at(step: int, vertices: Indices) -> Array:
             found = np.zeros((len(vertices), 3, self.size))
@@ -285,3 +280,53 @@ class Shooting:
         """Root mean square distance from each key up to the horizon, m."""
         left = [left_of(key, shot.motions[key.cloth].x) for _, key, _ in self.counted()]
         return np.array([np.sqrt(np.mean((each**2).sum(axis=1))) for each in left])
+
+
+def derivatives(
+    system: System, motion: Rollout, directions: Sequence[tuple[str, int, Array]], needed: Collection[int]
+) -> dict[int, Array]:
+    """dX (3 f, Q) of the movable vertices after the steps that are needed, 0 the start; `directions` are kind, column
+    and change.
+    """
+    width = 1 + max(column for _, column, _ in directions)
+    carried = Pushed(system, columns(system, directions, width), directions)
+    found = {0: carried.dx.copy()} if 0 in needed else {}
+    for t in range(max(needed)):
+        carried.through(motion, t)
+        interrupts.check()
+        if t + 1 in needed:
+            found[t + 1] = carried.dx.copy()
+    return found
+
+
+def columns(system: System, directions: Sequence[tuple[str, int, Array]], width: int) -> Columns:
+    """The columns of a sensitivity, those of forces left out."""
+    led = [(q, zeros(system)._replace(**{kind: change})) for kind, q, change in directions if kind in LEADING]
+    wind = [(q, zeros(system)._replace(gusts=change)) for kind, q, change in directions if kind == "gusts"]
+    start = [(q, change) for kind, q, change in directions if kind == "velocity"]
+    nothing = fitted.none(len(system.x0)), fitted.none(len(system.springs.rest)), fitted.none(0)
+    return Columns(width, *nothing, tuple(wind), tuple(led), tuple(start))
+
+
+class Pushed(Carried):
+    """A sensitivity of which some columns are forces."""
+
+    def __init__(self, system: System, given: Columns, directions: Sequence[tuple[str, int, Array]]) -> None:
+        super().__init__(system, given)
+        pushes = [(column, change) for kind, column, change in directions if kind == "force"]
+        self.pushed = np.array([column for column, _ in pushes], int)
+        moves = mobile(system)
+        self.tables = np.array([change[:, moves].reshape(len(change), -1) for _, change in pushes])  # (P, T, 3 f)
+        self.step = 0
+
+    def solved(self, at: Point, w: Array, du: Array, step: int) -> Array:
+        """The change of the velocity w of an iteration, for that of the one before, du (3 f, Q)."""
+        self.step = step
+        return super().solved(at, w, du, step)
+
+    def right(self, at: Point, w: Array, du: Array) -> Array:
+        """The right-hand side of an iteration to w; its matrix is left in the workspace."""
+        found = super().right(at, w, du)
+        if len(self.pushed):
+            found[:, self.pushed] += at.system.h * self.tables[:, self.step].T
+        return found

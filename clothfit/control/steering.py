@@ -3,7 +3,7 @@
 The keys come in one after another, as a motion that has missed the first says little about the second. Each search is
 SciPy's trust-region reflective method with LSMR, which takes products with J only. Keys come before effort: its weight
 γ falls from round to round while that brings the cloths nearer. Hard keys are insisted on by multipliers. It begins
-with no control, and with handles on the way that the keys suggest (`reference`), whichever comes nearer.
+with no control, and with handles on the way that the keys suggest (`keyframes`), whichever comes nearer.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, steered
 from clothfit.control.descent import NEAR, NEAR_HARD, Report
-from clothfit.control.keyframes import Key, last_step, without_fixed
-from clothfit.control.reference import path
+from clothfit.control.keyframes import Key, last_step, path, without_fixed
 from clothfit.control.shooting import Shooting, Shot
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise.status import Status

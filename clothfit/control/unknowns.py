@@ -4,6 +4,10 @@ Block by block: paths of handles, velocities at the start and forces of each clo
 values = start + scale z, and its effort is |R z|², R (rows, Q) a sparse matrix that makes what counts as gentle of z,
 without a unit: changes that are slow in time and smooth over the cloth are small in it. T is the time of the last key,
 L the size of the cloth.
+
+Forces may be those of the first modes of vibration of a cloth, as a net under even tension: smooth shapes over it, the
+same for x, y and z. A flat cloth at rest has no stiffness across its plane, so its own modes would say nothing of the
+shapes out of it. With L the Laplacian of its springs, weighted by stiffness, they are L φ = λ M φ, ΦᵀMΦ = I.
 """
 
 from __future__ import annotations
@@ -14,11 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.control.closed_loop import Costs, neighbours
 from clothfit.control.controls import Controls, handle_keys
-from clothfit.control.vibration import modes_of
 from clothfit.engine.inputs import knots
 from clothfit.engine.system import System
 from clothfit.scene.cloth import Cloth
@@ -234,3 +237,28 @@ def hats(rows: int, steps: int, h: float, every: float | None) -> csr_array:
     for k, unit in enumerate(np.eye(len(places))):
         found[:steps, k] = np.interp(np.arange(steps), places, unit)
     return csr_array(found)
+
+
+DENSE = 1500
+"""Vertices up to which all modes are found at once."""
+
+
+def modes_of(cloth: Cloth, free: Indices, count: int) -> Array:
+    """The modes (f, count) with the lowest frequencies of the f free vertices."""
+    from scipy.linalg import eigh
+    from scipy.sparse import csr_array, diags_array
+
+    ends, n = np.concatenate([cloth.springs, cloth.springs[:, ::-1]]), len(cloth.mass)
+    graph = csr_array((np.concatenate([cloth.stiffness, cloth.stiffness]), (ends[:, 0], ends[:, 1])), shape=(n, n))
+    scale = 1.0 / np.sqrt(cloth.mass[free])
+    inner = csr_array(diags_array(graph.sum(axis=1)) - graph)[free][:, free]
+    balanced = diags_array(scale) @ inner @ diags_array(scale)
+    if len(free) <= DENSE or 3 * count > len(free):
+        _, found = eigh(balanced.toarray(), subset_by_index=[0, count - 1])
+    else:
+        from scipy.sparse.linalg import eigsh
+
+        below = -1e-6 * float(balanced.diagonal().max())
+        start = np.random.default_rng(0).normal(size=len(free))
+        _, found = eigsh(balanced.tocsc(), count, sigma=below, v0=start)
+    return np.asarray(scale[:, None] * found)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.control.course import Course
+from clothfit.control.control import Course
 from clothfit.pictures.camera import project
 from clothfit.pictures.palette import CLOTHS, RED, TARGET_COLOUR, Colour
 from clothfit.pictures.stage import Stage

@@ -14,7 +14,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
-from clothfit.control.course import Course
+from clothfit.control.control import Course
 from clothfit.motion.energy import Energy
 from clothfit.pictures import charts, maps
 from clothfit.pictures import filmstrip as film

@@ -13,8 +13,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.messages import counted, metres
 from clothfit.base.version import __version__
-from clothfit.control.control import Control
-from clothfit.control.course import Course, away
+from clothfit.control.control import Control, Course, away
 from clothfit.control.keyframes import Key
 from clothfit.optimise.status import Status
 from clothfit.pictures.stage import good_frames

@@ -18,8 +18,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from clothfit.control.control import Control
-from clothfit.control.course import Course
+from clothfit.control.control import Control, Course
 from clothfit.motion.motion import Motion
 from clothfit.objective.experiment import Recorded, motion_of
 from clothfit.report.contents import content

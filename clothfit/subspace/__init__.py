@@ -1,8 +1,10 @@
 """A cloth in a subspace of its motions: x = x₀ + U q with a few dozen coordinates q, much cheaper to play.
 
-recorded (motions under random inputs, on disk) → carrier, basis (U from these motions, and vibration) → physics (the
-scene's steps on U, from few weighted elements) → model (the file) → build, play, frames, proxies (what a player shows),
-crowd (many at once), judge, onnx. Nothing here is loaded until a command asks for it.
+inputs → recording (motions under random inputs, on disk) → carrier, basis (U from these motions, and vibration) →
+physics (the scene's steps on U, from few weighted elements) → model (the file) → build, play, frames (what a player
+shows), crowd (many at once), judge, onnx. Nothing here is loaded until a command asks for it.
+
+To vary another input: its range in `inputs.Ranges`, its items in `inputs.episode`, its option in `cli/subspace`.
 
 To add another way to step: a value of `method` in `model`, and what `play` calls for it.
 """

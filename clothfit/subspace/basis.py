@@ -14,17 +14,18 @@ motions hardly show can still move.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import System
 from clothfit.subspace.carrier import relative
-from clothfit.subspace.recorded.recording import Data
+from clothfit.subspace.recording import Data
 
 MOST_FRAMES, WORK = 1500, 1e10
 """Frames that the decomposition sees, spread over all motions, and multiplications within which it sees more: those of
@@ -39,6 +40,10 @@ MODES = 16
 
 ROUNDING = 1e-7
 """Relative size of a vector that is nothing but rounding, or nothing new."""
+
+
+Rows: TypeAlias = Callable[[int], Array]
+"""What gives the frames (F, 3 m) of an episode."""
 
 
 class Decomposition(NamedTuple):
@@ -56,31 +61,26 @@ def frames_of(data: Data, cloth: int, episode: int, system: System, most: int) -
     return np.asarray(x[kept[:: max(1, -(-len(kept) // most))]])
 
 
-def changes_of(data: Data, cloth: int, episode: int, system: System, most: int) -> Array:
-    """Some of the changes between good frames, (F, n, 3), m."""
-    x, good = data.motion(episode, cloth)
-    x = relative(x, system)
-    kept = np.flatnonzero(good[1:] & good[:-1])[:: max(1, -(-len(x) // most))]
-    return np.asarray(x[kept + 1] - x[kept])
-
-
 def decompose(
     data: Data, cloth: int, systems: Sequence[System], most: int, episodes: Sequence[int], changes: float = 0.0
 ) -> Decomposition:
     """At most `most` vectors from some episodes, with the system of each. Raises InvalidInput where nothing moves."""
     system, inputs = systems[0], dict(zip(episodes, systems, strict=True))
     free = system.vertex.free
-    each = max(2, frames_seen(3 * int(free.sum())) // len(episodes))
     root = np.sqrt(system.vertex.mass[free])[:, None]
+    size = 3 * len(root)
+    each = max(2, max(MOST_FRAMES, int(WORK / size**2)) // len(episodes))
 
     def of_frames(episode: int) -> Array:
         interrupts.check()
         frames = frames_of(data, cloth, episode, inputs[episode], each)
-        return np.asarray((frames[:, free] * root).reshape(-1, 3 * len(root)))
+        return np.asarray((frames[:, free] * root).reshape(-1, size))
 
     def of_changes(episode: int) -> Array:
-        made = changes_of(data, cloth, episode, inputs[episode], each)
-        return np.asarray((made[:, free] * root).reshape(-1, 3 * len(root)))
+        x, good = data.motion(episode, cloth)
+        x = relative(x, inputs[episode])
+        kept = np.flatnonzero(good[1:] & good[:-1])[:: max(1, -(-len(x) // each))]
+        return np.asarray(((x[kept + 1] - x[kept])[:, free] * root).reshape(-1, size))
 
     def weighted(episode: int) -> Array:
         return np.concatenate([of_frames(episode), scale * of_changes(episode)]) if scale else of_frames(episode)
@@ -89,68 +89,46 @@ def decompose(
     if changes:
         still, moved = (sum(float((of(e) ** 2).sum()) for e in episodes) for of in (of_frames, of_changes))
         scale = changes * float(np.sqrt(still / moved)) if moved > 0 else 0.0
-    rows = [len(weighted(episode)) for episode in episodes]
-    tall = 3 * len(root) <= sum(rows)
-    gram = by_coordinates(weighted, episodes, 3 * len(root)) if tall else by_frames(weighted, episodes, rows)
+    ends = np.cumsum([0, *(len(weighted(episode)) for episode in episodes)])
+    tall = size <= ends[-1]
+    gram = total(d.T @ d for d in map(weighted, episodes)) if tall else by_frames(weighted, episodes, ends)
     values, vectors = np.linalg.eigh(gram)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     count = min(most, int(np.count_nonzero(values > ROUNDING**2 * max(values[0], 1e-300))))
     if count == 0:
         raise InvalidInput("nothing moves in the recorded motions; a subspace needs inputs that move the cloth")
     if not tall:
-        vectors = from_frames(weighted, episodes, rows, vectors[:, :count] / np.sqrt(values[:count]))
+        mix = vectors[:, :count] / np.sqrt(values[:count])
+        vectors = total(weighted(e).T @ mix[a:b] for e, (a, b) in zip(episodes, pairwise(ends), strict=True))
     made = np.zeros((len(free), 3, count))
     made[free] = (vectors[:, :count]).reshape(-1, 3, count) / root[:, :, None]
-    frames, total, held = left_out_of(of_frames, episodes, vectors[:, :count]) if scale else (
-        sum(rows), values.sum(), values[:count])  # fmt: skip
-    rest = total - np.concatenate([[0.0], np.cumsum(held)])
+    frames, squares, held = int(ends[-1]), values.sum(), values[:count]
+    if scale:  # of the frames alone
+        frames, squares, held = 0, 0.0, np.zeros(count)
+        for own in map(of_frames, episodes):
+            frames, squares = frames + len(own), squares + float((own**2).sum())
+            held += ((own @ vectors[:, :count]) ** 2).sum(axis=0)
+    rest = squares - np.concatenate([[0.0], np.cumsum(held)])
     return Decomposition(made, np.sqrt(np.maximum(rest, 0.0) / (frames * float((root**2).sum()))))
 
 
-def frames_seen(size: int) -> int:
-    """How many frames the decomposition sees, in all, of so many coordinates."""
-    return max(MOST_FRAMES, int(WORK / size**2))
-
-
-def left_out_of(of_frames: object, episodes: Sequence[int], vectors: Array) -> tuple[int, float, Array]:
-    """How many frames there are, the sum of their squares, and what of it each vector (3 m, k) holds."""
-    count, total, held = 0, 0.0, np.zeros(vectors.shape[1])
-    for episode in episodes:
-        rows = of_frames(episode)  # type: ignore[operator]
-        count, total = count + len(rows), total + float((rows**2).sum())
-        held += ((rows @ vectors) ** 2).sum(axis=0)
-    return count, total, held
-
-
-def by_coordinates(weighted: object, episodes: Sequence[int], size: int) -> Array:
-    """Σ d dᵀ, (3n, 3n)."""
-    gram = np.zeros((size, size))
-    for episode in episodes:
-        d = weighted(episode)  # type: ignore[operator]
-        gram += d.T @ d
-    return gram
-
-
-def by_frames(weighted: object, episodes: Sequence[int], rows: Sequence[int]) -> Array:
+def by_frames(weighted: Rows, episodes: Sequence[int], ends: Indices) -> Array:
     """All products of two frames, (F, F)."""
-    ends = np.concatenate([[0], np.cumsum(rows)])
     gram = np.zeros((ends[-1], ends[-1]))
     for i, episode in enumerate(episodes):
-        d = weighted(episode)  # type: ignore[operator]
+        d = weighted(episode)
         for j in range(i + 1):
-            other = d if j == i else weighted(episodes[j])  # type: ignore[operator]
+            other = d if j == i else weighted(episodes[j])
             gram[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = d @ other.T
     return np.asarray(np.tril(gram) + np.tril(gram, -1).T)
 
 
-def from_frames(weighted: object, episodes: Sequence[int], rows: Sequence[int], mix: Array) -> Array:
-    """Σ frames times `mix` (F, k): vectors (3n, k)."""
-    ends = np.concatenate([[0], np.cumsum(rows)])
-    parts = (weighted(e).T @ mix[ends[i] : ends[i + 1]] for i, e in enumerate(episodes))  # type: ignore[operator]
-    total = next(parts)
+def total(parts: Iterable[Array]) -> Array:
+    """The sum of arrays that come one by one."""
+    found = None
     for part in parts:
-        total += part
-    return np.asarray(total)
+        found = part if found is None else np.add(found, part, out=found)
+    return np.asarray(found)
 
 
 def vibration(system: System, x: Array, count: int) -> Array:

@@ -1,4 +1,7 @@
-"""From recorded motions to a model: the basis, the cubature, and how well both follow a motion that neither saw."""
+"""From recorded motions to a model: the basis, the cubature, and how well both follow a motion that neither saw.
+
+How well a recorded motion is followed decides the basis and the cubature.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +20,12 @@ from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier, frames
-from clothfit.subspace.fitness import Fitness, coarsest, fitness
-from clothfit.subspace.judge import cost, whole
+from clothfit.subspace.judge import FORGOTTEN, SOUGHT, amplitudes, cost, floor_of_recorded, relative, whole
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
-from clothfit.subspace.physics.reduced import Reduced, check
-from clothfit.subspace.recorded.recording import Data
-from clothfit.subspace.sensitivity import SOUGHT, floor_of_recorded
+from clothfit.subspace.physics.march import roll
+from clothfit.subspace.physics.reduced import Reduced, check, decode
+from clothfit.subspace.recording import Data
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 
@@ -92,28 +94,33 @@ def build(
     kept = list(range(count - held_out if count > held_out else count))
     beside = [e for e in range(count) if e not in kept]
     scene = data.scene
-    parts, reports, limits = [], [], Limits()
+    parts, reports = [], []
+    limits: dict[str, list[list[float]]] = {}
     for c in range(len(scene.cloths)):
         check(build_system(scene, c, steps=1))
         part, found = of_object(data, c, kept, options, limits, report)
         for e in beside:
-            found.whole, found.sampled = judged(data, c, e, part)
+            x, _ = data.motion(e, c)
+            system = build_system(data.scene_of(e), c, steps=data.steps)
+            found.whole = fitness(Reduced(system, part.basis), x)
+            found.sampled = fitness(Reduced(system, part.basis, part.chosen), x)
             found.floor = floor_of_recorded(data, c, e, part.basis) if found.sampled.relative > SOUGHT else 0.0
         found.us_per_frame, found.full_us_per_step = cost(part, data.scene_of(kept[0]), c, min(data.steps, TIMED))
         parts.append(part)
         reports.append(found)
     folder = os.path.abspath(scene.folder)
     built = {"objects": [summary(each) for each in reports], "seed": options.seed}
-    return Model(dumps(scene), folder, tuple(parts), limits.found, built), reports
+    return Model(dumps(scene), folder, tuple(parts), limits, built), reports
 
 
 def of_object(
-    data: Data, c: int, kept: Sequence[int], options: Options, limits: Limits, report: Callable[[str], None]
-) -> tuple[Part, Report]:
+    data: Data, c: int, kept: Sequence[int], options: Options, limits: dict[str, list[list[float]]],
+    report: Callable[[str], None],
+) -> tuple[Part, Report]:  # fmt: skip
     """The subspace of one object."""
     systems = [build_system(data.scene_of(e), c, steps=data.steps) for e in kept]
     for system in systems:
-        limits.add(system)
+        widen(limits, system)
     report("decomposing the motions")
     found, U = basis_of(data, c, systems, kept, options)
     runs = runs_on(U, systems)
@@ -200,35 +207,18 @@ def seen(
     return low, high, found
 
 
-def judged(data: Data, c: int, episode: int, part: Part) -> tuple[Fitness, Fitness]:
-    """How a motion on the subspace compares with a recorded one, with all elements and with those of the cubature."""
-    x, _ = data.motion(episode, c)
-    system = build_system(data.scene_of(episode), c, steps=data.steps)
-    return fitness(Reduced(system, part.basis), x), fitness(Reduced(system, part.basis, part.chosen), x)
-
-
-class Limits:
-    """The range of the recorded inputs."""
-
-    def __init__(self) -> None:
-        self.found: dict[str, list[list[float]]] = {}
-
-    def add(self, system: System) -> None:
-        """Take in those of one motion."""
-        inputs = system.inputs
-        self._widen("start", system.v0.min(axis=0), system.v0.max(axis=0))
-        if inputs is None:
-            return
-        for name, table in (("wind", inputs.wind), ("gravity", inputs.gravity)):
-            if len(table):
-                self._widen(name, table.min(axis=0), table.max(axis=0))
-        if inputs.path.size:
-            moved = inputs.path - system.x0[inputs.pins]
-            self._widen("pins", moved.min(axis=(0, 1)), moved.max(axis=(0, 1)))
-
-    def _widen(self, name: str, low: Array, high: Array) -> None:
-        before = self.found.get(name, [low.tolist(), high.tolist()])
-        self.found[name] = [np.minimum(before[0], low).tolist(), np.maximum(before[1], high).tolist()]
+def widen(limits: dict[str, list[list[float]]], system: System) -> None:
+    """Widen the range of the recorded inputs by those of one motion."""
+    tables, inputs = {"start": system.v0}, system.inputs
+    if inputs is not None:
+        moved = inputs.path - system.x0[inputs.pins] if inputs.path.size else inputs.path
+        tables |= {"wind": inputs.wind, "gravity": inputs.gravity, "pins": moved}
+    for name, table in tables.items():
+        if table.size:
+            rows = table.reshape(-1, 3)
+            low, high = rows.min(axis=0), rows.max(axis=0)
+            before = limits.get(name, [low, high])
+            limits[name] = [np.minimum(before[0], low).tolist(), np.maximum(before[1], high).tolist()]
 
 
 def summary(found: Report) -> dict[str, Any]:
@@ -241,3 +231,57 @@ def summary(found: Report) -> dict[str, Any]:
         own = getattr(found, name)
         made[name] = None if own is None else {"rmse": own.rmse, "relative_rmse": own.relative}
     return made
+
+
+AS_GOOD = 1.25
+"""How far, relative to that with all elements, a recorded motion with few may be from the full one."""
+
+GOOD = 1e-3
+"""Of the RMS of a motion: what is good enough."""
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """How a reduced motion compares with the full one, over all frames of one episode."""
+
+    rmse: float  # m
+    relative: float  # to the RMS of the motion's displacements
+    spectrum: float = 0.0  # of the amplitudes of the vertices' spectra, relative
+
+    @property
+    def forgets(self) -> bool:
+        """Whether points mean nothing, but spectra."""
+        return not self.relative <= FORGOTTEN
+
+    def better_than(self, other: Fitness) -> bool:
+        """Whether this is nearer to the recorded motion: by points, or where neither follows these, by spectrum."""
+        if self.forgets and other.forgets:
+            return self.spectrum < other.spectrum
+        return self.relative < other.relative
+
+
+def fitness(own: Reduced, x: Array) -> Fitness:
+    """How a motion on the subspace compares with a recorded one, by displacements (frames, n, 3)."""
+    made = decode(own, roll(own, len(x) - 1)) - own.system.x0
+    rmse = float(np.sqrt(((made - x) ** 2).sum(axis=2).mean()))
+    size = float(np.sqrt((x**2).sum(axis=2).mean()))
+    same = np.isfinite(rmse)
+    return Fitness(
+        rmse, rmse / size if size > 0 else 0.0, relative(amplitudes(made), amplitudes(x)) if same else np.inf
+    )
+
+
+def coarsest(own: Reduced, basis: Array, choices: Sequence[cubature.Found], x: Array) -> cubature.Found:
+    """The first of some choices of elements with which a recorded motion (frames, n, 3) is followed nearly as well as
+    with all of them, else the last; what `own` leaves out with all of them no cubature mends.
+    """
+    if len(choices) == 1:
+        return choices[0]
+    whole = fitness(own, x)
+    for each in choices[:-1]:
+        found = fitness(Reduced(own.system, basis, each.selection), x)
+        if whole.forgets and found.spectrum <= AS_GOOD * whole.spectrum:
+            return each
+        if found.relative <= max(GOOD, AS_GOOD * whole.relative) and not whole.forgets:
+            return each
+    return choices[-1]

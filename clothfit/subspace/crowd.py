@@ -20,14 +20,13 @@ from clothfit.base.arrays import Array
 from clothfit.engine.inputs.tables import Inputs
 from clothfit.motion.motion import Motion, in_scene
 from clothfit.scene.scene import Scene
-from clothfit.subspace import carrier
+from clothfit.subspace import carrier, inputs
 from clothfit.subspace.frames import Decoder
+from clothfit.subspace.inputs import Ranges, episodes
 from clothfit.subspace.model import Model
 from clothfit.subspace.network.weights import Network
 from clothfit.subspace.physics.march import March
 from clothfit.subspace.play import check_finite, check_objects, positions, ready
-from clothfit.subspace.recorded import variation
-from clothfit.subspace.recorded.variation import Ranges, episodes
 
 Single = NDArray[np.float32]
 
@@ -174,7 +173,7 @@ def varied(model: Model, scene: Scene, count: int, frames: int, seed: int = 0) -
     held = scene.moves  # then the range of the pins is that of their own way, which stays
     ranges = Ranges(found.get("wind", 0.0), 0.0 if held else found.get("pins", 0.0))
     own = episodes(scene, ranges, count, scene.delta * max(1, frames - 1), seed)
-    return [variation.varied(scene, each) for each in own]
+    return [inputs.varied(scene, each) for each in own]
 
 
 def motion(model: Model, scene: Scene, found: Crowded, instance: int) -> Motion:

@@ -24,12 +24,11 @@ from clothfit.base import npz
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import Data, write_atomically
-from clothfit.engine.system import System, build
+from clothfit.engine.system import build
 from clothfit.scene.scene import Scene, load
 from clothfit.subspace import carrier
 from clothfit.subspace.network import weights
 from clothfit.subspace.network.weights import Network
-from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.physics.samples import Selection
 
 VERSION = 1
@@ -73,15 +72,6 @@ class Model:
         """The scene that it was built of."""
         return load(io.BytesIO(self.text), folder=self.folder)
 
-    def reduced(self, scene: Scene, steps: int) -> list[Reduced]:
-        """Of each object the reduced cloth, for motions of a scene with other inputs or values."""
-        return [reduced(part, build(scene, c, steps=steps)) for c, part in enumerate(self.parts)]
-
-
-def reduced(part: Part, system: System) -> Reduced:
-    """The reduced cloth of a system."""
-    return Reduced(system, part.basis, part.chosen)
-
 
 def arrays(model: Model) -> dict[str, Any]:
     """What the file holds."""
@@ -96,18 +86,13 @@ def arrays(model: Model) -> dict[str, Any]:
         found[f"basis{c}"] = part.basis.astype(part.precision)
         found |= {f"{name}{c}": array for name, array in still(scene, c, part.basis)._asdict().items()}
         found[f"envelope{c}"] = part.envelope
-        for name, value in names_of(part.chosen).items():
+        for name, value in part.chosen._asdict().items():
             found[f"{name}{c}"] = value
         if part.normals is not None:
             found[f"normals{c}"] = part.normals.astype(part.precision)
         if part.network is not None:
             found |= weights.arrays(part.network, c)
     return found
-
-
-def names_of(chosen: Selection) -> dict[str, Any]:
-    """The arrays of a selection by their names in the file."""
-    return chosen._asdict()
 
 
 def encoded(model: Model) -> Data:
@@ -118,18 +103,6 @@ def encoded(model: Model) -> Data:
 def save(model: Model, path: str | os.PathLike[str]) -> None:
     """Write a model. Raises InvalidInput where the file cannot be written."""
     write_atomically(path, encoded(model))
-
-
-def is_model(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is an archive with a subspace in it."""
-    try:
-        with open(path, "rb") as file:
-            if file.read(2) != npz.ZIP_MAGIC:
-                return False
-            file.seek(0)
-            return {HEAD, "basis0"} <= set(npz.stored(file, (HEAD, "basis0"), ""))
-    except npz.FAULTS:
-        return False
 
 
 def load_model(path: str | os.PathLike[str]) -> Model:

@@ -18,9 +18,9 @@ from clothfit.base.memory import check_memory
 from clothfit.engine.system import System, build
 from clothfit.motion.motion import Motion, in_scene
 from clothfit.scene.scene import Scene
-from clothfit.subspace import proxies
-from clothfit.subspace.model import Model, Part, reduced
-from clothfit.subspace.network.roll import Stepper
+from clothfit.subspace.frames import push_all
+from clothfit.subspace.model import Model, Part
+from clothfit.subspace.network.weights import Stepper
 from clothfit.subspace.physics.march import roll
 from clothfit.subspace.physics.reduced import Reduced
 
@@ -46,7 +46,7 @@ def check_objects(model: Model, scene: Scene) -> None:
 
 def play(model: Model, scene: Scene, frames: int, distance: float | None = None) -> Played:
     """The motion of so many frames of a scene with the model's objects; vertices nearer to obstacles than a `distance`,
-    m, are pushed out (`proxies`). Raises InvalidInput where the scene's objects are others.
+    m, are pushed out (`frames`). Raises InvalidInput where the scene's objects are others.
     """
     check_objects(model, scene)
     if frames < 1:
@@ -66,7 +66,7 @@ def play(model: Model, scene: Scene, frames: int, distance: float | None = None)
         spent["state"] += middle - begin
         spent["decode"] += end - middle
         if distance is not None:
-            proxies.push_all(own.system, x[-1], distance)
+            push_all(own.system, x[-1], distance)
             spent["push out"] = spent.get("push out", 0.0) + perf_counter() - end
         coordinates.append(q)
     times = scene.delta * np.arange(frames, dtype=np.float64)
@@ -83,44 +83,43 @@ def ready(model: Model, part: Part, scene: Scene, c: int, steps: int, said: dict
 def stepper(part: Part, system: System, steps: int, said: dict[str, None]) -> Reduced | Stepper:
     """The reduced cloth of a system, or its network for so many steps."""
     if part.network is None:
-        return reduced(part, system)
+        return Reduced(system, part.basis, part.chosen)
     return Stepper(part.network, system, part.basis, steps, said)
 
 
 def clamped(system: System, limits: dict[str, Any], said: dict[str, None]) -> System:
     """The system with its inputs within the range of those that were recorded."""
-    inputs = system.inputs
+
+    def within(name: str, table: Array, text: str, unit: str) -> Array:
+        """The same table where it is within its limits, 0 where there are none."""
+        low, high = (np.array(each) for each in limits.get(name, np.zeros((2, 3))))
+        held = np.clip(table, low, high)
+        far = float(np.abs(table - held).max(initial=0.0))
+        if far <= SLACK:
+            return table
+        said[text.format(f"by {far:.3g} {unit} at most")] = None
+        return np.asarray(held)
+
+    inputs, change = system.inputs, "{} leaves the range that was recorded, {{}}; it is clamped"
     if "start" in limits:
-        within, far = held_within(system.v0, limits["start"])
-        if far > SLACK:
-            said[f"the start is faster than those that were recorded, by {far:.3g} m/s at most; it is clamped"] = None
-            system = system._replace(v0=within)
+        fast = "the start is faster than those that were recorded, {}; it is clamped"
+        system = system._replace(v0=within("start", system.v0, fast, "m/s"))
     if inputs is None:
         return system
-    changed: dict[str, Any] = {}
-    for name, unit in (("wind", "m/s"), ("gravity", "m/s²")):
-        table = getattr(inputs, name)
-        within, far = held_within(table, limits.get(name))
-        if far > SLACK:
-            said[f"{name} leaves the range that was recorded, by {far:.3g} {unit} at most; it is clamped"] = None
-            changed[name] = within
-    if not inputs.path.size:
-        return system._replace(inputs=inputs._replace(**changed)) if changed else system
-    start = system.x0[inputs.pins]
-    within, far = held_within(inputs.path - start, limits.get("pins"))
-    if far > SLACK:
-        said[f"pins leave the range that was recorded, by {far:.3g} m at most; they are clamped"] = None
-        path, v0 = np.ascontiguousarray(start + within), system.v0.copy()
-        v0[inputs.pins] = (path[1] - path[0]) / system.h
-        system, changed["path"] = system._replace(v0=v0), path
+    held: dict[str, Any] = {
+        name: within(name, getattr(inputs, name), change.format(name), unit)
+        for name, unit in (("wind", "m/s"), ("gravity", "m/s²"))
+    }
+    if inputs.path.size:
+        start = system.x0[inputs.pins]
+        moved = inputs.path - start
+        near = within("pins", moved, "pins leave the range that was recorded, {}; they are clamped", "m")
+        if near is not moved:
+            path, v0 = np.ascontiguousarray(start + near), system.v0.copy()
+            v0[inputs.pins] = (path[1] - path[0]) / system.h
+            system, held["path"] = system._replace(v0=v0), path
+    changed: dict[str, Any] = {name: table for name, table in held.items() if table is not getattr(inputs, name)}
     return system._replace(inputs=inputs._replace(**changed)) if changed else system
-
-
-def held_within(table: Array, limits: Any) -> tuple[Array, float]:
-    """The numbers (…, 3) of a table within limits (2, 3), 0 where there are none, and how far they were from that."""
-    low, high = np.zeros((2, 3)) if limits is None else (np.array(each) for each in limits)
-    within = np.clip(table, low, high)
-    return within, float(np.abs(table - within).max(initial=0.0))
 
 
 def rolled(own: Reduced | Stepper, steps: int, name: str) -> Array:

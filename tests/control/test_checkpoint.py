@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers.physics import scene, xyz
-from helpers.scenes import cloth
 
 from clothfit.base.checkpoint import Checkpoint, decoded, encoded
 from clothfit.base.errors import InvalidInput
@@ -15,13 +13,14 @@ from clothfit.control.keyframes import Key
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
 
-def flag():
-    """A 4 by 3 cloth in wind, two corners held, and keys for it."""
-    own = scene(cloth(springStiffness=[20.0] * 23), delta=0.02, windVel=xyz((3, 1, -2)), tolerance=1e-12)
+@pytest.fixture(scope="module")
+def asked(flag):
+    """A cloth and keys for it."""
+    own = flag()
     x, every = own.cloths[0].positions, np.arange(12, dtype=np.int32)
     free = every[~own.cloths[0].fixed]
     keys = [Key(10, 0, free, x[free] + [0, 0.1, 0.05]), Key(20, 0, free[2:4], x[free[2:4]].mean(axis=0)[None],
-                                                            share=np.full(2, 0.5))]
+                                                            share=np.full(2, 0.5))]  # fmt: skip
     return own, keys
 
 
@@ -38,8 +37,8 @@ class Cut:
 
 
 @pytest.mark.parametrize("name", ["forces", "handles"])
-def test_a_search_goes_on(tmp_path, name):
-    own, keys = flag()
+def test_a_search_goes_on(tmp_path, asked, name):
+    own, keys = asked
     controls = Controls() if name == "forces" else Controls(handles=(Handle(0, np.array([11], np.int32)),), wind=True)
     whole = find_controls(own, keys, controls)
     file = Checkpoint(tmp_path / "state")
@@ -54,8 +53,8 @@ def test_a_search_goes_on(tmp_path, name):
         assert again.effort < 1.02 * whole.effort  # both end where little more is gained
 
 
-def test_another_search_does_not_go_on(tmp_path):
-    own, keys = flag()
+def test_another_search_does_not_go_on(tmp_path, asked):
+    own, keys = asked
     file = Checkpoint(tmp_path / "state")
     find_controls(own, keys, Controls(velocity=True), report=Cut(2), checkpoint=file)
     resumed = Checkpoint(tmp_path / "state", resume=True)

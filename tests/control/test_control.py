@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.physics import METHODS, chain, scene, thing, xyz
-from helpers.scenes import cloth
+from helpers.physics import chain, scene, thing, xyz
 
 from clothfit.base.errors import InvalidInput
 from clothfit.control import closed_loop
@@ -28,14 +27,6 @@ def at(step, vertices, positions, **more):
     return Key(step, 0, np.array(vertices, np.int32), np.array(positions, float), **more)
 
 
-def flag(method="implicit", **fields):
-    """A 4 by 3 cloth in wind, two corners held."""
-    made = {"windVel": xyz((3, 1, -2)), "optimizationIterations": 25, "delta": 0.02, **fields}
-    drag, damping = (0.0, 0.0) if method in ("explicit", "symplectic") else (0.1, 0.3)  # with which they are unstable
-    one = cloth(dragCoefficient=drag, damping=damping, springStiffness=[20.0] * 23)
-    return scene(one, integrationMethod=METHODS[method], **made)
-
-
 def test_the_least_effort_of_a_free_vertex():
     """x_N = h²/m Σ (N − j) u_j: the least Σ |u|² h that gives x_N = d has u_j in proportion to N − j."""
     own, steps, d = lonely(), 30, np.array([0.3, -0.1, 0.2])
@@ -57,8 +48,8 @@ def test_at_rest_at_the_key():
 
 
 @pytest.mark.parametrize("method", ["implicit", "bdf2", "symplectic"])
-def test_playback_gives_the_same_bits(method):
-    own = flag(method, delta=0.02 if method != "symplectic" else 0.005)
+def test_playback_gives_the_same_bits(flag, method):
+    own = flag(method, optimizationIterations=25, delta=0.02 if method != "symplectic" else 0.005)
     x = own.cloths[0].positions
     keys = [at(10, range(12), x + [0, 0.1, 0.05] * (~own.cloths[0].fixed)[:, None]), at(20, range(12), x, hard=True)]
     found = find_forces(own, keys)
@@ -69,8 +60,8 @@ def test_playback_gives_the_same_bits(method):
     assert not found.forces.values[:, own.cloths[0].fixed].any()
 
 
-def test_a_disturbed_cloth_arrives_by_the_feedback():
-    own = flag()
+def test_a_disturbed_cloth_arrives_by_the_feedback(flag):
+    own = flag(optimizationIterations=25)
     x = own.cloths[0].positions
     found = find_forces(own, [at(20, range(12), x)], budget=20.0)
     other = own.with_values([own.cloths[0].mass], [1.05 * own.cloths[0].stiffness])
@@ -104,7 +95,7 @@ def test_no_force_is_above_its_bound():
 
 @pytest.mark.parametrize(("method", "newton"), [("implicit", 1), ("implicit", 3), ("bdf2", 1), ("explicit", 1)])
 @pytest.mark.parametrize("costs", [Costs(), Costs(smooth=0.1, most=0.2, even=0.5)])
-def test_the_gradient_of_all_costs(method, newton, costs, monkeypatch):
+def test_the_gradient_of_all_costs(flag, method, newton, costs, monkeypatch):
     """Against central differences, with springs, penalties and multipliers."""
     monkeypatch.setattr(closed_loop, "TOLERANCE", 1e-14)
     own = flag(method, delta=0.005, forwardSubSteps=newton)
@@ -123,7 +114,7 @@ def test_the_gradient_of_all_costs(method, newton, costs, monkeypatch):
     assert abs((gradient * d).sum() / difference - 1.0) < 1e-6
 
 
-def test_a_fixed_vertex_cannot_be_elsewhere():
+def test_a_fixed_vertex_cannot_be_elsewhere(flag):
     own = flag()
     with pytest.raises(InvalidInput, match=r"vertex 0 of objects\[0\] is fixed, and asked to be 1 m from where it is"):
         find_forces(own, [at(5, [0], own.cloths[0].positions[[0]] + [1, 0, 0], hard=True)])

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.physics import METHODS, scene, thing, xyz
-from helpers.scenes import cloth
+from helpers.physics import scene, thing, xyz
 from scipy.linalg import solve_discrete_are
 
 from clothfit.control import feedback
 from clothfit.control.feedback import Tangent, backwards, riccati, with_gains
 from clothfit.control.keyframes import Key
-from clothfit.control.vibration import modes_of
+from clothfit.control.unknowns import modes_of
 from clothfit.engine.rollout import fill, rollout
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
@@ -20,14 +19,6 @@ from clothfit.scene.forces import Forces, load_forces, save_forces
 
 NONE = xyz((0, 0, 0))
 ALL = np.arange(12)
-
-
-def flag(method="implicit", **fields):
-    """A 4 by 3 cloth in wind, two corners held."""
-    made = {"windVel": xyz((3, 1, -2)), "optimizationIterations": 31, "delta": 0.02, "tolerance": 1e-12, **fields}
-    drag, damping = (0.0, 0.0) if method == "symplectic" else (0.1, 0.3)  # with which it is unstable
-    one = cloth(dragCoefficient=drag, damping=damping, springStiffness=[20.0] * 23)
-    return scene(one, integrationMethod=METHODS[method], **made)
 
 
 def planned(own, vertices, steps=30, size=0.05):
@@ -86,7 +77,7 @@ def test_gains_of_a_cloth_at_rest_are_those_of_its_oscillator():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "newton"), [("implicit", 1), ("implicit", 3), ("symplectic", 1), ("explicit", 1)])
-def test_the_model_is_the_tangent_of_a_step(method, newton):
+def test_the_model_is_the_tangent_of_a_step(flag, method, newton):
     """With all modes, against central differences of one step from a state in a motion."""
     own = flag(method, delta=0.005, forwardSubSteps=newton, tolerance=1e-14)
     plan, t, free = planned(own, [5, 6], steps=12), 7, np.flatnonzero(~own.cloths[0].fixed)
@@ -121,7 +112,7 @@ def test_the_model_is_the_tangent_of_a_step(method, newton):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["implicit", "bdf2", "symplectic"])
-def test_the_gains_are_the_best_of_their_multiples(method):
+def test_the_gains_are_the_best_of_their_multiples(flag, method):
     own = flag(method, delta=0.02 if method != "symplectic" else 0.005)
     plan = planned(own, [5, 6, 11], size=0.3 if method != "symplectic" else 3.0)  # it has a quarter of the time
     keys = keys_of(own, plan, [15, 30])
@@ -149,7 +140,7 @@ def test_the_gains_are_the_best_of_their_multiples(method):
 
 
 @pytest.mark.slow
-def test_no_force_of_a_feedback_is_above_its_bound():
+def test_no_force_of_a_feedback_is_above_its_bound(flag):
     own = flag()
     plan = planned(own, [5, 6])
     bound = 1.01 * np.linalg.norm(plan.values, axis=2).max()
@@ -163,23 +154,21 @@ def test_no_force_of_a_feedback_is_above_its_bound():
 
 
 @pytest.mark.slow
-def test_steps_that_are_not_those_of_the_plan():
+def test_steps_that_are_not_those_of_the_plan(flag):
     """Half as long steps: the reference is between that of the rows."""
     own = flag()
     plan = planned(own, [5, 6], size=0.01)
     back = replace(with_gains(own, plan, keys_of(own, plan, [30])), pulls=True)
     finer = own.with_step(0.5 * own.delta, 61)
+    here = simulate(own.with_forces(plan), 31).positions
     apart, left = (
-        np.abs(
-            simulate(finer.with_forces(each), 61).positions[::2] - simulate(own.with_forces(plan), 31).positions
-        ).max()
-        for each in (plan, back)
+        np.abs(simulate(finer.with_forces(each), 61).positions[::2] - here).max() for each in (plan, back)
     )
     assert left < apart  # the feedback takes the error of the longer steps for a disturbance
 
 
 @pytest.mark.slow
-def test_a_file_keeps_the_gains(tmp_path):
+def test_a_file_keeps_the_gains(flag, tmp_path):
     own = flag()
     plan = planned(own, [5, 6])
     made = with_gains(own, plan, keys_of(own, plan, [30]))
@@ -193,7 +182,7 @@ def test_a_file_keeps_the_gains(tmp_path):
 
 
 @pytest.mark.slow
-def test_springs_are_kept_where_forces_act_on_all_free_vertices():
+def test_springs_are_kept_where_forces_act_on_all_free_vertices(flag):
     own = flag()
     plan = planned(own, np.flatnonzero(~own.cloths[0].fixed))
     springs = replace(plan, gain=np.ones((30, 12)), places=np.zeros((30, 12, 3)))

@@ -7,7 +7,7 @@ import pytest
 from helpers.physics import chain, scene, thing, xyz
 from helpers.scenes import cloth
 
-from clothfit.control.course import course
+from clothfit.control.control import course
 from clothfit.control.keyframes import Key
 from clothfit.motion.simulate import simulate
 from clothfit.pictures import gif

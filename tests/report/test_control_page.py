@@ -9,8 +9,7 @@ from helpers.physics import scene
 from helpers.scenes import cloth
 from helpers.unpacking import content_of, unpacked_positions
 
-from clothfit.control.control import Control, miss, reached
-from clothfit.control.course import course
+from clothfit.control.control import Control, course, miss, reached
 from clothfit.control.keyframes import Key
 from clothfit.motion.simulate import simulate
 from clothfit.optimise.status import Status

@@ -7,8 +7,8 @@ from helpers.subspaces import model_of, moving, scene_of
 
 from clothfit.base.errors import InvalidInput
 from clothfit.subspace import crowd
+from clothfit.subspace.inputs import applied
 from clothfit.subspace.play import play
-from clothfit.subspace.recorded.inputs import applied
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 

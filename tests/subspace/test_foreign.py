@@ -10,9 +10,8 @@ from helpers.subspaces import scene_of
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.cli.program import run
 from clothfit.motion.motion import Motion
-from clothfit.subspace.recorded.foreign import collect, episode
-from clothfit.subspace.recorded.recording import Data
-from clothfit.subspace.recorded.variation import Episode
+from clothfit.subspace.inputs import Episode
+from clothfit.subspace.recording import Data, collect, episode
 
 pytestmark = pytest.mark.quick
 

@@ -10,9 +10,8 @@ from helpers.subspaces import keys, moving, scene_of
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.subspace import FRAMES, IN_WIND, OF_SMALL, lengths
 from clothfit.engine.system import build
+from clothfit.subspace.inputs import Ranges, applied, episodes, gentle_wind, load, varied
 from clothfit.subspace.play import clamped
-from clothfit.subspace.recorded.inputs import applied, load
-from clothfit.subspace.recorded.variation import Ranges, episodes, gentle_wind, varied
 
 BALLS = [sphere(0.1), {**sphere(0.2), "friction": 0.1}]
 SCENE = scene_of(document(cloth(), colliders=BALLS))

@@ -5,7 +5,7 @@ import pytest
 from helpers.subspaces import model_of, moving, scene_of, whole
 
 from clothfit.engine.system import build
-from clothfit.subspace.judge import amplitudes, compare, judge
+from clothfit.subspace.judge import amplitudes, compare
 from clothfit.subspace.model import Model, Part
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
@@ -37,7 +37,7 @@ def test_a_basis_of_all_motions_leaves_nothing_out():
 
 def test_a_few_vectors_miss_a_part_and_say_so():
     model = model_of(SCENE, 3, normals=True)
-    found = judge(model, SCENE, FRAMES)
+    found = compare(model, SCENE, FRAMES).found
     assert found.forgets
     assert 0 < found.floor < found.relative_rmse
     assert 0 < found.drift < found.max_error

@@ -10,14 +10,13 @@ from helpers.subspaces import scene_of
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.engine.system import build as build_system
-from clothfit.subspace.build import CUBATURES, Options, build
-from clothfit.subspace.fitness import coarsest
+from clothfit.subspace.build import CUBATURES, Options, build, coarsest
+from clothfit.subspace.inputs import Ranges, episodes
 from clothfit.subspace.model import load_model, save
 from clothfit.subspace.physics.cubature import Found
 from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.play import play
-from clothfit.subspace.recorded.recording import Data, record
-from clothfit.subspace.recorded.variation import Ranges, episodes
+from clothfit.subspace.recording import Data, record
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
@@ -75,7 +74,7 @@ def test_data_and_models_are_the_same_for_the_same_seed(made):
 
 def test_inputs_beyond_the_range_are_clamped_and_said_once(made):
     _, data, model, _ = made
-    from clothfit.subspace.recorded.inputs import applied
+    from clothfit.subspace.inputs import applied
 
     storm = [{"acts": "wind", "times": [0, 0.5, 3], "values": [[0, 0, 0], [0, 9e5, 0], [4e5, 0, 0]]}]
     played = play(model, applied(data.scene, storm), 120)
@@ -89,7 +88,7 @@ def test_inputs_beyond_the_range_are_clamped_and_said_once(made):
 
 def test_it_comes_to_rest_when_its_inputs_do(made):
     _, data, model, _ = made
-    from clothfit.subspace.recorded.inputs import applied
+    from clothfit.subspace.inputs import applied
 
     gust = [{"acts": "wind", "times": [0, 0.3, 0.6], "values": [[0, 0, 0], [4, 0, -4], [0, 0, 0]]}]
     x = play(model, applied(data.scene, gust), 1200).motion.positions

@@ -7,7 +7,7 @@ from helpers.subspaces import keys, scene_of, xyz
 
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import build
-from clothfit.subspace.proxies import push_all
+from clothfit.subspace.frames import push_all
 
 ZERO = xyz((0, 0, 0))[0]
 CAPSULE = {"type": 2, "pos": xyz((1.2, 0.1, 0.8))[0], "rot": xyz((20, 40, 70))[0], "scale": xyz((0.8, 1.9, 0.8))[0],

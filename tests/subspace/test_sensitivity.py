@@ -10,7 +10,7 @@ from helpers.subspaces import moving, scene_of, whole
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.motion.simulate import simulate
-from clothfit.subspace.sensitivity import GOES_ON, floor, growth
+from clothfit.subspace.judge import GOES_ON, floor, growth
 
 pytestmark = pytest.mark.slow  # compiles motions
 

@@ -16,7 +16,7 @@ from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
-    from clothfit.control.course import Course
+    from clothfit.control.control import Course
     from clothfit.evaluation.evaluate import Evaluation
     from clothfit.fit.result import Fit
     from clothfit.motion.energy import Energy

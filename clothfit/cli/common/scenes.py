@@ -139,7 +139,7 @@ def with_inputs(scene: Scene, path: str | None) -> Scene:
     """The scene with the inputs of a file. Raises InvalidInput."""
     if path is None:
         return scene
-    from clothfit.subspace.recorded.inputs import applied, load
+    from clothfit.subspace.inputs import applied, load
 
     check_there(path)
     return applied(scene, load(path), str(Path(path).parent), path)

@@ -53,7 +53,7 @@ class Shows:
         if found.status == Status.INTERRUPTED:
             console.say("nothing is drawn, as the search was interrupted")
             return
-        from clothfit.control.course import course
+        from clothfit.control.control import course
 
         over = course(scene, found.scene.with_forces(found.forces), keys, found.motion)
         if self.page is not None:

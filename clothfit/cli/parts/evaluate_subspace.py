@@ -87,7 +87,7 @@ def show(found: Judgement, console: Console) -> None:
             f"{100 * found.spectrum:.2g} %, standard deviations of the vertices within {100 * found.deviation:.2g} %"
         )
     if found.floor:
-        from clothfit.subspace.sensitivity import at_best
+        from clothfit.subspace.judge import at_best
 
         console.result(at_best(found.floor))
     gain = "never more than was given"

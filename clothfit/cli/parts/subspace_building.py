@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
     from clothfit.subspace.build import Options, Report
     from clothfit.subspace.model import Model
-    from clothfit.subspace.network.teach import Schooling
+    from clothfit.subspace.network.learn import Schooling
     from clothfit.subspace.network.training import Progress
-    from clothfit.subspace.recorded.recording import Data
+    from clothfit.subspace.recording import Data
 
 POOR = 0.1
 """Error of a motion, relative to its RMS, from which on there is a warning."""
@@ -45,7 +45,7 @@ def options_of(given: dict[str, Any]) -> Options:
 def school_of(given: dict[str, Any], out: Output) -> Schooling | None:
     """How to train; None for physics. Raises InvalidInput."""
     if given["method"] != "network":
-        asked = [f"--{name}" for name in ("minutes", "rounds", "recipe", "resume") if given[name] is not None]
+        asked = [f"--{name}" for name in ("minutes", "rounds", "resume") if given[name] is not None]
         if asked:
             raise click.UsageError(f"{asked[0]} goes with --method network", click.get_current_context())
         return None
@@ -53,16 +53,14 @@ def school_of(given: dict[str, Any], out: Output) -> Schooling | None:
         raise click.UsageError("--cubature does not go with --method network", click.get_current_context())
     if given["minutes"] is not None and given["rounds"] is not None:
         raise click.UsageError("--minutes and --rounds: give one of them", click.get_current_context())
-    from clothfit.subspace.network.recipe import ENOUGH, MINUTES, Budget
-    from clothfit.subspace.network.teach import Schooling
+    from clothfit.subspace.network.learn import Schooling
+    from clothfit.subspace.network.training import MINUTES, Budget
 
     if given["resume"] and out.is_stream:
         raise InvalidInput("--resume needs a file -o; - was given")
-    recipe = given["recipe"] or "own"
-    most = ENOUGH if recipe == "own" else None
-    budget = Budget(MINUTES if given["minutes"] is None else given["minutes"], given["rounds"], most)
+    budget = Budget(MINUTES if given["minutes"] is None else given["minutes"], given["rounds"])
     budget.check()
-    return Schooling(budget, recipe, given["seed"] or 0, state_of(out) if given["resume"] else None)
+    return Schooling(budget, given["seed"] or 0, state_of(out) if given["resume"] else None)
 
 
 def state_of(out: Output) -> str:
@@ -102,7 +100,7 @@ def trained(
     model: Model, found: list[Report], data: Data, school: Schooling, out: Output, console: Console
 ) -> tuple[Model, bool]:
     """The model with networks, and whether their training came to its end; its state is kept beside."""
-    from clothfit.subspace.network.teach import identity, keep, pupils, teach
+    from clothfit.subspace.network.learn import identity, keep, pupils, teach
 
     own = pupils(model, data, school)
     interrupts.hold()  # from now on there is a network to keep
@@ -159,6 +157,6 @@ def show(name: str, found: Report, console: Console) -> None:
         console.warn(f"{name}: the subspace does not follow that motion; try more vectors (--basis), more motions "
                      "(--episodes), or weaker inputs (--wind, --pace)")  # fmt: skip
     if found.floor:
-        from clothfit.subspace.sensitivity import at_best
+        from clothfit.subspace.judge import at_best
 
         console.result(at_best(found.floor))

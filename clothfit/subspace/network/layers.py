@@ -1,10 +1,9 @@
 """A network while it is trained: a step with all that its transpose needs, and that.
 
-    u = [z₁, z₁ − z₂, w],  z = clip(u L + l + s ⊙ Φ((u − μ) F)),  Φ layers h ↦ a(h W + b).
+    u = [z₁, z₁ − z₂, w],  z = clip(u L + l + s ⊙ Φ((u − μ) ⊙ F)),  Φ layers h ↦ a(h W + b).
 
-z are coordinates relative to their size, s the size of what the linear part leaves or the recipe's least, and F the
-scales of u or, in the paper's network, what makes [z̄, z₁, w] of it. Where z is clipped, the gradient passes if a step
-along it leads back.
+z are coordinates relative to their size, s the size of what the linear part leaves or the recipe's least, F the scales
+of u, and a is ELU. Where z is clipped, the gradient passes if a step along it leads back.
 
 The error of windows that a network plays by itself, and its gradient through all their steps.
 """
@@ -18,13 +17,34 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.subspace.network.prior import Linear
-from clothfit.subspace.network.recipe import Recipe
 from clothfit.subspace.network.signals import Signals
 from clothfit.subspace.network.weights import Network
+from clothfit.subspace.network.windows import Linear
 
 TINY = 1e-12
 """Below the size of what any linear part leaves, and below the squares of norms, which have no derivative at 0."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a network is made and trained (docs/subspace.md). Sizes of coordinates are relative to their standard
+    deviations in the data.
+    """
+
+    hidden: tuple[float, ...] = (2.0,) * 3  # widths of the layers between, relative to r
+    windows: tuple[int, int] = (4, 48)  # frames fed with their own predictions, at the start and from GROWN on
+    least: float = 2e-3  # size of what the layers give, where the linear part leaves less: else they learn too slowly
+    batch: int = 64
+    rate: float = 1e-3  # of the steps of the optimiser, at first; it falls as half a cosine
+    noise: float = 0.005  # on both frames that a window begins with
+    shake: float = 0.1  # of the second one beside that, relative to it
+    velocity: float = 0.25  # weight of errors of velocities, relative to those of coordinates of the same relative size
+    clip: float = 1.0  # of the gradient's norm
+    margin: float = 0.1  # by which coordinates may leave the range of the data
+    rests: bool = True  # learn also from motions that come to rest, which physics on the basis plays (`learn`)
+
+
+OWN = Recipe()
 
 
 class Trained:
@@ -34,8 +54,8 @@ class Trained:
         """`limits` (2, r) of the coordinates; weights as He et al. start them, those of the last layer so that it gives
         a tenth of what the linear part leaves.
         """
-        self.r, self.recipe, self.kind = prior.offset.shape[0], recipe, kind
-        sizes = [prior.features, *(max(1, round(width * self.r)) for width in recipe.hidden), self.r]
+        self.r, self.kind = prior.offset.shape[0], kind
+        sizes = [len(prior.lift), *(max(1, round(width * self.r)) for width in recipe.hidden), self.r]
         pairs = list(itertools.pairwise(sizes))
         self.weights = [(np.sqrt(2.0 / a) * rng.standard_normal((a, b))).astype(kind) for a, b in pairs]
         size = np.maximum(prior.left, max(recipe.least, TINY))
@@ -48,40 +68,31 @@ class Trained:
     @property
     def values(self) -> list[Array]:
         """All that is trained."""
-        own = [self.linear, self.offset] if self.recipe.dense else []
-        return [*self.weights, *self.biases, *own]
+        return [*self.weights, *self.biases, self.linear, self.offset]
 
     def step(self, z1: Array, z2: Array, w: Array) -> tuple[Array, Any]:
         """The next coordinates (B, r), and what `pull` needs."""
         u = np.concatenate([z1, z1 - z2, w], axis=1)
-        away = u - self.mean
-        h = away * self.lift if self.lift.ndim == 1 else away @ self.lift
+        h = (u - self.mean) * self.lift
         kept = [h]
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             h = h @ weight
             h += bias
-            kept.append(self.activated(h))
-            h = kept[-1]
+            np.maximum(h, np.expm1(np.minimum(h, 0.0)), out=h)
+            kept.append(h)
         z = h @ self.weights[-1] + self.biases[-1]
         z *= self.left
         z += u @ self.linear
         z += self.offset
         return np.clip(z, self.low, self.high), (u, kept, z < self.low, z > self.high)
 
-    def activated(self, s: Array) -> Array:
-        """The activation, in place."""
-        if self.recipe.activation == "relu":
-            return np.maximum(s, 0.0, out=s)
-        return np.maximum(s, np.expm1(np.minimum(s, 0.0)), out=s)
-
     def pull(self, kept: Any, gz: Array, grad: list[Array]) -> tuple[Array, Array]:
         """Add the derivatives by all values to `grad`, for that by z, gz (B, r); returns those by z₁ and z₂."""
         u, layers, below, above = kept
         g = np.where((below & (gz > 0)) | (above & (gz < 0)), 0.0, gz).astype(self.kind)
         count, r = len(self.weights), self.r
-        if self.recipe.dense:
-            grad[2 * count] += u.T @ g
-            grad[2 * count + 1] += g.sum(axis=0)
+        grad[2 * count] += u.T @ g
+        grad[2 * count + 1] += g.sum(axis=0)
         gu = g @ self.linear.T
         gh = g * self.left
         for k in range(count - 1, -1, -1):
@@ -90,16 +101,15 @@ class Trained:
             grad[count + k] += gh.sum(axis=0)
             gh = gh @ self.weights[k].T
             if k:
-                gh *= (h > 0) if self.recipe.activation == "relu" else np.minimum(h, 0.0) + 1.0
-        gu += gh * self.lift if self.lift.ndim == 1 else gh @ self.lift.T
+                gh *= np.minimum(h, 0.0) + 1.0
+        gu += gh * self.lift
         return gu[:, :r] + gu[:, r : 2 * r], -gu[:, r : 2 * r]
 
     def network(self, size: float, signals: Signals, input_range: Array) -> Network:
         """What is played, for coordinates of that size: all scales folded into the arrays."""
         m = self.linear.shape[0] - 2 * self.r
         scale = np.concatenate([np.full(2 * self.r, 1.0 / size), np.ones(m)])[:, None]
-        lift = np.diag(self.lift.astype(float)) if self.lift.ndim == 1 else self.lift.astype(float)
-        first = lift @ self.weights[0]
+        first = self.lift.astype(float)[:, None] * self.weights[0]
         weights = [first * scale, *(each.astype(float) for each in self.weights[1:])]
         biases = [self.biases[0] - self.mean @ first, *(each.astype(float) for each in self.biases[1:])]
         out = size * self.left.astype(float)
@@ -111,15 +121,14 @@ class Trained:
         return Network(
             single(size * scale * self.linear), single(size * self.offset), tuple(map(single, weights)),
             tuple(map(single, biases)), single(size * np.stack([self.low, self.high])), single(input_range),
-            self.recipe.activation, signals,
+            "elu", signals,
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Loss:
-    """Mean errors of coordinates and, `velocity` times, of the ways from frame to frame."""
+    """Mean norms of the errors of frames and, `velocity` times, of the ways from frame to frame."""
 
-    absolute: bool  # mean absolute error of all components; else the mean norm of a frame's error
     velocity: float
 
     def of(self, made: Array, given: Array, first: Array, last: Array) -> tuple[float, Array]:
@@ -136,8 +145,6 @@ class Loss:
 
     def mean(self, away: Array) -> tuple[float, Array]:
         """The mean error, and its derivative."""
-        if self.absolute:
-            return float(np.abs(away).mean()), np.sign(away) / away.size
         norm = np.sqrt((away * away).sum(axis=2, keepdims=True) + TINY)
         return float(norm.mean()), away / (norm * norm.size)
 

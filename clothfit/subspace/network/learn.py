@@ -1,33 +1,44 @@
-"""From recorded motions to a network: their coordinates and inputs, the linear part, the training.
-
-How a cloth comes to rest: motions that recorded ones lead to, by its own physics on the basis.
+"""From recorded motions to a model that steps by networks: coordinates and inputs, motions to rest, the training.
 
 Recorded motions end a few seconds after their inputs do. A network that has seen no more keeps a cloth swinging for
 ever. So some of the episodes whose inputs come to rest are played on, in the subspace, and cut to pieces of the length
 of the others.
+
+The state of a training is in a checkpoint beside MODEL: the numbers of each object, and the arrays of
+`training.archived`, with the object's number and a point before their names.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from clothfit.base import checkpoint as files
 from clothfit.base.arrays import Array
+from clothfit.base.checkpoint import digest
 from clothfit.base.errors import InvalidInput
+from clothfit.base.writing import write_atomically
 from clothfit.engine.system import System, build
+from clothfit.scene.scene import dumps
 from clothfit.subspace import carrier
-from clothfit.subspace.network import prior
-from clothfit.subspace.network.layers import Loss, Trained
-from clothfit.subspace.network.recipe import Recipe
+from clothfit.subspace.build import TIMED, Fitness, Report
+from clothfit.subspace.judge import SOUGHT, cost, floor_of_recorded
+from clothfit.subspace.model import NETWORK, Model, Part
+from clothfit.subspace.network import training as trainings
+from clothfit.subspace.network.layers import OWN, Loss, Recipe, Trained
 from clothfit.subspace.network.signals import Signals, fitted, raw
-from clothfit.subspace.network.training import Training, begin
+from clothfit.subspace.network.training import Budget, Progress, Training, begin
 from clothfit.subspace.network.weights import Network
-from clothfit.subspace.network.windows import Motions
+from clothfit.subspace.network.windows import Motions, dense
 from clothfit.subspace.physics.march import roll
 from clothfit.subspace.physics.reduced import Reduced
-from clothfit.subspace.recorded.recording import Data
+from clothfit.subspace.physics.samples import nothing
+from clothfit.subspace.play import positions, rolled, stepper
+from clothfit.subspace.recording import Data
 
 ONE_OF = 8
 """So many motions one is held out, to choose the best values by."""
@@ -90,13 +101,11 @@ def prepared(given: Lesson, recipe: Recipe, seed: int) -> tuple[Training, float]
     part = motions.of(taught)
     if given.rest is not None and recipe.rests:
         part = part.joined(given.rest.scaled(size, float))
-    linear = prior.dense(part) if recipe.dense else prior.diagonal(part)
-    own = Trained(linear, recipe, limits(motions, recipe.margin), np.random.default_rng([seed, 0]), kind)
+    own = Trained(dense(part), recipe, limits(motions, recipe.margin), np.random.default_rng([seed, 0]), kind)
     noise = spread(motions.of(taught), recipe)
     part, rest = (some.scaled(1.0, kind) for some in (part, motions.of(beside or taught)))
-    loss = Loss(recipe.absolute, recipe.velocity * size / pace)
-    state = begin(own, recipe, seed)
-    return Training(own, recipe, part, rest, noise, loss, state), size
+    loss = Loss(recipe.velocity * size / pace)
+    return Training(own, recipe, part, rest, noise, loss, begin(own, seed)), size
 
 
 def limits(motions: Motions, margin: float) -> Array:
@@ -108,13 +117,9 @@ def limits(motions: Motions, margin: float) -> Array:
 
 
 def spread(motions: Motions, recipe: Recipe) -> Array:
-    """The noise (r,): in the paper's recipe relative to the mean deviation of the first three components; else that of
-    each component within a window, in the median, since a cloth that rests on an obstacle and then falls from it has
-    deviations that mean nothing while it rests.
+    """The noise (r,): by the deviation of each component within a window, in the median, since a cloth that rests on an
+    obstacle and then falls from it has deviations that mean nothing while it rests.
     """
-    if recipe.absolute:
-        deviations = motions.z[motions.good].std(axis=0)
-        return np.full(len(deviations), recipe.noise * deviations[:3].mean(), np.float32)
     starts, length = motions.starts(recipe.windows[1])
     chosen = starts[:: max(1, len(starts) // SEEN)]
     within = motions.windows(chosen, length)[0].std(axis=1)
@@ -166,3 +171,111 @@ def pieces(data: Data, c: int, episode: int, basis: Array, signals: Signals, tim
     z = np.concatenate([q[:1] - system.h * carrier.start_velocity(system, basis), q])
     w = signals.of(system, times * length)
     return [(z[a : a + length + 2], w[a : a + length]) for a in range(length, (times - 1) * length + 1, length)]
+
+
+@dataclass(frozen=True)
+class Schooling:
+    """How to train."""
+
+    budget: Budget
+    seed: int = 0
+    resume: str | None = None  # the file with the state to go on from
+
+
+@dataclass
+class Pupil:
+    """The training of one object."""
+
+    lesson: Lesson
+    training: Training
+    size: float  # of the coordinates
+
+    def part(self, before: Part) -> Part:
+        """The part of the model with the best values so far."""
+        network = finished(self.training, self.size, self.lesson)
+        envelope = np.asarray(network.range, float)
+        return replace(before, chosen=nothing(), envelope=envelope, network=network)
+
+
+def pupils(model: Model, data: Data, school: Schooling, held_out: int = 1) -> list[Pupil]:
+    """A training for each object, at its beginning, or where it is to go on. Raises InvalidInput."""
+    count = len(data.episodes)
+    kept = range(count - held_out if count > held_out else count)
+    found = []
+    for c, part in enumerate(model.parts):
+        own = lesson(data, c, kept, part.basis)
+        found.append(Pupil(own, *prepared(own, OWN, school.seed)))
+    if school.resume is not None:
+        restored(school.resume, found, identity(model, data, school))
+    return found
+
+
+def teach(
+    model: Model, reports: Sequence[Report], data: Data, own: Sequence[Pupil], school: Schooling,
+    report: Callable[[int, Progress], None],
+) -> tuple[Model, bool]:  # fmt: skip
+    """The model with networks in place of physics, and whether its training came to its end; the reports get what the
+    networks are like. `report` is called with the object's number.
+    """
+    ended = True
+    parts = []
+    for c, pupil in enumerate(own):
+        share = replace(school.budget, minutes=school.budget.minutes / len(own))
+
+        def say(progress: Progress, c: int = c) -> None:
+            report(c, progress)
+
+        ended = pupil.training.run(share if ended else Budget(1e-9), say) and ended
+        parts.append(pupil.part(model.parts[c]))
+        judge(parts[c], reports[c], data, c)
+    states = [pupil.training.state for pupil in own]
+    training = [{"rounds": s.rounds, "seconds": s.seconds, "held_out_error": s.best_error} for s in states]
+    about = {"recipe": "own", "seed": school.seed, "training": training}
+    return replace(model, parts=tuple(parts), method=NETWORK, built={**model.built, **about}), ended
+
+
+def judge(part: Part, found: Report, data: Data, c: int) -> None:
+    """Put into a report what a network does with the last episode, and what it costs."""
+    found.elements = {name: (0, there) for name, (_, there) in found.elements.items()}
+    last = len(data.episodes) - 1
+    x, _ = data.motion(last, c)
+    scene = data.scene_of(last)
+    own = stepper(part, build(scene, c, steps=data.steps), data.steps, {})
+    away = positions(own, rolled(own, len(x) - 1, scene.name)) - own.system.x0 - x
+    rmse, size = (float(np.sqrt((each**2).sum(axis=2).mean())) for each in (away, x))
+    found.sampled = Fitness(rmse, rmse / size if size > 0 else 0.0)
+    found.floor = floor_of_recorded(data, c, last, part.basis) if found.sampled.relative > SOUGHT else 0.0
+    found.us_per_frame, found.full_us_per_step = cost(part, scene, c, min(data.steps, TIMED))
+
+
+class Checkpoint(files.Checkpoint):
+    """Where a training keeps what it needs to go on."""
+
+    kind = "training"
+
+
+def identity(model: Model, data: Data, school: Schooling) -> dict[str, str]:
+    """What a state belongs to: the same data, bases, recipe and seed."""
+    recipe = repr((OWN, school.seed))  # which another version may have with others
+    parts: list[bytes | Array] = [dumps(data.scene), recipe.encode()]
+    parts += [json.dumps([asdict(each) for each in data.episodes]).encode(), *(part.basis for part in model.parts)]
+    return {"data, basis, recipe or seed": digest(*parts)}
+
+
+def keep(path: str | os.PathLike[str], own: Sequence[Pupil], about: dict[str, str]) -> None:
+    """Write the state of a training. Raises InvalidInput where the file cannot be written."""
+    states = [each.training.state for each in own]
+    held = {f"{c}.{name}": each for c, state in enumerate(states) for name, each in trainings.archived(state).items()}
+    numbers = [trainings.numbers(state) for state in states]
+    write_atomically(path, files.encoded(Checkpoint.kind, about, {"objects": numbers, **held}))
+
+
+def restored(path: str, own: Sequence[Pupil], about: dict[str, str]) -> None:
+    """Put trainings where a file has them. Raises InvalidInput where it is none, or another training's."""
+    found = Checkpoint(path, identity=about).state()
+    try:
+        for c, each in enumerate(own):
+            held = {name.removeprefix(f"{c}."): one for name, one in found.items() if name.startswith(f"{c}.")}
+            trainings.restore(each.training.state, held, found["objects"][c])
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError):
+        raise InvalidInput(files.impossible(Checkpoint.kind, path)) from None

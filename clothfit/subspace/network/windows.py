@@ -1,4 +1,8 @@
-"""The recorded motions as coordinates and inputs, and windows of them at random."""
+"""The recorded motions as coordinates and inputs, and windows of them; and the linear part that they give a network.
+
+The linear part is that of least squares over all recorded steps, of u = [z₁, z₁ − z₂, w] and a constant, with a ridge:
+what is left of a step after z₁ + (z₁ − z₂), z − 2 z₁ + z₂, is as small as it should be where hardly anything moves.
+"""
 
 from __future__ import annotations
 
@@ -57,3 +61,51 @@ class Motions:
         """Frames (B, length + 2, r), and inputs (B, length, m)."""
         frames = starts[:, 1:] + np.arange(length + 2)
         return self.z[starts[:, :1], frames], self.w[starts[:, :1], frames[:, :-2]]
+
+
+RIDGE = 1e-10
+"""Of the squares of each column of u."""
+
+LEAST = 1e-2
+"""Of the largest scale is each: what hardly moves is not blown up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """z̄ = u L + l, and the scales of what the layers take and give."""
+
+    matrix: Array  # L, (2 r + m, r)
+    offset: Array  # l, (r,)
+    mean: Array  # μ, (2 r + m,)
+    lift: Array  # F, (2 r + m,)
+    left: Array  # s, (r,), the RMS of what it leaves out
+
+
+def dense(motions: Motions) -> Linear:
+    """That of all coordinates and inputs."""
+    now, way, w, after = motions.steps()
+    r = now.shape[1]
+    u = np.concatenate([now, way, w], axis=1)
+    columns = np.concatenate([u, np.ones((len(u), 1))], axis=1)
+    gram = columns.T @ columns
+    gram[np.diag_indices(len(gram) - 1)] *= 1.0 + RIDGE * 1e2
+    gram[np.diag_indices(len(gram))] += RIDGE * np.append(np.diag(gram)[:-1], 0.0) + 1e-30
+    found = np.linalg.lstsq(gram, columns.T @ (after - now - way), rcond=1e-13)[0]
+    matrix = found[:-1].copy()
+    matrix[:r] += np.eye(r)
+    matrix[r : 2 * r] += np.eye(r)
+    left = after - (u @ matrix + found[-1])
+    deviations = [floored(part.std(axis=0)) for part in (now, way)]
+    reach = np.maximum(w.std(axis=0), 1e-12)
+    mean = np.concatenate([now.mean(axis=0), np.zeros(r), w.mean(axis=0)])
+    return Linear(matrix, found[-1], mean, 1.0 / np.concatenate([*deviations, reach]), rms(left))
+
+
+def rms(x: Array) -> Array:
+    """Of each column."""
+    return np.asarray(np.sqrt((x**2).mean(axis=0)))
+
+
+def floored(scale: Array) -> Array:
+    """Scales, none of them far below the largest."""
+    return np.maximum(scale, max(LEAST * float(scale.max(initial=0.0)), 1e-12))

@@ -24,7 +24,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
-from clothfit.subspace.physics import step
+from clothfit.subspace.physics import samples
 from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.physics.samples import Selection
 
@@ -51,12 +51,12 @@ class Found(NamedTuple):
 
 def impulses(whole: Reduced, sample: Sample) -> Array:
     """The momentum (elements, r) that each element adds in a step, springs, faces, then vertices."""
-    step.begin(whole.own, sample.t)
+    samples.begin(whole.own, sample.t)
     whole.linearise(sample.q, sample.p, sample.t)
     lay = whole.layout
     x, _, after = whole.places(sample.t)
     given = np.empty_like(whole.b)
-    step.of_copies(whole.A, whole.b, whole.velocities(sample.w, (after - x) / whole.h), given)
+    samples.of_copies(whole.A, whole.b, whole.velocities(sample.w, (after - x) / whole.h), given)
     rows = lay.rows.reshape(-1, 3, whole.r)
     s, f = int(lay.ends[0]), int(lay.ends[1])
     by_copy = [np.einsum("ic,icr->ir", given[a:b], rows[lay.point[a:b]]) for a, b in ((1, s), (s, f), (f, len(given)))]
@@ -100,7 +100,7 @@ def mean_matrix(runs: Sequence[Reduced], chosen: Sequence[Sample]) -> Array:
     total = np.zeros((runs[0].r, runs[0].r))
     for sample in some:
         run = runs[sample.motion]
-        step.begin(run.own, sample.t)
+        samples.begin(run.own, sample.t)
         run.linearise(sample.q, sample.p, sample.t, cap=1.0)
         total += run.matrix()
     return total / len(some)
@@ -122,15 +122,10 @@ PATIENCE = 40
 """Rounds without a smaller residual after which the best weights are taken."""
 
 
-def sparse_weights(G: Array, g: Array, error: float, most: int) -> tuple[Array, float]:
-    """Weights (N,), 0 or more, at most `most` of them above 0, with |G w − g| ≤ error |g| if that can be, for G (R, N);
-    and the relative residual that is left.
-    """
-    return weights_for(G, g, [error], most)[0]
-
-
 def weights_for(G: Array, g: Array, errors: Sequence[float], most: int) -> list[tuple[Array, float]]:
-    """The same for each of some errors, the largest first: on the way to the smallest there are the others."""
+    """Weights (N,), 0 or more, at most `most` of them above 0, with |G w − g| ≤ error |g| if that can be, for G (R, N);
+    and the relative residual that is left: for each of some errors, the largest first, which lie on one way.
+    """
     size = np.sqrt((G * G).sum(axis=0))
     scale = np.where(size > 0, size, np.inf)
     target, w = float(np.linalg.norm(g)), np.zeros(G.shape[1])

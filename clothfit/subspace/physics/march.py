@@ -24,7 +24,7 @@ from clothfit.engine.step import bdf2
 from clothfit.engine.system import BDF2
 from clothfit.kernels.kernel import kernel
 from clothfit.subspace import carrier
-from clothfit.subspace.physics import samples, step
+from clothfit.subspace.physics import samples
 from clothfit.subspace.physics.dense import LANES, PANEL, ROOM, add_matrix, add_vectors, factorise, products, solve
 from clothfit.subspace.physics.reduced import Reduced
 
@@ -100,7 +100,7 @@ def march(forces, lay, fixed, work, state, t, out):
 @kernel
 def advance(forces, lay, fixed, work, state, t):
     """One step."""
-    step.begin(forces[FREE], t)
+    samples.begin(forces[FREE], t)
     second = fixed.second and t > 0
     h = 2.0 / 3.0 * fixed.h if second else fixed.h
     place_pins(fixed, work.pins, t, second, h)
@@ -171,7 +171,7 @@ def move_pins(pins, h, ahead, again):
 def linearise(own, lay, fixed, work, h, ahead):
     """The blocks of the points, and what the guess w of the velocity leaves of the equation, b − A w."""
     place_copies(lay, fixed, work)
-    step.assemble(own, lay, work.y, work.u, h, ahead, work.A, work.b)
+    samples.assemble(own, lay, work.y, work.u, h, ahead, work.A, work.b)
     at_points(lay, work)
     base, w, grown, rest = work.base[1], work.now, 1.0 + h * fixed.alpha, work.rest
     rest[:] = 0.0
@@ -217,8 +217,8 @@ def place_copies(lay, fixed, work):
             at[0, j, c] += lay.sign[e] * (work.pins[0, p, c] - fixed.held[p, c])
             at[1, j, c] += lay.sign[e] * work.pins[1, p, c]
             at[2, j, c] += lay.sign[e] * work.pins[2, p, c]
-    step.spread(lay, at[0], work.y)
-    step.spread(lay, at[1], work.u)
+    samples.spread(lay, at[0], work.y)
+    samples.spread(lay, at[1], work.u)
 
 
 @kernel

@@ -2,8 +2,8 @@
 with T what carries them (`carrier`).
 
 Here is what no step changes, and the matrix and the copies at a state, for a cubature; `march` takes the steps. They
-are those of the scene's method, projected (`step`): implicit Euler with all its Newton iterations, or BDF2 whose inner
-step begins at the extrapolated state, as `engine.step.bdf2` has it. Steps are never shortened (`engine.step.guard`).
+are those of the scene's method, projected: implicit Euler with all its Newton iterations, or BDF2 whose inner step
+begins at the extrapolated state, as `engine.step.bdf2` has it. Steps are never shortened (`engine.step.guard`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import BDF2, IMPLICIT, System, meets_itself
 from clothfit.subspace import carrier
-from clothfit.subspace.physics import samples, step
+from clothfit.subspace.physics import samples
 
 
 class Based(Protocol):
@@ -39,18 +39,10 @@ class Reduced:
         self.layout, self.own = samples.build(system, basis, self.chosen)
         self.r, self.h = basis.shape[2], system.h
         self.path, self.held, self.v_held = carrier.paths(system)
-        self._measure()
-        self._make_room()
-
-    def _measure(self) -> None:
-        """The projected masses, which no step changes."""
-        weighted = self.basis * self.system.vertex.mass[:, None, None]
-        flat = self.basis.reshape(-1, self.r)
-        self.mass = np.asfortranarray(weighted.reshape(-1, self.r).T @ flat)  # Uᵀ M U
+        weighted = self.basis * system.vertex.mass[:, None, None]
+        self.mass = np.asfortranarray(weighted.reshape(-1, self.r).T @ self.basis.reshape(-1, self.r))  # Uᵀ M U
         self.weight = np.ascontiguousarray(weighted.sum(axis=0).T)  # Uᵀ M 1, (r, 3)
-        self.alpha = self.system.vertex.damping
-
-    def _make_room(self) -> None:
+        self.alpha = system.vertex.damping
         copies, points = len(self.layout.point), len(self.layout.constant)
         self.A = samples.blocks(self.layout)
         self.b, self.y, self.u = (np.zeros((copies, 3)) for _ in range(3))
@@ -70,8 +62,8 @@ class Reduced:
         points, out = self.at_points, np.zeros_like(self.b)
         np.dot(self.layout.rows, p, out=points.reshape(-1))
         if len(self.layout.pinned):
-            step.add_pins(self.layout, pins, points)
-        step.spread(self.layout, points, out)
+            samples.add_pins(self.layout, pins, points)
+        samples.spread(self.layout, points, out)
         return out
 
     def linearise(self, q: Array, p: Array, t: int, cap: float = np.inf) -> None:
@@ -83,16 +75,16 @@ class Reduced:
         for out, pins in ((self.y, x - self.held), (self.u, v)):
             points[:] = 0.0
             if len(lay.pinned):
-                step.add_pins(lay, pins, points)
-            step.spread(lay, points, out)
+                samples.add_pins(lay, pins, points)
+            samples.spread(lay, points, out)
         np.dot(lay.rows, q, out=self.both[0])
         np.dot(lay.rows, p, out=self.both[1])
         forces = self.own._replace(springs=self.own.springs._replace(cap=cap, bend=0.0))
-        step.linearise(forces, lay, self.both, self.h, self.y, self.u, self.A, self.b)
+        samples.linearise(forces, lay, self.both, self.h, self.y, self.u, self.A, self.b)
 
     def matrix(self) -> Array:
         """The projected matrix (r, r) of what is linearised."""
-        more, less = step.factors(self.layout, self.A, self.up, self.down)
+        more, less = samples.factors(self.layout, self.A, self.up, self.down)
         up, down = self.up[:more], self.down[:less]
         A = (1.0 + self.h * self.alpha) * self.mass + up.T @ up  # NumPy computes one half of a square
         if less:

@@ -9,7 +9,6 @@ from helpers.subspaces import keys, moving, scene_of
 
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import build
-from clothfit.subspace import crowd
 from clothfit.subspace.carrier import shift, start_velocity
 from clothfit.subspace.model import load_model, save
 from clothfit.subspace.play import play
@@ -83,11 +82,3 @@ def test_what_is_not_there_is_0_and_other_pins_are_refused(scene):
     both["objects"][0]["pins"][0]["vertices"] = [0, 2]
     with pytest.raises(InvalidInput, match=r"trained with wind, carrier, pins \(6 numbers\); here there are"):
         play(model, scene_of(both), 5)
-
-
-def test_instances_are_those_of_the_motion(scene):
-    model = model_of(scene, STEPS)
-    q = play(model, scene, STEPS + 1).coordinates[0]
-    found = crowd.play(model, [scene, scene], STEPS + 1).coordinates[0]
-    # products of matrices sum in another order than those with vectors, in single precision, over 30 steps
-    np.testing.assert_allclose(found, np.stack([q, q]), rtol=0.0, atol=1e-5)

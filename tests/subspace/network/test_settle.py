@@ -6,19 +6,25 @@ from helpers.scenes import cloth, document
 from helpers.subspaces import scene_of, whole
 
 from clothfit.engine.system import build
+from clothfit.subspace.inputs import Ranges, episodes
 from clothfit.subspace.network.learn import lesson
-from clothfit.subspace.recorded.recording import Data, record
-from clothfit.subspace.recorded.variation import Ranges, episodes
+from clothfit.subspace.recording import Data, record
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
 
+STEPS = 60
+
+
+def lesson_of(tmp_path, **fields):
+    """What recorded motions of a cloth in gusts teach a network on a basis of all motions."""
+    scene, ranges = scene_of(document(cloth(4, 3, **fields), optimizationIterations=STEPS)), Ranges(3.0)
+    record(scene, episodes(scene, ranges, 4, 1.2, 0), ranges, STEPS, tmp_path / "data.npz")
+    return lesson(Data(tmp_path / "data.npz"), 0, range(4), whole(build(scene, 0, steps=1)))
+
+
 def test_pieces_follow_the_recorded_frames_and_each_other(tmp_path):
-    scene = scene_of(document(cloth(4, 3, damping=2.0), optimizationIterations=60))
-    ranges, steps = Ranges(3.0), 60
-    record(scene, episodes(scene, ranges, 4, 1.2, 0), ranges, steps, tmp_path / "data.npz")
-    system = build(scene, 0, steps=1)
-    given = lesson(Data(tmp_path / "data.npz"), 0, range(4), whole(system))
+    given = lesson_of(tmp_path, damping=2.0)
     count = len(given.rest.z) // 2  # of episodes 1 and 3
     for number, episode in enumerate((1, 3)):
         first = given.rest.z[number * count]
@@ -34,8 +40,4 @@ def test_pieces_follow_the_recorded_frames_and_each_other(tmp_path):
 
 def test_a_cloth_that_falls_for_ever_has_none(tmp_path):
     """Nothing holds it: ten times as long, it would fall a hundred times as far as in the recorded frames."""
-    scene = scene_of(document(cloth(4, 3, vertIsFixed=[False] * 12), optimizationIterations=60))
-    ranges, steps = Ranges(3.0), 60
-    record(scene, episodes(scene, ranges, 4, 1.2, 0), ranges, steps, tmp_path / "data.npz")
-    system = build(scene, 0, steps=1)
-    assert lesson(Data(tmp_path / "data.npz"), 0, range(4), whole(system)).rest is None
+    assert lesson_of(tmp_path, vertIsFixed=[False] * 12).rest is None

@@ -7,7 +7,6 @@ from clothfit.subspace.physics.dense import (
     PANEL,
     ROOM,
     add_matrix,
-    add_product,
     add_vectors,
     factorise,
     products,
@@ -76,11 +75,3 @@ def test_a_factor_solves(r):
     np.testing.assert_allclose(A @ x, b, atol=1e-12 * r)
     A[r // 2, r // 2] = -1.0
     assert not factorise(np.tril(A), np.zeros((PANEL, r)))
-
-
-def test_a_product_leaves_what_was_there():
-    rng = np.random.default_rng(1)
-    left, right, C = (rng.standard_normal((16, 16)).astype(np.float32) for _ in range(3))
-    expected = C + left[:9].T @ right[:9]
-    add_product(left, right, 9, C)
-    np.testing.assert_allclose(np.tril(C), np.tril(expected), atol=1e-5)
