@@ -107,7 +107,7 @@ _HOMES = {
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 _MODULES = {  # for users as well, by their own names: clothfit.verify.check(…)
-    "mesh": "meshes.mesh", "mesh_problems": "meshes.problems", "verify": "derivative.verify", "weld": "meshes.weld",
+    "mesh": "meshes.mesh", "mesh_problems": "meshes.problems", "verify": "derivative.verify", "weld": "meshes.problems",
 }  # fmt: skip
 
 __all__ = sorted([*_HOME, *_MODULES])

@@ -39,8 +39,7 @@ from clothfit.formats.animation import Animation, times_of
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.gltf import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
-from clothfit.formats.gltf_meshes import meshes_at
-from clothfit.formats.gltf_scene import animated, placed
+from clothfit.formats.gltf_scene import animated, meshes_at, placed
 
 TOLERANCE = 1e-5
 """The largest error of a position: in m, and as a share of the diagonal of the box around the motion."""
