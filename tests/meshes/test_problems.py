@@ -11,8 +11,7 @@ from clothfit import InvalidInput, InvalidScene, load
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 from clothfit.meshes.new_scene import new_scene
-from clothfit.meshes.problems import components, first_of_each, problems, together
-from clothfit.meshes.weld import weld
+from clothfit.meshes.problems import components, first_of_each, problems, together, weld
 from clothfit.scene.directions import along, edges_of, opposite, pairs_of
 from clothfit.scene.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded
 
