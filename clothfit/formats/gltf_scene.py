@@ -147,8 +147,7 @@ def tracks_of(doc: Document, index: int) -> Tracks:
 def _track(doc: Document, sampler: dict[str, Any], what: str, place: str) -> Track:
     times = doc.accessor(sampler.get("input"), "SCALAR")[:, 0]
     if not (len(times) and increasing(times)):
-        where = f"{doc.name}: {place}: times"
-        raise InvalidMotion(f"{where}: must be finite and increasing")
+        raise InvalidMotion(f"{doc.name}: {place}: times: must be finite and increasing")
     values = doc.accessor(sampler.get("output"), ANIMATED_TYPES[what])
     kind = sampler.get("interpolation", "LINEAR")
     doc.insist(kind in INTERPOLATIONS, kind, "a kind of interpolation that glTF has", place)

@@ -30,7 +30,7 @@ import os
 import re
 from array import array
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,6 @@ from clothfit.formats.animation import Animation, times_of, with_gaps
 from clothfit.formats.axes import HANDS, RIGHT, UPS, Axes
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.markers import (
-    EMPTY,
     METRES_PER_UNIT,
     labels_of,
     marker_animation,
@@ -66,6 +65,9 @@ TITLE = re.compile(r'^"?(Trajectories|Devices|Joints|Segments|Model Outputs)"?[,
 """The title of a section of Nexus, alone in its line."""
 
 WANTED = "Trajectories"
+
+Lines: TypeAlias = Iterator[tuple[int, list[str]]]
+"""Number and cells of each line."""
 
 COORDINATE = re.compile(r"(.*?)[\s_.:\-]?([xyzXYZ])\s*(?:[(\[]\s*([A-Za-z]+)\s*[)\]])?")
 """The name of a column: marker, axis, and the unit in brackets."""
@@ -165,25 +167,22 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
 
 def _motive(text: str, name: str) -> Animation:
     """The markers of a text that Motive exported. Raises InvalidMotion, with the line."""
-    reader = csv.reader(io.StringIO(text))
-    try:
-        facts = next(reader)
-        above: list[list[str]] = []
-        for cells in reader:
-            if cells and cells[0].strip().lower() == "frame":
-                break
-            if any(cells):
-                above.append([each.strip() for each in cells])
-        triples = _motive_triples(above)
-        wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
-        rows = (
-            [number(cells[i] if i < len(cells) else "", f"{name}: line {reader.line_num}") for i in wanted]
-            for cells in reader
-            if any(cells)
-        )
-        table = number_table(rows, len(wanted))
-    except csv.Error as error:
-        raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
+    lines = _lines(io.StringIO(text), name)
+    _, facts = next(lines)
+    above: list[list[str]] = []
+    for _, cells in lines:
+        if cells and cells[0].strip().lower() == "frame":
+            break
+        if any(cells):
+            above.append([each.strip() for each in cells])
+    triples = _motive_triples(above)
+    wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
+    rows = (
+        [number(cells[i] if i < len(cells) else "", f"{name}: line {line}") for i in wanted]
+        for line, cells in lines
+        if any(cells)
+    )
+    table = number_table(rows, len(wanted))
     notes: list[str] = []
     unit = dict(zip(facts[::2], facts[1::2], strict=False)).get("Length Units", "")
     axes = Axes("y", "right", scale_of(unit, notes, "m"))
@@ -219,18 +218,15 @@ def _vicon(text: str, name: str) -> Animation:
         raise InvalidMotion(f"{name}: line {above + 2}: the rate must be above 0; {rate:g} was given")
     columns = _vicon_triples(_cells(names, separator), _cells(kinds, separator))
     wanted = [0, *(first + axis for first in columns.values() for axis in range(3))]
-    table = number_table(_section_rows(stream, separator, wanted, name, above + 5), len(wanted))
+    rows = _section(_lines(stream, name, separator, above + 5), separator != ",", wanted, name)
+    table = number_table(rows, len(wanted))
+    times = (table[:, 0] - table[:1, 0]) / rate  # frame numbers begin at any
     notes: list[str] = []
     unit = _cells(units, separator)
     first = next(iter(columns.values()), 0)
     axes = Axes("z", "right", scale_of(unit[first] if first < len(unit) else "", notes))
     positions = table[:, 1:].reshape(len(table), len(columns), 3)
-    return marker_animation(positions, axes, _times(table[:, 0], rate), list(columns), notes, name)
-
-
-def _times(frames: Array, rate: float) -> Array:
-    """Times, s, of frame numbers, which begin at any."""
-    return (frames - frames[0]) / rate if len(frames) else frames
+    return marker_animation(positions, axes, times, list(columns), notes, name)
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -248,28 +244,26 @@ def _vicon_triples(names: list[str], kinds: list[str]) -> dict[str, int]:
     return found
 
 
-def _section_rows(
-    stream: io.StringIO, separator: str, wanted: list[int], name: str, above: int
-) -> Iterator[list[float]]:
-    """The wanted numbers of each line up to the end of the section. Raises InvalidMotion."""
+def _section(lines: Lines, commas: bool, wanted: list[int], name: str) -> Iterator[list[float]]:
+    """The wanted numbers of each line up to the end of the section; decimal `commas`. Raises InvalidMotion."""
+    for line, cells in lines:
+        if not any(cells):
+            return
+        texts = [cells[i] if i < len(cells) else "" for i in wanted]
+        row = [number(text.replace(",", ".") if commas else text, f"{name}: line {line}") for text in texts]
+        if row[0] != row[0]:
+            raise InvalidMotion(f"{name}: line {line}: {shown(cells[0])} is no frame number")
+        yield row
+
+
+def _lines(stream: io.StringIO, name: str, separator: str = ",", above: int = 0) -> Lines:
+    """The lines of a table, so many lines below its top: number and cells. Raises InvalidMotion."""
     reader = csv.reader(stream, delimiter=separator)
     try:
         for cells in reader:
-            if not any(cells):
-                return
-            place = f"{name}: line {above + reader.line_num}"
-            row = [_value(cells[i], separator, place) if i < len(cells) else np.nan for i in wanted]
-            if row[0] != row[0]:
-                raise InvalidMotion(f"{place}: {shown(cells[0])} is no frame number")
-            yield row
+            yield above + reader.line_num, cells
     except csv.Error as error:
         raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
-
-
-def _value(cell: str, separator: str, place: str) -> float:
-    if cell.strip().lower() in EMPTY:
-        return np.nan
-    return number(cell if separator == "," else cell.replace(",", "."), place)
 
 
 UNIT_NAMES = ("m", "cm", "mm", "in", "ft")
@@ -286,7 +280,7 @@ class Table(NamedTuple):
 
     name: str  # of the file
     header: list[str]
-    rows: Iterator[tuple[int, list[str]]]  # line number, and at least as many cells as names
+    rows: Lines  # with at least as many cells as names
     decimal_comma: bool
     comments: dict[str, str]  # unit, up, handedness and rate, as far as given
 
@@ -311,27 +305,19 @@ def table_of(text: str, name: str) -> Table:
         if line.strip() and not line.startswith("#"):
             break
     separator = next((each for each in "\t;" if each in line), ",")
-    try:
-        header = [each.strip() for each in next(csv.reader([line], delimiter=separator), [])]
-    except csv.Error as error:
-        raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
+    header = [each.strip() for _, cells in _lines(io.StringIO(line), name, separator) for each in cells]
     while header and not header[-1]:
         header.pop()
     return Table(name, header, _rows(stream, separator, before, len(header), name), separator != ",", comments)
 
 
-def _rows(stream: io.StringIO, separator: str, before: int, width: int, name: str) -> Iterator[tuple[int, list[str]]]:
-    reader = csv.reader(stream, delimiter=separator)
-    try:
-        for cells in reader:
-            if not any(cells) or cells[0].startswith("#"):
-                continue
-            line = before + reader.line_num
-            if len(cells) > width and any(cells[width:]):
-                raise InvalidMotion(f"{name}: line {line}: it has {len(cells)} cells, {width} are named")
-            yield line, cells + [""] * (width - len(cells))
-    except csv.Error as error:
-        raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
+def _rows(stream: io.StringIO, separator: str, before: int, width: int, name: str) -> Lines:
+    for line, cells in _lines(stream, name, separator, before):
+        if not any(cells) or cells[0].startswith("#"):
+            continue
+        if len(cells) > width and any(cells[width:]):
+            raise InvalidMotion(f"{name}: line {line}: it has {len(cells)} cells, {width} are named")
+        yield line, cells + [""] * (width - len(cells))
 
 
 def animation_of(
@@ -351,8 +337,7 @@ def animation_of(
     if times is None and "rate" in table.comments:
         rate = number(table.comments["rate"], f"{table.name}: rate")
         if not rate > 0:
-            where = f"{table.name}: rate"
-            raise InvalidMotion(f"{where} must be above 0 and finite; {rate:g} was given")
+            raise InvalidMotion(f"{table.name}: rate must be above 0 and finite; {rate:g} was given")
         times = np.arange(len(positions)) / rate
     return marker_animation(positions, _axes(table, unit, notes), times, names, notes, table.name)
 
@@ -381,6 +366,5 @@ def _axes(table: Table, unit: str | None, notes: list[str]) -> Axes:
         notes.append(f"it does not say, so these are assumed: {missing}")
     for key, (default, known) in choices.items():
         if given.get(key, default) not in (*known, *(METRES_PER_UNIT if key == "unit" else ())):
-            where = f"{table.name}: {key}"
-            raise InvalidMotion(f"{where}: {shown(given[key])} is not one of {', '.join(known)}")
+            raise InvalidMotion(f"{table.name}: {key}: {shown(given[key])} is not one of {', '.join(known)}")
     return Axes(given.get("up", "y"), given.get("handedness", "right"), METRES_PER_UNIT[given.get("unit", "m")])
