@@ -51,9 +51,8 @@ def read(path: str | os.PathLike[str]) -> Animation:
     """The meshes of a file; one frame where nothing moves. Raises InvalidMotion."""
     name, data = name_of(path), content(path)
     if data.startswith(b"\x89HDF"):
-        raise InvalidMotion(
-            f"{name}: it is in Alembic's older container, HDF5; convert it with: abcconvert -toOgawa {name} new.abc"
-        )
+        advice = f"convert it with: abcconvert -toOgawa {name} new.abc"
+        raise InvalidMotion(f"{name}: it is in Alembic's older container, HDF5; {advice}")
     if not data.startswith(b"Ogawa") or len(data) < 16:
         raise InvalidMotion(f"{name}: it is not an Alembic file, which begins with Ogawa")
     try:

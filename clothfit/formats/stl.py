@@ -65,9 +65,8 @@ def _binary(data: bytes, name: str) -> Array:
     count = struct.unpack_from("<I", data, 80)[0]
     there = (len(data) - HEADER) // TRIANGLE.itemsize
     if there < count:
-        raise InvalidMotion(
-            f"{name}: it is cut off, or no STL file: {count} triangles are promised, {there} are there; export it again"
-        )
+        said = f"{count} triangles are promised, {there} are there; export it again"
+        raise InvalidMotion(f"{name}: it is cut off, or no STL file: {said}")
     table = np.frombuffer(data, TRIANGLE, count, HEADER)
     return table["corners"].astype(np.float64).reshape(-1, 3)
 

@@ -92,7 +92,10 @@ def new_scene(
         "tolerance": tolerance,
         "optimizationIterations": frames,
         "objects": [cloth],
-        "colliders": [_sphere(*each) for each in spheres],
+        "colliders": [
+            {"type": SPHERE, "pos": _vector(centre), "rot": _vector((0, 0, 0)), "scale": _vector((2 * radius,) * 3)}
+            for *centre, radius in spheres
+        ],
         "windVel": _vector(wind),
         "printTimes": False,
         "forwardSubSteps": 1,
@@ -122,11 +125,6 @@ def _flags(fits: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     asked = [(kind, fits[kind.name]) for kind in others if kind.name in fits]
     own = {kind.field: mode for kind, mode in asked if kind in CLOTH_KINDS}
     return own, {kind.field: mode for kind, mode in asked if kind in SCENE_KINDS}
-
-
-def _sphere(x: float, y: float, z: float, radius: float) -> dict[str, Any]:
-    rot, size = _vector((0.0, 0.0, 0.0)), _vector((2 * radius,) * 3)
-    return {"type": SPHERE, "pos": _vector((x, y, z)), "rot": rot, "scale": size}
 
 
 def _vector(xyz: Sequence[float]) -> dict[str, float]:

@@ -249,15 +249,11 @@ def _obstacle(
     body = _body(item, place, folder, problems)
     if scaling and body and body.motion:
         problems.append(f"{place}.scaleKeys: a mesh with a motion has its size from that")
-    made = _collider(item, size(item, place, problems), position, rotation)
-    scaling = None if item["type"] == PLANE else scaling
-    return replace(made, place=number, offset=offset, body=body, scaling=scaling)
-
-
-def _collider(item: Mapping[str, Any], size: Array, position: Keys | None, rotation: Keys | None) -> Collider:
     thickness, stiffness, friction = (float(item[name]) for name in ("thickness", "stiffness", "friction"))
-    pos, angles = vector(item["pos"]), vector(item["rot"])
-    return Collider(item["type"], pos, angles, size, thickness, stiffness, friction, position, rotation)
+    return Collider(
+        item["type"], vector(item["pos"]), vector(item["rot"]), size(item, place, problems), thickness, stiffness,
+        friction, position, rotation, number, offset, body, None if item["type"] == PLANE else scaling,
+    )  # fmt: skip
 
 
 def _body(item: Mapping[str, Any], place: str, folder: str, problems: list[str]) -> Body | None:
