@@ -168,8 +168,7 @@ def _local(file: Ogawa, ops: Property, values: Property, times: Array) -> Array:
         return np.broadcast_to(made[0], (len(times), 4, 4))
     after = np.clip(np.searchsorted(own, times), 1, count - 1)
     u = np.clip((times - own[after - 1]) / (own[after] - own[after - 1]), 0.0, 1.0)[:, None, None]
-    between: Array = (1 - u) * made[after - 1] + u * made[after]
-    return between
+    return np.asarray((1 - u) * made[after - 1] + u * made[after])
 
 
 def _product(codes: NDArray[np.int_], values: Array) -> Array:
@@ -203,8 +202,7 @@ def _turn(axis: Array, angle: float) -> Array:
     length = np.linalg.norm(axis)
     x, y, z = axis / length if length > 0 else np.zeros(3)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    found: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return found
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
 def _faces(file: Ogawa, shapes: Sequence[Shape], mirrored: Sequence[bool], name: str) -> list[tuple[Indices, Array]]:

@@ -50,7 +50,10 @@ def read(path: str | os.PathLike[str]) -> Animation:
     notes: list[str] = []
     with np.errstate(all="ignore"):  # what is not a finite number is a gap
         positions = _positions(found, path, notes)
-    names = _labels(found, positions.shape[1])
+    count, labels = positions.shape[1], list[str]()
+    for more in ("", *map(str, range(2, 2 + count // 255))):  # those beyond 255 are in LABELS2, LABELS3 and so on
+        labels += [label(each) for each in found.texts("POINT", f"LABELS{more}")]
+    names = [labels[i] if i < len(labels) and labels[i] else f"marker {i + 1}" for i in range(count)]
     others = {label(each) for kind in OTHERS for each in found.texts("POINT", kind)}
     kept = [i for i, each in enumerate(names) if each not in others]
     if len(kept) < len(names):
@@ -97,14 +100,6 @@ def _frames(found: Parameters, there: int) -> int:
         return last - first + 1
     count = found.word(5) - found.word(4) + 1
     return there if found.word(5) == LARGEST_WORD and there > count else count
-
-
-def _labels(found: Parameters, count: int) -> list[str]:
-    """A label for each point; those beyond 255 are in LABELS2, LABELS3 and so on."""
-    names: list[str] = []
-    for more in ("", *map(str, range(2, 2 + count // 255))):
-        names += [label(each) for each in found.texts("POINT", f"LABELS{more}")]
-    return [names[i] if i < len(names) and names[i] else f"marker {i + 1}" for i in range(count)]
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:

@@ -128,19 +128,13 @@ def _document(parts: Parts, morphs: Morphs, animation: Animation) -> dict[str, A
             "targets": count,
             "largestError": morphs.error,
         }
-        document["animations"] = [_channel(parts, morphs.weights, times_of(animation))]
+        times = times_of(animation)
+        shifted = (times - min(times[0], 0.0)).astype(np.float32)  # glTF has no times before 0
+        sampler = {"input": parts.add(shifted, "SCALAR", True), "output": parts.add(morphs.weights, "SCALAR")}
+        channel = {"sampler": 0, "target": {"node": 0, "path": "weights"}}
+        linear = {**sampler, "interpolation": "LINEAR"}
+        document["animations"] = [{"name": "motion", "samplers": [linear], "channels": [channel]}]
     return document
-
-
-def _channel(parts: Parts, weights: NDArray[Any], times: Array) -> dict[str, Any]:
-    """The animation: linear between the weights at the times, which must not be negative in glTF."""
-    shifted = (times - min(times[0], 0.0)).astype(np.float32)
-    sampler = {"input": parts.add(shifted, "SCALAR", True), "output": parts.add(weights, "SCALAR")}
-    return {
-        "name": "motion",
-        "samplers": [{**sampler, "interpolation": "LINEAR"}],
-        "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
-    }
 
 
 class Parts:

@@ -60,8 +60,7 @@ class Track(NamedTuple):
         a, out = self.values[index, 1], span * self.values[index, 2]
         b, into = self.values[after, 1], span * self.values[after, 0]
         rise, bend = u * u * (3 - 2 * u), u * (u - 1)
-        curve: Array = (1 - rise) * a + rise * b + bend * (u - 1) * out + bend * u * into
-        return curve
+        return np.asarray((1 - rise) * a + rise * b + bend * (u - 1) * out + bend * u * into)
 
 
 Tracks: TypeAlias = dict[tuple[int, str], Track]
@@ -164,8 +163,7 @@ def _arc(a: Array, b: Array, u: Array) -> Array:
     angle = np.arccos(np.minimum(cosine, NEARLY_PARALLEL))
     first, second = np.sin((1 - u) * angle) / np.sin(angle), np.sin(u * angle) / np.sin(angle)
     near = cosine > NEARLY_PARALLEL
-    between: Array = np.where(near, 1 - u, first) * a + np.where(near, u, second) * b
-    return between
+    return np.asarray(np.where(near, 1 - u, first) * a + np.where(near, u, second) * b)
 
 
 def transform(translation: Array, rotation: Array, scale: Array) -> Array:

@@ -169,8 +169,7 @@ class Ogawa:
         which = np.arange(own.samples)
         if cycle >= ACYCLIC:
             return listed[: own.samples]
-        found: Array = listed[which % len(listed)] + cycle * (which // len(listed))
-        return found
+        return np.asarray(listed[which % len(listed)] + cycle * (which // len(listed)))
 
     @staticmethod
     def _read_samplings(data: bytes) -> Iterator[tuple[float, Array]]:

@@ -34,7 +34,9 @@ def read(path: str | os.PathLike[str]) -> Animation:
     """The mesh, as an animation of one frame. Raises InvalidMotion."""
     name, data = name_of(path), content(path)
     check_room(STL_COPIES * len(data), path)
-    corners = _text(data, name) if is_text(data) else _binary(data, name)
+    whole = len(data) >= HEADER and len(data) == HEADER + TRIANGLE.itemsize * struct.unpack_from("<I", data, 80)[0]
+    text = not whole and data[:512].lstrip().lower().startswith(b"solid") and b"\0" not in data[:512]
+    corners = _text(data, name) if text else _binary(data, name)
     if not len(corners):
         raise InvalidMotion(f"{name}: there is no triangle in it")
     if not np.isfinite(corners).all():
@@ -49,13 +51,6 @@ def read(path: str | os.PathLike[str]) -> Animation:
     if flat.any():
         notes.append(f"{counted(int(flat.sum()), 'triangle', 'triangles')} with two equal corners left out")
     return Animation(found[order][None], Z_UP, triangles=triangles[~flat], notes=tuple(notes))
-
-
-def is_text(data: bytes) -> bool:
-    """Whether a file is a text: its length is not that of a binary file, and it begins with `solid`."""
-    if len(data) >= HEADER and len(data) == HEADER + TRIANGLE.itemsize * struct.unpack_from("<I", data, 80)[0]:
-        return False
-    return data[:512].lstrip().lower().startswith(b"solid") and b"\0" not in data[:512]
 
 
 def _binary(data: bytes, name: str) -> Array:

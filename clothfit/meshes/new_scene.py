@@ -17,6 +17,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -134,21 +135,11 @@ def _vector(xyz: Sequence[float]) -> dict[str, float]:
 
 def text(document: dict[str, Any]) -> str:
     """Write a scene, its fields in their order."""
-    made = {name: _objects(value) if name == "objects" else _compact(value) for name, value in document.items()}
-    lines = [f'"{name}": {value}' for name, value in made.items()]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _objects(cloths: list[dict[str, Any]]) -> str:
-    return "[" + ", ".join("{\n" + ",\n".join(map(_field, cloth.items())) + "\n}" for cloth in cloths) + "]"
-
-
-def _field(item: tuple[str, Any]) -> str:
-    return f'  "{item[0]}": {_compact(item[1])}'
-
-
-def _compact(value: Any) -> str:
-    return json.dumps(value, separators=(",", ":"))
+    compact = partial(json.dumps, separators=(",", ":"))
+    fields = [[f'  "{name}": {compact(value)}' for name, value in cloth.items()] for cloth in document["objects"]]
+    objects = ", ".join("{\n" + ",\n".join(lines) + "\n}" for lines in fields)
+    values = {name: f"[{objects}]" if name == "objects" else compact(value) for name, value in document.items()}
+    return "{\n" + ",\n".join(f'"{name}": {value}' for name, value in values.items()) + "\n}\n"
 
 
 SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1), "back": (2, -1), "front": (2, 1)}
@@ -161,8 +152,7 @@ SIDE_DEPTH = 1e-3
 def in_box(positions: Array, corner: Sequence[float], opposite: Sequence[float]) -> Flags:
     """Which of the positions (n, 3) lie in the box between two corners, m, or on its surface."""
     low, high = np.minimum(corner, opposite), np.maximum(corner, opposite)
-    inside: Flags = np.all((positions >= low) & (positions <= high), axis=1)
-    return inside
+    return np.asarray(np.all((positions >= low) & (positions <= high), axis=1))
 
 
 def at_side(positions: Array, side: str, reach: float | None = None, option: str = "fix side") -> Flags:
@@ -178,8 +168,7 @@ def at_side(positions: Array, side: str, reach: float | None = None, option: str
         raise InvalidInput(f"{option}: the mesh is flat along {'xyz'[axis]}, so its {side} is all of it; name another")
     if reach is not None and not 0 <= reach < np.inf:
         raise InvalidInput(f"{option}: the reach must be at least 0 and finite; {reach:g} m was given")
-    near: Flags = depth >= depth.max() - (SIDE_DEPTH * extent if reach is None else reach)
-    return near
+    return np.asarray(depth >= depth.max() - (SIDE_DEPTH * extent if reach is None else reach))
 
 
 def listed(count: int, ranges: Sequence[tuple[int, int]], option: str = "fix vertices") -> Flags:

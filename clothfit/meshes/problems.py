@@ -168,8 +168,7 @@ CHECKS: tuple[Callable[[Mesh], Problem | None], ...] = (
 
 def _collapsed(triangles: Indices) -> Flags:
     a, b, c = triangles.T
-    wrong: Flags = (a == b) | (b == c) | (a == c)
-    return wrong
+    return np.asarray((a == b) | (b == c) | (a == c))
 
 
 def _distinct(triangles: Indices) -> Indices:
@@ -182,8 +181,7 @@ def _thin(mesh: Mesh) -> Flags:
     corner = mesh.positions[mesh.triangles]
     side = corner - np.roll(corner, 1, axis=1)
     longest = (side * side).sum(axis=2).max(axis=1, initial=0.0)
-    thin: Flags = areas(mesh) <= THIN * longest
-    return thin
+    return np.asarray(areas(mesh) <= THIN * longest)
 
 
 def _problem(
@@ -214,8 +212,7 @@ def together(positions: Array, distance: float) -> Indices:
     label = connected_components(tree.query_pairs(distance, output_type="ndarray"), n)
     first = np.full(label.max(initial=-1) + 1, n)
     np.minimum.at(first, label, np.arange(n))
-    found: Indices = first[label].astype(np.int32)
-    return found
+    return np.asarray(first[label].astype(np.int32))
 
 
 def components(pairs: Indices, n: int) -> tuple[Indices, Indices]:
@@ -264,8 +261,7 @@ def weld(mesh: Mesh, distance: float | None = None) -> Welded:
     """
     lot = together(mesh.positions, tiny(mesh) if distance is None else distance)
     triangles = lot[mesh.triangles]
-    a, b, c = triangles.T
-    stay = np.flatnonzero((a != b) & (b != c) & (a != c))
+    stay = np.flatnonzero(~_collapsed(triangles))
     stay = stay[first_of_each(np.sort(triangles[stay], axis=1))]
     triangles = triangles[stay]
     kept = np.unique(triangles)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -32,7 +32,7 @@ NAMES = {PLANE: "plane", SPHERE: "sphere", CAPSULE: "capsule", BOX: "box", MESH:
 
 
 @dataclass(frozen=True, eq=False)
-class Cloth:
+class Cloth(checks.ReadOnly):
     """One object of a scene: n vertices, S springs, T triangles. The arrays are read-only."""
 
     positions: Array  # (n, 3) initial world positions, m
@@ -51,11 +51,6 @@ class Cloth:
     bounds: Bounds = field(default_factory=dict)  # of a fit, by kind, before those of the scene
     pins: tuple[Pin, ...] = ()  # fixed vertices that move
     shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m: of all pins, from where their paths have them
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            if isinstance(array := getattr(self, each.name), np.ndarray):
-                array.setflags(write=False)
 
     def __repr__(self) -> str:
         sizes = f"{len(self.mass)} vertices, {len(self.stiffness)} springs, {len(self.triangles)} triangles"
@@ -124,16 +119,13 @@ class Cloth:
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere:
+class Sphere(checks.ReadOnly):
     """A sphere that pushes cloths as the editor's does."""
 
     pos: Array  # (3,) m, read-only
     radius: float  # m, above 0
     position: Keys | None = None  # how far the centre moves over time, m
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, that of all colliders
-
-    def __post_init__(self) -> None:
-        self.pos.setflags(write=False)
 
     @property
     def centre(self) -> Array:
@@ -142,7 +134,7 @@ class Sphere:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Body(checks.ReadOnly):
     """A triangle mesh, in the scene or in a file, and the file of a motion of its vertices where it has one."""
 
     positions: Array  # (V, 3), in the collider's axes, before its scale; empty where a file has them
@@ -152,13 +144,9 @@ class Body:
     motion: Keys | None
     place: str  # in the scene, for messages
 
-    def __post_init__(self) -> None:
-        self.positions.setflags(write=False)
-        self.triangles.setflags(write=False)
-
 
 @dataclass(frozen=True, eq=False)
-class Collider:
+class Collider(checks.ReadOnly):
     """Any other obstacle: one that the editor does not have, or a sphere that rubs, is thick or has a stiffness."""
 
     kind: int  # PLANE, SPHERE, CAPSULE, BOX or MESH
@@ -175,10 +163,6 @@ class Collider:
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, that of all colliders
     body: Body | None = None  # of a mesh
     scaling: Keys | None = None  # by what its size changes over time
-
-    def __post_init__(self) -> None:
-        for array in (self.pos, self.angles, self.size):
-            array.setflags(write=False)
 
     @property
     def centre(self) -> Array:

@@ -115,16 +115,11 @@ def families_of(positions: Array, triangles: Indices, springs: Indices, given: A
         known, of = _found(key, keys, family)
         found[known] = of[known]
     known, of = _found(key, edges.key, of_edge)
-    known &= _first(key) | (found == OTHER)  # of two springs between the same vertices that may be either one bends
-    found[known] = of[known]
-    return found
-
-
-def _first(key: Keys) -> Flags:
-    """Which of the keys are the first of their kind."""
     first = np.zeros(len(key), bool)
     first[np.unique(key, return_index=True)[1]] = True
-    return first
+    known &= first | (found == OTHER)  # of two springs between the same vertices that may be either one bends
+    found[known] = of[known]
+    return found
 
 
 def _found(key: Keys, keys: Keys, family: Slots) -> tuple[Flags, Slots]:

@@ -45,7 +45,7 @@ LETTERS: dict[str | bool, str] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(checks.ReadOnly):
     """A valid scene, immutable; `load` and `new_scene` make one. Units are those of SI, axes y up and left-handed."""
 
     title: str  # for people
@@ -72,11 +72,6 @@ class Scene:
     folder: str = ""  # that paths in its text are relative to; empty: the current one
     forces: Forces | None = None  # that are applied to the vertices of all objects; not in the file
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
-
-    def __post_init__(self) -> None:
-        self.wind.setflags(write=False)
-        self.gravity.setflags(write=False)
-        self.offset.setflags(write=False)
 
     def __repr__(self) -> str:
         springs, values = sum(len(cloth.stiffness) for cloth in self.cloths), sum(block.count for block in self.blocks)

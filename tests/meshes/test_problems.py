@@ -11,7 +11,7 @@ from clothfit import InvalidInput, InvalidScene, load
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 from clothfit.meshes.new_scene import new_scene
-from clothfit.meshes.problems import components, first_of_each, problems, together, weld
+from clothfit.meshes.problems import components, problems, together, weld
 from clothfit.scene.directions import along, edges_of, opposite, pairs_of
 from clothfit.scene.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded
 
@@ -229,9 +229,3 @@ def test_edges_are_those_of_trimesh():
     np.testing.assert_array_equal(met.ends, np.sort(np.unique(np.sort(ball.edges, axis=1), axis=0), axis=1))
     assert (met.uses == 2).all()
     assert (np.bincount(met.of.reshape(-1), along(faces).reshape(-1)) == 1).all()  # a closed solid: once each way
-
-
-def test_the_first_of_equal_rows_is_kept():
-    rows = np.array([[3, 1], [0, 2], [3, 1], [0, 2], [1, 3]], np.int32)
-    assert first_of_each(rows).tolist() == [True, True, False, False, True]
-    assert first_of_each(np.zeros((0, 3), np.int32)).tolist() == []
