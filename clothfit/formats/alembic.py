@@ -141,7 +141,8 @@ def _positions(file: Ogawa, shapes: Sequence[Shape], times: Array, name: str) ->
         for frame, matrix in enumerate(matrices):
             points = file.sample(shape.points, frame)
             if points.shape != (count, 3):
-                raise InvalidMotion(f"{name}: {named(shape.name)}: its number of points changes; it must stay the same")
+                place = f"{name}: {named(shape.name)}"
+                raise InvalidMotion(f"{place}: its number of points changes over time; it must stay the same")
             found[frame, start : start + count] = points @ matrix[:3, :3] + matrix[3, :3]
         start += count
     return found, mirrored
@@ -230,7 +231,8 @@ def _constant(file: Ogawa, shape: Shape, key: str, name: str) -> NDArray[np.int6
     first = file.sample(own, 0).reshape(-1)
     changing = range(own.first, own.last + 1) if own.moves else ()
     if any(not np.array_equal(file.sample(own, index).reshape(-1), first) for index in changing):
-        raise InvalidMotion(f"{name}: {named(shape.name)}: its faces change; export it without triangulating frames")
+        place = f"{name}: {named(shape.name)}"
+        raise InvalidMotion(f"{place}: its faces change over time; export it without triangulating each frame")
     return first.astype(np.int64)
 
 

@@ -159,7 +159,7 @@ def _positions(shapes: Sequence[Any], codes: Sequence[Any], name: str) -> tuple[
         if counts != first:
             other = next(prim for prim, a, b in zip(shapes, counts, first, strict=True) if a != b)
             place = f"{name}: {named(str(other.GetPath()))}"
-            raise InvalidMotion(f"{place}: its number of points changes; it must stay the same")
+            raise InvalidMotion(f"{place}: its number of points changes over time; it must stay the same")
         if not frames:
             needed = len(codes) * sum(counts) * 3 * 8 * 3
             check_room(needed, name)
