@@ -27,10 +27,9 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.formats.animation import unused
 from clothfit.meshes.mesh import Mesh, object_document
-from clothfit.scene.cloth import SPHERE
+from clothfit.scene.cloth import ELSEWHERE, SPHERE
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS
-from clothfit.scene.layout import ELSEWHERE
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene, load
 

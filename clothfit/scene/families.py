@@ -17,9 +17,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene import directions
-from clothfit.scene.cloth import Cloth
+from clothfit.scene.cloth import ELSEWHERE, Cloth, Layout
 from clothfit.scene.directions import ACROSS, ALONG, DIAGONAL, NONE, Edges, Keys, Slots
-from clothfit.scene.layout import ELSEWHERE, Layout
 
 WAYS = (" along", " across", " diagonal", "")  # in the order of the classes of edges
 FAMILIES = (*(f"edges{way}" for way in WAYS), *(f"bending{way}" for way in WAYS), "other")

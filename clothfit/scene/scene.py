@@ -27,13 +27,12 @@ from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
-from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, obstacles, self_contact
+from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, layout_of, obstacles, self_contact
 from clothfit.scene.cloth import vector as _vector
 from clothfit.scene.forces import Forces
 from clothfit.scene.forces import check as check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
-from clothfit.scene.layout import layout_of
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 

@@ -334,7 +334,8 @@ def test_a_cloth_that_moves_one_way_keeps_its_first_frame_as_the_base():
 def test_a_spline_is_the_cubic_with_its_values_and_tangents():
     times = np.array([0.0, 2.0, 3.0])
     value, slope = times**3 - times, 3 * times**2 - 1
-    track = Track(times, np.stack([slope, value, slope], axis=1)[..., None], "CUBICSPLINE")
+    into, out = [9.0, *slope[1:]], [*slope[:-1], 9.0]  # before the first key and after the last they do not count
+    track = Track(times, np.stack([into, value, out], axis=1)[..., None], "CUBICSPLINE")
     t = np.linspace(0, 3, 13)
     np.testing.assert_allclose(track.at(t)[:, 0], t**3 - t, atol=1e-14)  # values up to 24, a few roundings
     line = Track(np.array([1.0, 2.0]), np.array([[3.0], [5.0]]), "LINEAR")  # values stay before and after the keys

@@ -14,6 +14,7 @@ from clothfit.engine.system import all_elements, build, with_elements
 from clothfit.evaluation.evaluate import deviations
 from clothfit.objective.identifiability import hidden, identifiable
 from clothfit.scene import schema as structure
+from clothfit.scene.bounds import of_factor
 from clothfit.scene.fit_vector import bounds, changes, elements, fitted_cloths, parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, KINDS, LETTERED, SCENE_KINDS
 from clothfit.scene.scene import dumps
@@ -207,6 +208,7 @@ def test_bounds_are_those_of_the_kinds():
     assert set(upper) == {1e4}
     lower, upper = bounds(scene(cloth(2, 2, optimizationSettings="nF", springStiffness=[5e-324] + [1.0] * 4)))
     assert 0 < lower[0] < upper[0] < np.inf  # of values next to nothing
+    assert of_factor(np.array([1.0, 4.0]), (0.5, 8.0)) == (0.5, 2.0)  # the least and the largest value at their ends
 
 
 # Saving ---------------------------------------------------------------------------------------------------------------
