@@ -134,8 +134,8 @@ FAULTS = (
           "self.values[index, 1], span * self.values[index, 0]", "formats/test_glb.py formats"),
     Fault("meshes/mesh: bending of a side", "np.where(bends, share * 2 * area, traction)",
           "np.where(bends, share * area, traction)", "meshes/test_mesh.py meshes"),
-    Fault("meshes/weld: parts of joined vertices", "_parts(mesh.parts, number[lot])", "_parts(mesh.parts, number)",
-          "meshes/test_weld.py meshes"),
+    Fault("meshes/problems: parts of joined vertices", "_parts(mesh.parts, number[lot])", "_parts(mesh.parts, number)",
+          "meshes/test_problems.py meshes"),
     # motions and what is said of them
     Fault("motion/times: state after a frame", "columns = np.concatenate([step, step[between] + 1])",
           "columns = np.concatenate([step, step[between]])", "motion objective"),

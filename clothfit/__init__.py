@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from clothfit.many.estimate_many import estimate_many as estimate_many
     from clothfit.meshes import mesh as mesh
     from clothfit.meshes import problems
-    from clothfit.meshes import weld as weld
     from clothfit.meshes.mesh_file import read_mesh as read_mesh
     from clothfit.meshes.new_scene import new_scene as new_scene
+    from clothfit.meshes.problems import weld as weld
     from clothfit.motion.degrade import degrade as degrade
     from clothfit.motion.divergence import Diverged as Diverged
     from clothfit.motion.energy import Energy as Energy
@@ -107,7 +107,7 @@ _HOMES = {
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 _MODULES = {  # for users as well, by their own names: clothfit.verify.check(…)
-    "mesh": "meshes.mesh", "mesh_problems": "meshes.problems", "verify": "derivative.verify", "weld": "meshes.weld",
+    "mesh": "meshes.mesh", "mesh_problems": "meshes.problems", "verify": "derivative.verify", "weld": "meshes.problems",
 }  # fmt: skip
 
 __all__ = sorted([*_HOME, *_MODULES])

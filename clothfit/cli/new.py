@@ -185,7 +185,7 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
 def divided(own: SceneCloth) -> Divisions:
     """Families and regions, where the file or the user says something of them; else to know them is not needed."""
     from clothfit.inspection.overview import Divisions, divisions
-    from clothfit.scene.layout import NOTHING
+    from clothfit.scene.cloth import NOTHING
 
     return Divisions({}, {}) if own.layout is NOTHING else divisions(own)
 

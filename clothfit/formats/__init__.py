@@ -1,8 +1,8 @@
 """Files that other tools write and read, by their suffix: one module for each format.
 
 registry is the table of what a file is. All share animation (what a file holds), axes (the meaning of coordinates) and
-files (bytes and errors). obj, ply, stl and point_cache stand alone; glb reads through gltf, gltf_scene and gltf_meshes;
-alembic reads through ogawa; c3d, trc and the CSV tables (marker_table, table) share markers; usd reads in a process of
+files (bytes and errors). obj, ply, stl and point_cache stand alone; glb reads through gltf and gltf_scene;
+alembic reads through ogawa; c3d, trc and the CSV tables (marker_table) share markers; usd reads in a process of
 its own, usd_reader.
 To add a format: a module with `read(path) -> Animation` and `encoded(path, animation) -> {path: data}` (see registry),
 and a line in `registry.FORMATS`.

@@ -51,9 +51,8 @@ def read(path: str | os.PathLike[str]) -> Animation:
     """The meshes of a file; one frame where nothing moves. Raises InvalidMotion."""
     name, data = name_of(path), content(path)
     if data.startswith(b"\x89HDF"):
-        raise InvalidMotion(
-            f"{name}: it is in Alembic's older container, HDF5; convert it with: abcconvert -toOgawa {name} new.abc"
-        )
+        advice = f"convert it with: abcconvert -toOgawa {name} new.abc"
+        raise InvalidMotion(f"{name}: it is in Alembic's older container, HDF5; {advice}")
     if not data.startswith(b"Ogawa") or len(data) < 16:
         raise InvalidMotion(f"{name}: it is not an Alembic file, which begins with Ogawa")
     try:
@@ -142,8 +141,8 @@ def _positions(file: Ogawa, shapes: Sequence[Shape], times: Array, name: str) ->
         for frame, matrix in enumerate(matrices):
             points = file.sample(shape.points, frame)
             if points.shape != (count, 3):
-                where = f"{name}: {named(shape.name)}"
-                raise InvalidMotion(f"{where}: its number of points changes over time; it must stay the same")
+                place = f"{name}: {named(shape.name)}"
+                raise InvalidMotion(f"{place}: its number of points changes over time; it must stay the same")
             found[frame, start : start + count] = points @ matrix[:3, :3] + matrix[3, :3]
         start += count
     return found, mirrored
@@ -170,8 +169,7 @@ def _local(file: Ogawa, ops: Property, values: Property, times: Array) -> Array:
         return np.broadcast_to(made[0], (len(times), 4, 4))
     after = np.clip(np.searchsorted(own, times), 1, count - 1)
     u = np.clip((times - own[after - 1]) / (own[after] - own[after - 1]), 0.0, 1.0)[:, None, None]
-    between: Array = (1 - u) * made[after - 1] + u * made[after]
-    return between
+    return np.asarray((1 - u) * made[after - 1] + u * made[after])
 
 
 def _product(codes: NDArray[np.int_], values: Array) -> Array:
@@ -205,8 +203,7 @@ def _turn(axis: Array, angle: float) -> Array:
     length = np.linalg.norm(axis)
     x, y, z = axis / length if length > 0 else np.zeros(3)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    found: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return found
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
 def _faces(file: Ogawa, shapes: Sequence[Shape], mirrored: Sequence[bool], name: str) -> list[tuple[Indices, Array]]:
@@ -234,8 +231,8 @@ def _constant(file: Ogawa, shape: Shape, key: str, name: str) -> NDArray[np.int6
     first = file.sample(own, 0).reshape(-1)
     changing = range(own.first, own.last + 1) if own.moves else ()
     if any(not np.array_equal(file.sample(own, index).reshape(-1), first) for index in changing):
-        where = f"{name}: {named(shape.name)}"
-        raise InvalidMotion(f"{where}: its faces change over time; export it without triangulating each frame")
+        place = f"{name}: {named(shape.name)}"
+        raise InvalidMotion(f"{place}: its faces change over time; export it without triangulating each frame")
     return first.astype(np.int64)
 
 

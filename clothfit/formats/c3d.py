@@ -50,15 +50,21 @@ def read(path: str | os.PathLike[str]) -> Animation:
     notes: list[str] = []
     with np.errstate(all="ignore"):  # what is not a finite number is a gap
         positions = _positions(found, path, notes)
-    names = _labels(found, positions.shape[1])
+    count, labels = positions.shape[1], list[str]()
+    for more in ("", *map(str, range(2, 2 + count // 255))):  # those beyond 255 are in LABELS2, LABELS3 and so on
+        labels += [label(each) for each in found.texts("POINT", f"LABELS{more}")]
+    names = [labels[i] if i < len(labels) and labels[i] else f"marker {i + 1}" for i in range(count)]
     others = {label(each) for kind in OTHERS for each in found.texts("POINT", kind)}
     kept = [i for i, each in enumerate(names) if each not in others]
     if len(kept) < len(names):
         notes.append(f"{len(names) - len(kept)} of its points are angles, forces or the like and are left out")
-    rate = next(iter(found.values("POINT", "RATE")), found.real(11))
+    rate = found.value("RATE", found.real(11))
     times = np.arange(len(positions)) / rate if 0 < rate < np.inf else None
-    unit = next(iter(found.texts("POINT", "UNITS")), "")
-    axes = Axes(_up(found, notes), "right", scale_of(unit, notes))
+    up = found.text("Y_SCREEN").lower().removeprefix("+")
+    if up not in UPS:
+        notes.append("it does not say which axis is up, so it is z")
+        up = "z"
+    axes = Axes(up, "right", scale_of(found.text("UNITS"), notes))
     return marker_animation(positions[:, kept], axes, times, [names[i] for i in kept], notes, name)
 
 
@@ -66,8 +72,7 @@ def _positions(found: Parameters, path: str | os.PathLike[str], notes: list[str]
     """Positions (frames, points, 3), NaN where a point was not seen: of the frames that are whole, with a note where
     these are fewer than the file promises.
     """
-    points = int(next(iter(found.values("POINT", "USED")), found.word(2)))
-    scale = next(iter(found.values("POINT", "SCALE")), found.real(7))
+    points, scale = int(found.value("USED", found.word(2))), found.value("SCALE", found.real(7))
     width = 4 if scale < 0 else 2  # bytes of a number
     row = 4 * points + found.word(3)
     start = (found.word(9) - 1) * BLOCK_BYTES
@@ -95,22 +100,6 @@ def _frames(found: Parameters, there: int) -> int:
         return last - first + 1
     count = found.word(5) - found.word(4) + 1
     return there if found.word(5) == LARGEST_WORD and there > count else count
-
-
-def _labels(found: Parameters, count: int) -> list[str]:
-    """A label for each point; those beyond 255 are in LABELS2, LABELS3 and so on."""
-    names: list[str] = []
-    for more in ("", *map(str, range(2, 2 + count // 255))):
-        names += [label(each) for each in found.texts("POINT", f"LABELS{more}")]
-    return [names[i] if i < len(names) and names[i] else f"marker {i + 1}" for i in range(count)]
-
-
-def _up(found: Parameters, notes: list[str]) -> str:
-    up = next(iter(found.texts("POINT", "Y_SCREEN")), "").lower().removeprefix("+")
-    if up in UPS:
-        return up
-    notes.append("it does not say which axis is up, so it is z")
-    return "z"
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
@@ -242,6 +231,14 @@ class Parameters:
         """The numbers of a parameter; none when it is missing."""
         found = self._found.get((group, name), [])
         return [] if isinstance(found, list) else found.tolist()
+
+    def text(self, name: str) -> str:
+        """The first string of a parameter of the group POINT; empty when it is missing."""
+        return next(iter(self.texts("POINT", name)), "")
+
+    def value(self, name: str, default: float) -> float:
+        """The first number of a parameter of the group POINT."""
+        return next(iter(self.values("POINT", name)), default)
 
     def _read(self, place: int) -> dict[tuple[str, str], Values]:
         """All parameters, by the names of group and parameter in upper case."""

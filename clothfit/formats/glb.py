@@ -39,8 +39,7 @@ from clothfit.formats.animation import Animation, times_of
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.gltf import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
-from clothfit.formats.gltf_meshes import meshes_at
-from clothfit.formats.gltf_scene import animated, placed
+from clothfit.formats.gltf_scene import animated, meshes_at, placed
 
 TOLERANCE = 1e-5
 """The largest error of a position: in m, and as a share of the diagonal of the box around the motion."""
@@ -129,19 +128,13 @@ def _document(parts: Parts, morphs: Morphs, animation: Animation) -> dict[str, A
             "targets": count,
             "largestError": morphs.error,
         }
-        document["animations"] = [_channel(parts, morphs.weights, times_of(animation))]
+        times = times_of(animation)
+        shifted = (times - min(times[0], 0.0)).astype(np.float32)  # glTF has no times before 0
+        sampler = {"input": parts.add(shifted, "SCALAR", True), "output": parts.add(morphs.weights, "SCALAR")}
+        channel = {"sampler": 0, "target": {"node": 0, "path": "weights"}}
+        linear = {**sampler, "interpolation": "LINEAR"}
+        document["animations"] = [{"name": "motion", "samplers": [linear], "channels": [channel]}]
     return document
-
-
-def _channel(parts: Parts, weights: NDArray[Any], times: Array) -> dict[str, Any]:
-    """The animation: linear between the weights at the times, which must not be negative in glTF."""
-    shifted = (times - min(times[0], 0.0)).astype(np.float32)
-    sampler = {"input": parts.add(shifted, "SCALAR", True), "output": parts.add(weights, "SCALAR")}
-    return {
-        "name": "motion",
-        "samplers": [{**sampler, "interpolation": "LINEAR"}],
-        "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
-    }
 
 
 class Parts:

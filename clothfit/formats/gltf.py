@@ -50,16 +50,17 @@ class Document:
         self._buffers: dict[int, bytes] = {}
         self._taken = 0  # bytes of all arrays together: many parts may name the same numbers
         self.root: dict[str, Any] = self.typed(self._json, dict, "an object", "its JSON")
-        self._check_extensions()
+        for each in self.items(self.root, "extensionsRequired"):
+            if not str(each).startswith(HARMLESS):
+                what = named(str(each))
+                raise InvalidMotion(f"{self.name}: it needs the extension {what}; export without it, uncompressed")
 
     def _chunks(self, data: bytes) -> tuple[bytes, bytes]:
         """The document and the second chunk, which may be missing."""
         if data[:512].lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
             return data, b""
         if data[:4] != GLB_MAGIC or len(data) < 20:
-            raise InvalidMotion(
-                f"{self.name}: it is not a glTF file: it begins neither with glTF, as .glb, nor with {{, as .gltf"
-            )
+            raise InvalidMotion(f"{self.name}: it is no glTF file, which begins with glTF, as .glb, or {{, as .gltf")
         version, length = struct.unpack_from("<II", data, 4)
         if version != 2:
             raise InvalidMotion(f"{self.name}: it is glTF version {version}; export version 2")
@@ -75,17 +76,10 @@ class Document:
             raise InvalidMotion(f"{self.name}: it is cut off or damaged; export it again")
         return found[JSON_CHUNK], found.get(BIN_CHUNK, b"")
 
-    def _check_extensions(self) -> None:
-        for each in self.items(self.root, "extensionsRequired"):
-            if not str(each).startswith(HARMLESS):
-                what = named(str(each))
-                raise InvalidMotion(f"{self.name}: it needs the extension {what}; export without it, uncompressed")
-
     def insist(self, right: bool, value: Any, what: str, place: str) -> None:
         """Raise InvalidMotion, with the value at a place and `what` it must be, unless it is right."""
         if not right:
-            where = f"{self.name}: {place}"
-            raise InvalidMotion(f"{where}: {shown(value)} is not {what}")
+            raise InvalidMotion(f"{self.name}: {place}: {shown(value)} is not {what}")
 
     def typed(self, value: Any, kind: type, what: str, place: str) -> Any:
         """A value of the document, which must have a type; true and false are not numbers."""
@@ -160,8 +154,7 @@ class Document:
         stride = self.whole(view, "byteStride", size)
         last = offset + stride * (count - 1) + size if count else 0
         if begin + length > len(buffer) or last > length or stride < size:
-            at = f"{self.name}: {place}"
-            raise InvalidMotion(f"{at}: its numbers reach beyond the end of the buffer")
+            raise InvalidMotion(f"{self.name}: {place}: its numbers reach beyond the end of the buffer")
         if not count:
             return np.zeros((0, width))
         values = np.ndarray((count, width), dtype, buffer, begin + offset, (stride, dtype.itemsize)).astype(np.float64)
@@ -177,7 +170,10 @@ class Document:
             if uri is None and index == 0:
                 self._buffers[index] = self._binary
             elif isinstance(uri, str) and uri.startswith("data:") and ";base64," in uri[:100]:
-                self._buffers[index] = self._decoded(uri.partition(",")[2])
+                try:
+                    self._buffers[index] = base64.b64decode(uri.partition(",")[2])
+                except (ValueError, binascii.Error):
+                    raise InvalidMotion(f"{self.name}: it is cut off or damaged; export it again") from None
             else:
                 self._buffers[index] = self._beside(uri)
         return self._buffers[index]
@@ -191,18 +187,9 @@ class Document:
             own = bool(part) and ":" not in part and "\\" not in part and place.is_relative_to(folder)
         except (OSError, ValueError, RuntimeError):  # a name that no file can have, or a circle of links
             own = False
+        where = f"{self.name}: its numbers are in {shown(part if own else uri)}, which is not"
         if not own:
-            raise InvalidMotion(
-                f"{self.name}: its numbers are in {shown(uri)}, which is not a file in its folder; export as .glb"
-            )
+            raise InvalidMotion(f"{where} a file in its folder; export as .glb")
         if not place.is_file():
-            raise InvalidMotion(
-                f"{self.name}: its numbers are in {shown(part)}, which is not there; copy it beside, or export as .glb"
-            )
+            raise InvalidMotion(f"{where} there; copy it beside, or export as .glb")
         return content(place)
-
-    def _decoded(self, text: str) -> bytes:
-        try:
-            return base64.b64decode(text)
-        except (ValueError, binascii.Error):
-            raise InvalidMotion(f"{self.name}: it is cut off or damaged; export it again") from None

@@ -19,8 +19,7 @@ from clothfit.base.messages import named
 from clothfit.formats.axes import RIGHT, Axes, to_scene
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.gltf import Document
-from clothfit.formats.gltf_meshes import matrix_of
-from clothfit.formats.gltf_scene import LEVELS, Placed, Tracks, tracks_of
+from clothfit.formats.gltf_scene import LEVELS, Placed, Tracks, matrix_of, tracks_of
 from clothfit.formats.registry import foreign, module_of, suffix_of
 
 FINEST = 1.0 / 60.0

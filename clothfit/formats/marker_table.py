@@ -29,19 +29,20 @@ import io
 import os
 import re
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation, times_of, with_gaps
-from clothfit.formats.axes import RIGHT, Axes
+from clothfit.formats.axes import HANDS, RIGHT, UPS, Axes
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.markers import (
-    EMPTY,
     METRES_PER_UNIT,
     labels_of,
     marker_animation,
@@ -51,7 +52,6 @@ from clothfit.formats.markers import (
     text_of,
     unit_of,
 )
-from clothfit.formats.table import Table, animation_of, table_of
 
 MOTIVE_FIRST_CELL = "Format Version"
 MARKER_KINDS = ("marker", "unlabeled marker")
@@ -65,6 +65,9 @@ TITLE = re.compile(r'^"?(Trajectories|Devices|Joints|Segments|Model Outputs)"?[,
 """The title of a section of Nexus, alone in its line."""
 
 WANTED = "Trajectories"
+
+Lines: TypeAlias = Iterator[tuple[int, list[str]]]
+"""Number and cells of each line."""
 
 COORDINATE = re.compile(r"(.*?)[\s_.:\-]?([xyzXYZ])\s*(?:[(\[]\s*([A-Za-z]+)\s*[)\]])?")
 """The name of a column: marker, axis, and the unit in brackets."""
@@ -164,25 +167,22 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
 
 def _motive(text: str, name: str) -> Animation:
     """The markers of a text that Motive exported. Raises InvalidMotion, with the line."""
-    reader = csv.reader(io.StringIO(text))
-    try:
-        facts = next(reader)
-        above: list[list[str]] = []
-        for cells in reader:
-            if cells and cells[0].strip().lower() == "frame":
-                break
-            if any(cells):
-                above.append([each.strip() for each in cells])
-        triples = _motive_triples(above)
-        wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
-        rows = (
-            [number(cells[i] if i < len(cells) else "", f"{name}: line {reader.line_num}") for i in wanted]
-            for cells in reader
-            if any(cells)
-        )
-        table = number_table(rows, len(wanted))
-    except csv.Error as error:
-        raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
+    lines = _lines(io.StringIO(text), name)
+    _, facts = next(lines)
+    above: list[list[str]] = []
+    for _, cells in lines:
+        if cells and cells[0].strip().lower() == "frame":
+            break
+        if any(cells):
+            above.append([each.strip() for each in cells])
+    triples = _motive_triples(above)
+    wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
+    rows = (
+        [number(cells[i] if i < len(cells) else "", f"{name}: line {line}") for i in wanted]
+        for line, cells in lines
+        if any(cells)
+    )
+    table = number_table(rows, len(wanted))
     notes: list[str] = []
     unit = dict(zip(facts[::2], facts[1::2], strict=False)).get("Length Units", "")
     axes = Axes("y", "right", scale_of(unit, notes, "m"))
@@ -218,18 +218,15 @@ def _vicon(text: str, name: str) -> Animation:
         raise InvalidMotion(f"{name}: line {above + 2}: the rate must be above 0; {rate:g} was given")
     columns = _vicon_triples(_cells(names, separator), _cells(kinds, separator))
     wanted = [0, *(first + axis for first in columns.values() for axis in range(3))]
-    table = number_table(_rows(stream, separator, wanted, name, above + 5), len(wanted))
+    rows = _section(_lines(stream, name, separator, above + 5), separator != ",", wanted, name)
+    table = number_table(rows, len(wanted))
+    times = (table[:, 0] - table[:1, 0]) / rate  # frame numbers begin at any
     notes: list[str] = []
     unit = _cells(units, separator)
     first = next(iter(columns.values()), 0)
     axes = Axes("z", "right", scale_of(unit[first] if first < len(unit) else "", notes))
     positions = table[:, 1:].reshape(len(table), len(columns), 3)
-    return marker_animation(positions, axes, _times(table[:, 0], rate), list(columns), notes, name)
-
-
-def _times(frames: Array, rate: float) -> Array:
-    """Times, s, of frame numbers, which begin at any."""
-    return (frames - frames[0]) / rate if len(frames) else frames
+    return marker_animation(positions, axes, times, list(columns), notes, name)
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -247,23 +244,127 @@ def _vicon_triples(names: list[str], kinds: list[str]) -> dict[str, int]:
     return found
 
 
-def _rows(stream: io.StringIO, separator: str, wanted: list[int], name: str, above: int) -> Iterator[list[float]]:
-    """The wanted numbers of each line up to the end of the section. Raises InvalidMotion."""
+def _section(lines: Lines, commas: bool, wanted: list[int], name: str) -> Iterator[list[float]]:
+    """The wanted numbers of each line up to the end of the section; decimal `commas`. Raises InvalidMotion."""
+    for line, cells in lines:
+        if not any(cells):
+            return
+        texts = [cells[i] if i < len(cells) else "" for i in wanted]
+        row = [number(text.replace(",", ".") if commas else text, f"{name}: line {line}") for text in texts]
+        if row[0] != row[0]:
+            raise InvalidMotion(f"{name}: line {line}: {shown(cells[0])} is no frame number")
+        yield row
+
+
+def _lines(stream: io.StringIO, name: str, separator: str = ",", above: int = 0) -> Lines:
+    """The lines of a table, so many lines below its top: number and cells. Raises InvalidMotion."""
     reader = csv.reader(stream, delimiter=separator)
     try:
         for cells in reader:
-            if not any(cells):
-                return
-            place = f"{name}: line {above + reader.line_num}"
-            row = [_value(cells[i], separator, place) if i < len(cells) else np.nan for i in wanted]
-            if row[0] != row[0]:
-                raise InvalidMotion(f"{place}: {shown(cells[0])} is no frame number")
-            yield row
+            yield above + reader.line_num, cells
     except csv.Error as error:
         raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
 
 
-def _value(cell: str, separator: str, place: str) -> float:
-    if cell.strip().lower() in EMPTY:
-        return np.nan
-    return number(cell if separator == "," else cell.replace(",", "."), place)
+UNIT_NAMES = ("m", "cm", "mm", "in", "ft")
+"""The units that messages list."""
+
+LEAP = 10_000
+"""More frames missing in a row than this are a slip of the pen, and would fill the memory with gaps."""
+
+COMMENT = re.compile(r"#\s*(unit|up|handedness|rate)s?\s*[:=]\s*(\S+)\s*", re.IGNORECASE)
+
+
+class Table(NamedTuple):
+    """A table whose line of names has been read."""
+
+    name: str  # of the file
+    header: list[str]
+    rows: Lines  # with at least as many cells as names
+    decimal_comma: bool
+    comments: dict[str, str]  # unit, up, handedness and rate, as far as given
+
+    def number(self, cell: str, line: int) -> float:
+        """A cell as a number, NaN for a gap. Raises InvalidMotion."""
+        text = cell.replace(",", ".") if self.decimal_comma else cell
+        return number(text, f"{self.name}: line {line}")
+
+    def column(self, names: Sequence[str]) -> int | None:
+        """The first column with one of the names (in lower case), whatever its unit; None when there is none."""
+        plain = [re.sub(r"[(\[].*", "", each).strip().lower() for each in self.header]
+        return next((i for i, each in enumerate(plain) if each in names), None)
+
+
+def table_of(text: str, name: str) -> Table:
+    """Find the line of names and the separator of cells. Raises InvalidMotion, also while the rows are read."""
+    stream, comments, before, line = io.StringIO(text), {}, 0, ""
+    for line in stream:
+        before += 1
+        if match := COMMENT.fullmatch(line.strip()):
+            comments[match[1].lower()] = match[2].lower()
+        if line.strip() and not line.startswith("#"):
+            break
+    separator = next((each for each in "\t;" if each in line), ",")
+    header = [each.strip() for _, cells in _lines(io.StringIO(line), name, separator) for each in cells]
+    while header and not header[-1]:
+        header.pop()
+    return Table(name, header, _rows(stream, separator, before, len(header), name), separator != ",", comments)
+
+
+def _rows(stream: io.StringIO, separator: str, before: int, width: int, name: str) -> Lines:
+    for line, cells in _lines(stream, name, separator, before):
+        if not any(cells) or cells[0].startswith("#"):
+            continue
+        if len(cells) > width and any(cells[width:]):
+            raise InvalidMotion(f"{name}: line {line}: it has {len(cells)} cells, {width} are named")
+        yield line, cells + [""] * (width - len(cells))
+
+
+def animation_of(
+    table: Table,
+    times: Array | None,
+    frames: Array | None,
+    positions: Array,
+    names: Sequence[str],
+    unit: str | None = None,
+) -> Animation:
+    """The animation of a table: positions (rows, markers, 3) at times, s, or at frame numbers, or one after the other;
+    `unit` is the one in the names of its columns. Raises InvalidMotion.
+    """
+    notes: list[str] = []
+    if times is None and frames is not None:
+        positions = _in_place(table, frames, positions)
+    if times is None and "rate" in table.comments:
+        rate = number(table.comments["rate"], f"{table.name}: rate")
+        if not rate > 0:
+            raise InvalidMotion(f"{table.name}: rate must be above 0 and finite; {rate:g} was given")
+        times = np.arange(len(positions)) / rate
+    return marker_animation(positions, _axes(table, unit, notes), times, names, notes, table.name)
+
+
+def _in_place(table: Table, frames: Array, positions: Array) -> Array:
+    """The rows at the places of their frame numbers; missing frames are gaps."""
+    steps = np.diff(frames)
+    if not (np.isfinite(frames).all() and (frames == np.round(frames)).all() and ((steps > 0) & (steps < LEAP)).all()):
+        raise InvalidMotion(f"{table.name}: frame numbers must be whole and increasing, by less than {LEAP}")
+    if not len(frames):
+        return positions
+    count = frames[-1] - frames[0] + 1
+    check_room(int(count) * positions[0].nbytes, table.name)
+    placed = np.full((int(count), *positions.shape[1:]), np.nan)
+    index: NDArray[np.int64] = (frames - frames[0]).astype(np.int64)
+    placed[index] = positions
+    return placed
+
+
+def _axes(table: Table, unit: str | None, notes: list[str]) -> Axes:
+    """Axes and unit from the comments, or the unit from the names of the columns; else metres, y up, right-handed."""
+    given = ({} if unit is None else {"unit": unit}) | table.comments
+    choices = {"unit": ("m", UNIT_NAMES), "up": ("y", UPS), "handedness": ("right", HANDS)}
+    missing = ", ".join(f"{key} {default}" for key, (default, _) in choices.items() if key not in given)
+    if missing:
+        notes.append(f"it does not say, so these are assumed: {missing}")
+    for key, (default, known) in choices.items():
+        if given.get(key, default) not in (*known, *(METRES_PER_UNIT if key == "unit" else ())):
+            raise InvalidMotion(f"{table.name}: {key}: {shown(given[key])} is not one of {', '.join(known)}")
+    return Axes(given.get("up", "y"), given.get("handedness", "right"), METRES_PER_UNIT[given.get("unit", "m")])

@@ -46,17 +46,14 @@ def text_of(path: str | os.PathLike[str], most: int = MOST_TEXT) -> str:
     """
     data = content(path, most)
     check_room(TABLE_COPIES * len(data), path)
-    text = _decoded(data)
-    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-
-
-def _decoded(data: bytes) -> str:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return data.decode("utf-16", "replace")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
+        text = data.decode("utf-16", "replace")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def label(text: str) -> str:
@@ -102,8 +99,7 @@ def marker_animation(
     if not positions.size:
         raise InvalidMotion(f"{name}: there are no markers in it")
     if times is not None and not increasing(times):
-        where = f"{name}: times"
-        raise InvalidMotion(f"{where}: must be finite and increasing")
+        raise InvalidMotion(f"{name}: times: must be finite and increasing")
     observed: Flags = np.asarray(np.isfinite(positions).all(axis=2))
     positions[~observed] = np.nan
     gaps = not observed.all()

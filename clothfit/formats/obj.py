@@ -131,7 +131,8 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
     """
     text, frames = os.fspath(path), animation.positions
     check_name(text, len(frames))
-    faces = _faces(animation.triangles)
+    rows = [] if animation.triangles is None else (animation.triangles + 1).tolist()
+    faces = "".join([f"f {a} {b} {c}\n" for a, b, c in rows]).encode()
     names = (numbered_name(text, frame) for frame in range(len(frames)))
     return {name: partial(_write, points=points, faces=faces) for name, points in zip(names, frames, strict=True)}
 
@@ -146,11 +147,6 @@ def _write(file: IO[bytes], points: Array, faces: bytes) -> None:
         rows = points[first : first + 10_000].tolist()
         file.write("".join([f"v {x!r} {y!r} {z!r}\n" for x, y, z in rows]).encode())
     file.write(faces)
-
-
-def _faces(triangles: Indices | None) -> bytes:
-    rows = [] if triangles is None else (triangles + 1).tolist()
-    return "".join([f"f {a} {b} {c}\n" for a, b, c in rows]).encode()
 
 
 class _Text:
@@ -213,13 +209,16 @@ class _Text:
         return self._line(begin.start())
 
 
-def _corner(word: bytes, before: int) -> int:
-    """The vertex, from 0, that a corner names; −1 where it names none. `before`: vertices above its line."""
+def _corner(word: bytes, before: int, part: int = 0) -> int:
+    """The vertex, from 0, that a corner names, or the texture coordinate with `part` 1; −1 where it names none.
+    `before`: how many of them are above its line.
+    """
     try:
-        number = int(word.split(b"/", 1)[0])
-    except ValueError:
+        number = int(word.split(b"/", part + 1)[part])
+    except (ValueError, IndexError):
         return -1
-    return number - 1 if number > 0 else before + number if number < 0 else -1
+    made = number - 1 if number > 0 else before + number if number < 0 else -1
+    return made if -1 <= made < 2**31 else -1
 
 
 def labels(data: bytes, triangles: Indices) -> tuple[Array | None, Parts]:
@@ -241,28 +240,13 @@ def labels(data: bytes, triangles: Indices) -> tuple[Array | None, Parts]:
         for key in [(each, name) for each in KINDS for name in current[each]]:
             members.setdefault(key, []).append(len(lengths))
         lengths.append(len(words))
-        corners.extend([_coordinate(word, before) for word in words])
+        corners.extend([_corner(word, before, 1) for word in words])
     count = np.array(lengths, np.int64)
     face = np.repeat(np.arange(len(count)), np.maximum(count - 2, 0))  # of each triangle
-    own = [(name.decode(errors="replace"), _of_faces(members[kind, name], face))
+    own = [(name.decode(errors="replace"), np.flatnonzero(np.isin(face, members[kind, name])))
            for wanted in KINDS for kind, name in members if kind == wanted]
     number = np.array(corners, np.int64)[fans(count, np.arange(len(corners)))]
     return _texture(data, number), parts_of(own, triangles)
-
-
-def _of_faces(faces: list[int], face: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The triangles of some faces."""
-    return np.flatnonzero(np.isin(face, faces))
-
-
-def _coordinate(word: bytes, before: int) -> int:
-    """The texture coordinate, from 0, that a corner names; −1 where it names none."""
-    try:
-        number = int(word.split(b"/", 2)[1])
-    except (ValueError, IndexError):
-        return -1
-    made = number - 1 if number > 0 else before + number if number < 0 else -1
-    return made if -1 <= made < 2**31 else -1
 
 
 def _texture(data: bytes, number: NDArray[np.int64]) -> Array | None:

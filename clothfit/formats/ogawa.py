@@ -77,7 +77,10 @@ class Ogawa:
             raise ValueError("its root is not that of an Alembic archive")
         self.top = Object("", "", root[2])
         self._samplings = list(self._read_samplings(self.block(root[4])))
-        self._metadata = [b"", *self._read_metadata(self.block(root[5]))]
+        header = _Header(self.block(root[5]))
+        self._metadata = [b""]
+        while header.left:
+            self._metadata.append(header.take(header.number("B")))
 
     def _one(self, form: str, place: int) -> Any:
         if place < 0 or place + struct.calcsize(form) > len(self.data):
@@ -112,8 +115,10 @@ class Ogawa:
         header = _Header(self.block(places[-1])[:-HASHES])
         for place in places[1:-1]:
             name, index = header.text(header.number("<I")), header.number("B")
-            metadata = header.take(header.number("<I")) if index == OWN_METADATA else self._known(index)
-            yield Object(name, _schema(metadata), place)
+            known = self._metadata[index] if index < len(self._metadata) else b""
+            metadata = header.take(header.number("<I")) if index == OWN_METADATA else known
+            pairs = (each.partition("=") for each in metadata.decode("utf-8", "replace").split(";"))
+            yield Object(name, next((value for key, _, value in pairs if key == "schema"), ""), place)
 
     def properties(self, group: int) -> dict[str, Property]:
         """The properties in a group, by their names."""
@@ -164,11 +169,7 @@ class Ogawa:
         which = np.arange(own.samples)
         if cycle >= ACYCLIC:
             return listed[: own.samples]
-        found: Array = listed[which % len(listed)] + cycle * (which // len(listed))
-        return found
-
-    def _known(self, index: int) -> bytes:
-        return self._metadata[index] if index < len(self._metadata) else b""
+        return np.asarray(listed[which % len(listed)] + cycle * (which // len(listed)))
 
     @staticmethod
     def _read_samplings(data: bytes) -> Iterator[tuple[float, Array]]:
@@ -181,12 +182,6 @@ class Ogawa:
             if not count or not np.isfinite(listed).all():
                 raise ValueError("its times are no numbers; it is damaged, export it again")
             yield cycle, listed
-
-    @staticmethod
-    def _read_metadata(data: bytes) -> Iterator[bytes]:
-        header = _Header(data)
-        while header.left:
-            yield header.take(header.number("B"))
 
 
 class _Header:
@@ -210,9 +205,3 @@ class _Header:
 
     def text(self, count: int) -> str:
         return self.take(count).decode("utf-8", "replace")
-
-
-def _schema(metadata: bytes) -> str:
-    """The value of `schema` in metadata such as `schema=AbcGeom_Xform_v3;schemaObjTitle=…`."""
-    pairs = (each.partition("=") for each in metadata.decode("utf-8", "replace").split(";"))
-    return next((value for key, _, value in pairs if key == "schema"), "")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -58,7 +58,7 @@ class Element:
 
     name: str
     count: int
-    properties: tuple[Property, ...]
+    properties: list[Property]
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
@@ -87,11 +87,11 @@ def _header(data: bytes) -> tuple[list[Element], str, int]:
             case ["format", kind, _] if kind in ORDERS:
                 order = ORDERS[kind]
             case ["element", name, count] if count.isdigit() and len(count) < 19:
-                elements.append(Element(name, int(count), ()))
+                elements.append(Element(name, int(count), []))
             case ["property", number, name] if elements and number in NUMBER_DTYPES:
-                _add(elements, Property(name, NUMBER_DTYPES[number], None))
+                elements[-1].properties.append(Property(name, NUMBER_DTYPES[number], None))
             case ["property", "list", count, number, name] if elements and {count, number} <= NUMBER_DTYPES.keys():
-                _add(elements, Property(name, NUMBER_DTYPES[number], NUMBER_DTYPES[count]))
+                elements[-1].properties.append(Property(name, NUMBER_DTYPES[number], NUMBER_DTYPES[count]))
             case _:
                 raise ValueError(f"its header has a line that is not understood: {' '.join(line)[:40]!r}")
     if order is None:
@@ -99,13 +99,10 @@ def _header(data: bytes) -> tuple[list[Element], str, int]:
     return elements, order, begin
 
 
-def _add(elements: list[Element], item: Property) -> None:
-    elements[-1] = replace(elements[-1], properties=(*elements[-1].properties, item))
-
-
 def _body(data: bytes, elements: list[Element], order: str) -> dict[tuple[str, str], Any]:
     """The columns by names of element and property; for a list a pair (lengths, values)."""
-    least = sum(each.count * sum(_fewest_bytes(item, order) for item in each.properties) for each in elements)
+    sizes = {each: np.dtype(each).itemsize if order else 2 for each in NUMBER_DTYPES.values()}  # in text two at least
+    least = sum(each.count * sum(sizes[item.count or item.number] for item in each.properties) for each in elements)
     if least > len(data) + 1:  # text may lack its last space
         raise ValueError(f"it has {len(data)} bytes where its header asks for {least} or more")
     cursor = _Cursor(data, order)
@@ -116,11 +113,6 @@ def _body(data: bytes, elements: list[Element], order: str) -> dict[tuple[str, s
             columns = _walked(cursor, each) if columns is None else columns
             found.update({(each.name, name): column for name, column in columns.items()})
     return found
-
-
-def _fewest_bytes(item: Property, order: str) -> int:
-    """The fewest bytes of a property: in text a digit and a space."""
-    return np.dtype(item.count or item.number).itemsize if order else 2
 
 
 class _Cursor:

@@ -34,7 +34,9 @@ def read(path: str | os.PathLike[str]) -> Animation:
     """The mesh, as an animation of one frame. Raises InvalidMotion."""
     name, data = name_of(path), content(path)
     check_room(STL_COPIES * len(data), path)
-    corners = _text(data, name) if is_text(data) else _binary(data, name)
+    whole = len(data) >= HEADER and len(data) == HEADER + TRIANGLE.itemsize * struct.unpack_from("<I", data, 80)[0]
+    text = not whole and data[:512].lstrip().lower().startswith(b"solid") and b"\0" not in data[:512]
+    corners = _text(data, name) if text else _binary(data, name)
     if not len(corners):
         raise InvalidMotion(f"{name}: there is no triangle in it")
     if not np.isfinite(corners).all():
@@ -51,13 +53,6 @@ def read(path: str | os.PathLike[str]) -> Animation:
     return Animation(found[order][None], Z_UP, triangles=triangles[~flat], notes=tuple(notes))
 
 
-def is_text(data: bytes) -> bool:
-    """Whether a file is a text: its length is not that of a binary file, and it begins with `solid`."""
-    if len(data) >= HEADER and len(data) == HEADER + TRIANGLE.itemsize * struct.unpack_from("<I", data, 80)[0]:
-        return False
-    return data[:512].lstrip().lower().startswith(b"solid") and b"\0" not in data[:512]
-
-
 def _binary(data: bytes, name: str) -> Array:
     """Corners (3 T, 3) of a binary file; what follows the triangles is ignored. Raises InvalidMotion."""
     if len(data) < HEADER:
@@ -65,9 +60,8 @@ def _binary(data: bytes, name: str) -> Array:
     count = struct.unpack_from("<I", data, 80)[0]
     there = (len(data) - HEADER) // TRIANGLE.itemsize
     if there < count:
-        raise InvalidMotion(
-            f"{name}: it is cut off, or no STL file: {count} triangles are promised, {there} are there; export it again"
-        )
+        said = f"{count} triangles are promised, {there} are there; export it again"
+        raise InvalidMotion(f"{name}: it is cut off, or no STL file: {said}")
     table = np.frombuffer(data, TRIANGLE, count, HEADER)
     return table["corners"].astype(np.float64).reshape(-1, 3)
 

@@ -43,7 +43,14 @@ PART = "part "
 
 def read(path: str | os.PathLike[str]) -> Animation:
     """The animated mesh of a file, one frame when nothing moves. Raises InvalidMotion."""
-    return _animation(arrays_of(path))
+    arrays = arrays_of(path)
+    up, handedness, scale, *notes = json.loads(str(arrays["axes_and_notes"]))
+    axes = Axes(up, handedness, scale)
+    parts = tuple((key.removeprefix(PART), own) for key, own in arrays.items() if key.startswith(PART))
+    return Animation(
+        arrays["positions"], axes, arrays.get("times"), arrays.get("triangles"), notes=tuple(notes),
+        texture=arrays.get("texture"), parts=parts,
+    )  # fmt: skip
 
 
 def arrays_of(path: str | os.PathLike[str], *asked: str) -> dict[str, Any]:
@@ -74,16 +81,6 @@ def _run(command: list[str], around: dict[str, str], seconds: float) -> tuple[in
     return done.returncode, done.stdout
 
 
-def _animation(arrays: dict[str, Any]) -> Animation:
-    up, handedness, scale, *notes = json.loads(str(arrays["axes_and_notes"]))
-    axes = Axes(up, handedness, scale)
-    parts = tuple((key.removeprefix(PART), own) for key, own in arrays.items() if key.startswith(PART))
-    return Animation(
-        arrays["positions"], axes, arrays.get("times"), arrays.get("triangles"), notes=tuple(notes),
-        texture=arrays.get("texture"), parts=parts,
-    )  # fmt: skip
-
-
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
     """The file, text where its suffix is .usda. Every position must be known."""
     positions = animation.positions
@@ -110,11 +107,12 @@ def _stage(positions: Array, animation: Animation) -> Any:
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, animation.axes.up.upper())
     UsdGeom.SetStageMetersPerUnit(stage, animation.axes.scale)
-    times, rate = times_of(animation), rate_of(animation)
-    codes = times * (CODES_PER_SECOND if rate is None else rate)
+    rate = rate_of(animation)
+    rate = CODES_PER_SECOND if rate is None else rate
+    codes = times_of(animation) * rate
     codes = np.where(np.abs(codes - np.round(codes)) < 1e-6, np.round(codes), codes)  # times are rounded
-    stage.SetTimeCodesPerSecond(CODES_PER_SECOND if rate is None else rate)
-    stage.SetFramesPerSecond(CODES_PER_SECOND if rate is None else rate)
+    stage.SetTimeCodesPerSecond(rate)
+    stage.SetFramesPerSecond(rate)
     if animation.triangles is None:
         shape = UsdGeom.Points.Define(stage, PATH)
     else:

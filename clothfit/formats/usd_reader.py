@@ -39,6 +39,9 @@ BOUND = ("skel:blendShapes", "skel:skeleton", "primvars:skel:jointIndices")
 TEXTURE_NAME = "st"
 """The usual name of the primvar with texture coordinates; else the first with pairs of numbers counts."""
 
+PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]")
+"""The types of primvars whose values are pairs of numbers, as texture coordinates are."""
+
 OPENING_BYTES, OPENING_RATIO = 1 << 29, 100
 """Bytes that opening a file may take: a fixed number, and some for each byte of the file, whose arrays are packed."""
 
@@ -51,9 +54,8 @@ def parsed(path: str, name: str) -> Animation:
     every = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     shapes = [prim for prim in every if prim.IsA(UsdGeom.Mesh)] or [prim for prim in every if prim.IsA(UsdGeom.Points)]
     if not shapes:
-        if notes:
-            raise InvalidMotion(f"{name}: there is no mesh in it, only the names of other files; flatten it first")
-        raise InvalidMotion(f"{name}: there is no mesh in it")
+        others = ", only the names of other files; flatten it first" if notes else ""
+        raise InvalidMotion(f"{name}: there is no mesh in it{others}")
     _check_bones(every, shapes, name)
     moving = [prim for prim in shapes if UsdGeom.PointBased(prim).GetPointsAttr().GetNumTimeSamples() > 1]
     if moving and len(moving) < len(shapes):
@@ -135,18 +137,12 @@ def _codes_of_places(shapes: Sequence[Any]) -> list[Any]:
     from pxr import Usd, UsdGeom
 
     found: set[float] = set()
-    above = {prim.GetPath(): prim for shape in shapes for prim in _upward(shape) if UsdGeom.Xformable(prim)}
-    for prim in above.values():
-        found.update(UsdGeom.Xformable(prim).GetTimeSamples())
+    for prim in shapes:
+        while prim:
+            if own := UsdGeom.Xformable(prim):
+                found.update(own.GetTimeSamples())
+            prim = prim.GetParent()
     return [Usd.TimeCode(code) for code in sorted(found)] or [Usd.TimeCode.EarliestTime()]
-
-
-def _upward(prim: Any) -> list[Any]:
-    chain = []
-    while prim:
-        chain.append(prim)
-        prim = prim.GetParent()
-    return chain
 
 
 def _positions(shapes: Sequence[Any], codes: Sequence[Any], name: str) -> tuple[Array, list[bool]]:
@@ -162,8 +158,8 @@ def _positions(shapes: Sequence[Any], codes: Sequence[Any], name: str) -> tuple[
         counts, first = [len(each) for each in points], [len(each) for each in (frames or [points])[0]]
         if counts != first:
             other = next(prim for prim, a, b in zip(shapes, counts, first, strict=True) if a != b)
-            where = f"{name}: {named(str(other.GetPath()))}"
-            raise InvalidMotion(f"{where}: its number of points changes over time; it must stay the same")
+            place = f"{name}: {named(str(other.GetPath()))}"
+            raise InvalidMotion(f"{place}: its number of points changes over time; it must stay the same")
         if not frames:
             needed = len(codes) * sum(counts) * 3 * 8 * 3
             check_room(needed, name)
@@ -180,8 +176,7 @@ def _points(prim: Any, code: Any, name: str) -> Array:
     value = UsdGeom.PointBased(prim).GetPointsAttr().Get(code)
     points = np.array(value if value is not None else [], np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
-        where = f"{name}: {named(str(prim.GetPath()))}"
-        raise InvalidMotion(f"{where}: it has no points")
+        raise InvalidMotion(f"{name}: {named(str(prim.GetPath()))}: it has no points")
     return points
 
 
@@ -233,15 +228,13 @@ def labels(
     from pxr import UsdGeom
 
     textures: list[Array] = [np.zeros((0, 3, 2))]
-    whole: list[tuple[str, NDArray[np.intp]]] = []
-    subsets: list[tuple[str, NDArray[np.intp]]] = []
+    whole, subsets = list[tuple[str, NDArray[np.intp]]](), list[tuple[str, NDArray[np.intp]]]()
     begin = 0
     for prim, mirror in zip(shapes, mirrored, strict=True):
         mesh = UsdGeom.Mesh(prim)
         if not mesh:
             continue
-        sizes, corners = (np.array(attribute.Get(code) or [], np.int64)
-                          for attribute in (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()))
+        sizes, corners = _whole(mesh.GetFaceVertexCountsAttr(), code), _whole(mesh.GetFaceVertexIndicesAttr(), code)
         texture = _texture(mesh, sizes, corners, code)
         left = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
         textures.append(texture[:, ::-1] if left != mirror else texture)
@@ -261,7 +254,7 @@ def _texture(mesh: Any, sizes: NDArray[np.int64], corners: NDArray[np.int64], co
 
     count = int(np.maximum(sizes - 2, 0).sum())
     nothing = np.full((count, 3, 2), np.nan)
-    every = [each for each in UsdGeom.PrimvarsAPI(mesh).GetPrimvarsWithValues() if _has_pairs(each)]
+    every = [each for each in UsdGeom.PrimvarsAPI(mesh).GetPrimvarsWithValues() if str(each.GetTypeName()) in PAIRS]
     if not every:
         return nothing
     chosen = next((each for each in every if each.GetPrimvarName() == TEXTURE_NAME), every[0])
@@ -272,11 +265,6 @@ def _texture(mesh: Any, sizes: NDArray[np.int64], corners: NDArray[np.int64], co
     owner = fans(sizes, np.arange(len(corners)) if at_corners else corners)
     needed = len(corners) if at_corners else int(corners.max(initial=-1)) + 1
     return values[owner] if len(values) >= needed else nothing
-
-
-def _has_pairs(primvar: Any) -> bool:
-    """Whether the values of a primvar are pairs of numbers, as texture coordinates are."""
-    return str(primvar.GetTypeName()) in ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]")
 
 
 def units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, float]:

@@ -16,11 +16,10 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.messages import counted, kilograms, meant, metres, named, owned, place
 from clothfit.meshes.problems import components
 from clothfit.scene import schema as structure
-from clothfit.scene.cloth import Cloth
+from clothfit.scene.cloth import Cloth, Layout
 from clothfit.scene.directions import edges_of, keys, opposite, pairs_of
 from clothfit.scene.families import Groups, spring_groups, vertex_groups
 from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
-from clothfit.scene.layout import Layout
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene
 

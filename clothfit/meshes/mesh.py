@@ -104,8 +104,7 @@ def areas(mesh: Mesh) -> Array:
     """Areas (T,) of the triangles, m²."""
     a, b, c = (mesh.positions[mesh.triangles[:, corner]] for corner in range(3))
     normal = np.cross(b - a, c - a)
-    halves: Array = 0.5 * np.sqrt((normal * normal).sum(axis=1))
-    return halves
+    return np.asarray(0.5 * np.sqrt((normal * normal).sum(axis=1)))
 
 
 def sides(triangles: Indices) -> Sides:
@@ -131,8 +130,7 @@ def any_sides(triangles: Indices) -> Sides:
 def edges(triangles: Indices) -> Indices:
     """Ends (E, 2) of the edges of the triangles (T, 3), each once, in the order in which the editor meets them."""
     met = sides(triangles)
-    ends: Indices = met.edge[met.first == np.arange(len(met.first))]
-    return ends
+    return np.asarray(met.edge[met.first == np.arange(len(met.first))])
 
 
 def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Springs:

@@ -67,5 +67,4 @@ def turned(positions: Array, degrees: Sequence[float]) -> Array:
     about_y = [[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]]
     about_z = [[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]]
     turn = np.array(about_y) @ np.array(about_x) @ np.array(about_z)
-    found: Array = positions @ turn.T
-    return found
+    return np.asarray(positions @ turn.T)

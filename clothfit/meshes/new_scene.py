@@ -17,6 +17,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,9 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.formats.animation import unused
 from clothfit.meshes.mesh import Mesh, object_document
-from clothfit.scene.cloth import SPHERE
+from clothfit.scene.cloth import ELSEWHERE, SPHERE
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS
-from clothfit.scene.layout import ELSEWHERE
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene, load
 
@@ -92,7 +92,10 @@ def new_scene(
         "tolerance": tolerance,
         "optimizationIterations": frames,
         "objects": [cloth],
-        "colliders": [_sphere(*each) for each in spheres],
+        "colliders": [
+            {"type": SPHERE, "pos": _vector(centre), "rot": _vector((0, 0, 0)), "scale": _vector((2 * radius,) * 3)}
+            for *centre, radius in spheres
+        ],
         "windVel": _vector(wind),
         "printTimes": False,
         "forwardSubSteps": 1,
@@ -124,11 +127,6 @@ def _flags(fits: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     return own, {kind.field: mode for kind, mode in asked if kind in SCENE_KINDS}
 
 
-def _sphere(x: float, y: float, z: float, radius: float) -> dict[str, Any]:
-    rot, size = _vector((0.0, 0.0, 0.0)), _vector((2 * radius,) * 3)
-    return {"type": SPHERE, "pos": _vector((x, y, z)), "rot": rot, "scale": size}
-
-
 def _vector(xyz: Sequence[float]) -> dict[str, float]:
     x, y, z = map(float, xyz)
     return {"x": x, "y": y, "z": z}
@@ -136,21 +134,11 @@ def _vector(xyz: Sequence[float]) -> dict[str, float]:
 
 def text(document: dict[str, Any]) -> str:
     """Write a scene, its fields in their order."""
-    made = {name: _objects(value) if name == "objects" else _compact(value) for name, value in document.items()}
-    lines = [f'"{name}": {value}' for name, value in made.items()]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _objects(cloths: list[dict[str, Any]]) -> str:
-    return "[" + ", ".join("{\n" + ",\n".join(map(_field, cloth.items())) + "\n}" for cloth in cloths) + "]"
-
-
-def _field(item: tuple[str, Any]) -> str:
-    return f'  "{item[0]}": {_compact(item[1])}'
-
-
-def _compact(value: Any) -> str:
-    return json.dumps(value, separators=(",", ":"))
+    compact = partial(json.dumps, separators=(",", ":"))
+    fields = [[f'  "{name}": {compact(value)}' for name, value in cloth.items()] for cloth in document["objects"]]
+    objects = ", ".join("{\n" + ",\n".join(lines) + "\n}" for lines in fields)
+    values = {name: f"[{objects}]" if name == "objects" else compact(value) for name, value in document.items()}
+    return "{\n" + ",\n".join(f'"{name}": {value}' for name, value in values.items()) + "\n}\n"
 
 
 SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1), "back": (2, -1), "front": (2, 1)}
@@ -163,8 +151,7 @@ SIDE_DEPTH = 1e-3
 def in_box(positions: Array, corner: Sequence[float], opposite: Sequence[float]) -> Flags:
     """Which of the positions (n, 3) lie in the box between two corners, m, or on its surface."""
     low, high = np.minimum(corner, opposite), np.maximum(corner, opposite)
-    inside: Flags = np.all((positions >= low) & (positions <= high), axis=1)
-    return inside
+    return np.asarray(np.all((positions >= low) & (positions <= high), axis=1))
 
 
 def at_side(positions: Array, side: str, reach: float | None = None, option: str = "fix side") -> Flags:
@@ -180,8 +167,7 @@ def at_side(positions: Array, side: str, reach: float | None = None, option: str
         raise InvalidInput(f"{option}: the mesh is flat along {'xyz'[axis]}, so its {side} is all of it; name another")
     if reach is not None and not 0 <= reach < np.inf:
         raise InvalidInput(f"{option}: the reach must be at least 0 and finite; {reach:g} m was given")
-    near: Flags = depth >= depth.max() - (SIDE_DEPTH * extent if reach is None else reach)
-    return near
+    return np.asarray(depth >= depth.max() - (SIDE_DEPTH * extent if reach is None else reach))
 
 
 def listed(count: int, ranges: Sequence[tuple[int, int]], option: str = "fix vertices") -> Flags:

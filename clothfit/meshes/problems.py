@@ -1,9 +1,13 @@
-"""What is wrong with a triangle mesh, and whether a cloth can be made of it.
+"""What is wrong with a triangle mesh, whether a cloth can be made of it, and welding, which cures most of it.
 
 Tools split vertices where texture or normals jump, double faces to show both sides, and leave points behind. A network
 of springs suffers from that: it is torn where two vertices lie at one place, a vertex in no triangle has no mass, a
 spring between two vertices at one place has no length, and the editor does not define what it makes of an edge with
 three triangles.
+
+Welding joins the vertices that lie at one place and removes what no cloth can have: triangles that collapse, triangles
+with the corners of an earlier one, and vertices in no triangle. The rest keeps its order, so a mesh with nothing to
+join stays as it is.
 
 n vertices, T triangles.
 """
@@ -12,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +25,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.base.graph import connected_components
 from clothfit.base.messages import counted, metres
+from clothfit.formats.animation import Parts
 from clothfit.meshes.mesh import Mesh, areas
 from clothfit.scene.directions import along, edges_of, opposite, pairs_of
 
@@ -163,8 +168,7 @@ CHECKS: tuple[Callable[[Mesh], Problem | None], ...] = (
 
 def _collapsed(triangles: Indices) -> Flags:
     a, b, c = triangles.T
-    wrong: Flags = (a == b) | (b == c) | (a == c)
-    return wrong
+    return np.asarray((a == b) | (b == c) | (a == c))
 
 
 def _distinct(triangles: Indices) -> Indices:
@@ -177,8 +181,7 @@ def _thin(mesh: Mesh) -> Flags:
     corner = mesh.positions[mesh.triangles]
     side = corner - np.roll(corner, 1, axis=1)
     longest = (side * side).sum(axis=2).max(axis=1, initial=0.0)
-    thin: Flags = areas(mesh) <= THIN * longest
-    return thin
+    return np.asarray(areas(mesh) <= THIN * longest)
 
 
 def _problem(
@@ -209,8 +212,7 @@ def together(positions: Array, distance: float) -> Indices:
     label = connected_components(tree.query_pairs(distance, output_type="ndarray"), n)
     first = np.full(label.max(initial=-1) + 1, n)
     np.minimum.at(first, label, np.arange(n))
-    found: Indices = first[label].astype(np.int32)
-    return found
+    return np.asarray(first[label].astype(np.int32))
 
 
 def components(pairs: Indices, n: int) -> tuple[Indices, Indices]:
@@ -232,3 +234,47 @@ def first_of_each(rows: Indices) -> Flags:
     found = np.zeros(len(rows), bool)
     found[order[new]] = True
     return found
+
+
+class Welded(NamedTuple):
+    """A welded mesh, which had n vertices before."""
+
+    mesh: Mesh  # the welded one
+    vertices: Indices  # (n,), the new index of each old vertex; −1: it was in no triangle and is removed
+    joined: int  # number of vertices that became part of another
+    triangles: int  # number of triangles that were removed
+
+    @property
+    def unused(self) -> int:
+        """Number of vertices that were removed."""
+        return int((self.vertices < 0).sum())
+
+    @property
+    def renumbered(self) -> bool:
+        """Whether some vertex has another index than before."""
+        return not np.array_equal(self.vertices, np.arange(len(self.mesh.positions)))
+
+
+def weld(mesh: Mesh, distance: float | None = None) -> Welded:
+    """Join vertices within `distance`, m, of each other (default: a millionth of the mesh's diagonal). The first vertex
+    of each group keeps its place. Raises InvalidInput when the distance joins more than seams.
+    """
+    lot = together(mesh.positions, tiny(mesh) if distance is None else distance)
+    triangles = lot[mesh.triangles]
+    stay = np.flatnonzero(~_collapsed(triangles))
+    stay = stay[first_of_each(np.sort(triangles[stay], axis=1))]
+    triangles = triangles[stay]
+    kept = np.unique(triangles)
+    number = np.full(len(lot), -1, np.int32)
+    number[kept] = np.arange(len(kept))
+    texture = None if mesh.texture is None else mesh.texture[stay]
+    made = Mesh(mesh.positions[kept], number[triangles].reshape(-1, 3), texture, _parts(mesh.parts, number[lot]))
+    joined = int((lot != np.arange(len(lot))).sum())
+    return Welded(made, number[lot], joined, len(mesh.triangles) - len(triangles))
+
+
+def _parts(parts: Parts, number: Indices) -> Parts:
+    """The parts with the new vertices; those that are left with none are left out."""
+    moved = ((name, np.unique(number[own])) for name, own in parts)
+    left = ((name, own[own >= 0]) for name, own in moved)
+    return tuple((name, own) for name, own in left if len(own))

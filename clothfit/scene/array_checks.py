@@ -23,6 +23,15 @@ HANDFUL = 5
 NUMBER_TYPES = {int, float}  # exactly these types: a bool is an int to isinstance
 
 
+class ReadOnly:
+    """Base of records whose arrays cannot be changed."""
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+
 class Arrays(NamedTuple):
     """The long arrays of one object: n vertices, S springs, T triangles."""
 

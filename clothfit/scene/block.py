@@ -157,7 +157,11 @@ def flagged(
         if cloth is not None:
             shape = np.shape(getattr(cloths[cloth], kind.name)) or (1,)
         if np.prod(shape) > 0:
-            block = Block(cloth, kind.name, mode, _moved(cloths, cloth, kind), start, shape)
+            if cloth is None:
+                count = max(1, sum(len(cloths[i].mass) for i in reached(cloths, kind.name)))
+            else:
+                count = len(cloths[cloth].stiffness if kind.of == "spring" else cloths[cloth].mass)
+            block = Block(cloth, kind.name, mode, count, start, shape)
             wanted = asked.get(kind.name, (None, None))
             if cloth is None:
                 block = replace(block, ends=bounds.of_values(kind, NO_NUMBERS, wanted))
@@ -186,7 +190,10 @@ def _of_cloth(block: Block, cloth: Cloth, asked: tuple[End, End], base: Block | 
         ends = bounds.of_values(kind, values, asked)
         return replace(block, factors=_factors(cloth, kind, block.mode, ends), ends=ends)
     if kind.name == "rest" and block.mode == "G":
-        return replace(block, unit=cloth.lengths, ends=_of_lengths(cloth, kind, asked))
+        ends = kind.lower, kind.upper
+        if asked != (None, None):
+            ends = bounds.of_factor(cloth.lengths, bounds.of_values(kind, cloth.lengths, asked))
+        return replace(block, unit=cloth.lengths, ends=ends)
     unit = np.where(cloth.fixed, 0.0, 1.0) if kind.name == "velocity" and block.mode == "G" else None
     values = np.ravel(getattr(cloth, kind.name))
     if kind.name == "drag":
@@ -207,20 +214,6 @@ def _factors(cloth: Cloth, kind: Kind, mode: str, ends: tuple[float, float]) -> 
     if kind.of == "spring":
         modes = modes[cloth.springs].mean(axis=1)
     return smooth_maps(values, groups.of, groups.names, modes, ends)
-
-
-def _of_lengths(cloth: Cloth, kind: Kind, asked: tuple[End, End]) -> tuple[float, float]:
-    """Bounds of the one factor on the lengths at the start."""
-    if asked == (None, None):
-        return kind.lower, kind.upper
-    return bounds.of_factor(cloth.lengths, bounds.of_values(kind, cloth.lengths, asked))
-
-
-def _moved(cloths: Sequence[Cloth], cloth: int | None, kind: Kind) -> int:
-    """How many vertices or springs a kind acts on, at least 1."""
-    if cloth is None:
-        return max(1, sum(len(cloths[i].mass) for i in reached(cloths, kind.name)))
-    return len(cloths[cloth].stiffness if kind.of == "spring" else cloths[cloth].mass)
 
 
 def reached(cloths: Sequence[Cloth], name: str) -> list[int]:

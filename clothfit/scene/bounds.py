@@ -94,11 +94,11 @@ def of_values(kind: Kind, values: Array, asked: tuple[End, End] = (None, None)) 
     A fit moves the logarithm of a mass, stiffness or length: a lower bound of 0 means the default one, which is above.
     """
     low, high = asked
-    least, most = around(kind, values)
+    least, most = around(kind, values)  # an end that is left out is as far from the other as the default ones
     if low is None or (kind.log and low <= 0.0):
-        low = least if high is None or least < high else _before(kind, high)
+        low = least if high is None or least < high else _beside(kind, high, kind.lower, kind.upper)
     if high is None:
-        high = most if low < most else _after(kind, low)
+        high = most if low < most else _beside(kind, low, kind.upper, kind.lower)
     return low, high
 
 
@@ -130,11 +130,6 @@ def of_factor(values: Array, ends: tuple[float, float]) -> tuple[float, float]:
     return least, most
 
 
-def _before(kind: Kind, high: float) -> float:
-    """A lower bound as far below `high` as the default ones are apart."""
-    return high * kind.lower / kind.upper if kind.log else high - (kind.upper - kind.lower)
-
-
-def _after(kind: Kind, low: float) -> float:
-    """An upper bound as far above `low`."""
-    return low * kind.upper / kind.lower if kind.log else low + (kind.upper - kind.lower)
+def _beside(kind: Kind, end: float, there: float, here: float) -> float:
+    """A bound as far from the bound `end` as the default one `there` is from `here`."""
+    return end * there / here if kind.log else end + (there - here)

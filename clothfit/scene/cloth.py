@@ -1,23 +1,56 @@
-"""One object of a scene, and what it may touch: arrays in SI units that do not change."""
+"""One object of a scene, how it is woven, and what it may touch: arrays in SI units that do not change.
+
+How an object is woven and divided are optional fields of it:
+
+    "families": {"names": ["yarn", "fold"], "springs": [0, 1, 1, ...]}     the family of each spring, from 0
+    "regions": [{"name": "collar", "vertices": [0, 1, 2]}]                 parts; where they overlap the first counts
+    "warp": {"x": 1, "y": 0, "z": 0}                                       the direction along the cloth at the start
+
+No motion depends on them, only what a fit in mode R or M takes together. S springs, n vertices.
+"""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.messages import counted, shown
 from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.bounds import Bounds
 from clothfit.scene.keys import Keys, Pin, keys, scales
 from clothfit.scene.kinds import AIR_DENSITY, LETTERED, Kind
-from clothfit.scene.layout import NOTHING, Layout
+
+ELSEWHERE = "elsewhere"
+"""The name of what lies in no region."""
+
+
+class Region(NamedTuple):
+    """A named part of a cloth."""
+
+    name: str
+    vertices: Indices  # rising
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """What a file says of one object; empty where it says nothing. The arrays are read-only."""
+
+    names: tuple[str, ...] = ()  # of the families that it gives
+    family: Indices | None = None  # (S,), the family of each spring
+    regions: tuple[Region, ...] = ()
+    warp: Array | None = None  # (3,), not 0
+
+
+NOTHING = Layout()
 
 SMALLEST_SQUARE = 1e-100
 """m⁴, of the area of a face that is none."""
@@ -32,7 +65,7 @@ NAMES = {PLANE: "plane", SPHERE: "sphere", CAPSULE: "capsule", BOX: "box", MESH:
 
 
 @dataclass(frozen=True, eq=False)
-class Cloth:
+class Cloth(checks.ReadOnly):
     """One object of a scene: n vertices, S springs, T triangles. The arrays are read-only."""
 
     positions: Array  # (n, 3) initial world positions, m
@@ -51,11 +84,6 @@ class Cloth:
     bounds: Bounds = field(default_factory=dict)  # of a fit, by kind, before those of the scene
     pins: tuple[Pin, ...] = ()  # fixed vertices that move
     shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m: of all pins, from where their paths have them
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            if isinstance(array := getattr(self, each.name), np.ndarray):
-                array.setflags(write=False)
 
     def __repr__(self) -> str:
         sizes = f"{len(self.mass)} vertices, {len(self.stiffness)} springs, {len(self.triangles)} triangles"
@@ -124,16 +152,13 @@ class Cloth:
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere:
+class Sphere(checks.ReadOnly):
     """A sphere that pushes cloths as the editor's does."""
 
     pos: Array  # (3,) m, read-only
     radius: float  # m, above 0
     position: Keys | None = None  # how far the centre moves over time, m
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, that of all colliders
-
-    def __post_init__(self) -> None:
-        self.pos.setflags(write=False)
 
     @property
     def centre(self) -> Array:
@@ -142,7 +167,7 @@ class Sphere:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Body(checks.ReadOnly):
     """A triangle mesh, in the scene or in a file, and the file of a motion of its vertices where it has one."""
 
     positions: Array  # (V, 3), in the collider's axes, before its scale; empty where a file has them
@@ -152,13 +177,9 @@ class Body:
     motion: Keys | None
     place: str  # in the scene, for messages
 
-    def __post_init__(self) -> None:
-        self.positions.setflags(write=False)
-        self.triangles.setflags(write=False)
-
 
 @dataclass(frozen=True, eq=False)
-class Collider:
+class Collider(checks.ReadOnly):
     """Any other obstacle: one that the editor does not have, or a sphere that rubs, is thick or has a stiffness."""
 
     kind: int  # PLANE, SPHERE, CAPSULE, BOX or MESH
@@ -175,10 +196,6 @@ class Collider:
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, that of all colliders
     body: Body | None = None  # of a mesh
     scaling: Keys | None = None  # by what its size changes over time
-
-    def __post_init__(self) -> None:
-        for array in (self.pos, self.angles, self.size):
-            array.setflags(write=False)
 
     @property
     def centre(self) -> Array:
@@ -249,15 +266,11 @@ def _obstacle(
     body = _body(item, place, folder, problems)
     if scaling and body and body.motion:
         problems.append(f"{place}.scaleKeys: a mesh with a motion has its size from that")
-    made = _collider(item, size(item, place, problems), position, rotation)
-    scaling = None if item["type"] == PLANE else scaling
-    return replace(made, place=number, offset=offset, body=body, scaling=scaling)
-
-
-def _collider(item: Mapping[str, Any], size: Array, position: Keys | None, rotation: Keys | None) -> Collider:
     thickness, stiffness, friction = (float(item[name]) for name in ("thickness", "stiffness", "friction"))
-    pos, angles = vector(item["pos"]), vector(item["rot"])
-    return Collider(item["type"], pos, angles, size, thickness, stiffness, friction, position, rotation)
+    return Collider(
+        item["type"], vector(item["pos"]), vector(item["rot"]), size(item, place, problems), thickness, stiffness,
+        friction, position, rotation, number, offset, body, None if item["type"] == PLANE else scaling,
+    )  # fmt: skip
 
 
 def _body(item: Mapping[str, Any], place: str, folder: str, problems: list[str]) -> Body | None:
@@ -296,3 +309,63 @@ def size(item: Mapping[str, Any], place: str, problems: list[str]) -> Array:
         other = float(item.get("radius2", radius))
         return np.array([radius, other, float(item.get("height", max(2 * scale[1] - radius - other, 0.0)))])
     return np.array([scale[0] / 2, scale[0] / 2, 0.0]) if item["type"] == SPHERE else np.zeros(3)
+
+
+def layout_of(fields: dict[str, Any], place: str, problems: list[str]) -> Layout:
+    """The layout of an object whose structure has been checked; what is wrong goes to `problems`."""
+    n, springs = len(fields["vertPos"]), len(fields["springs"]) // 2
+    names: tuple[str, ...] = ()
+    family = warp = None
+    if "families" in fields:
+        names = tuple(fields["families"]["names"])
+        family = _family(fields["families"], springs, f"{place}.families", problems)
+    regions = _regions(fields.get("regions", []), n, f"{place}.regions", problems)
+    if "warp" in fields:
+        warp = np.array([fields["warp"][axis] for axis in "xyz"], float)
+        if not warp.any():
+            problems.append(f"{place}.warp: has no length, so no direction")
+    for array in (family, warp, *(region.vertices for region in regions)):
+        if array is not None:
+            array.setflags(write=False)
+    same = not names and not regions and warp is None
+    return NOTHING if same else Layout(names, family, regions, warp)
+
+
+def _family(given: dict[str, Any], springs: int, place: str, problems: list[str]) -> Indices | None:
+    """The family (S,) of each spring."""
+    names, values = given["names"], given["springs"]
+    _check_names(names, [f"{place}.names[{i}]" for i in range(len(names))], problems)
+    if len(values) != springs:
+        has, owners = counted(len(values), "value", "values"), counted(springs, "spring", "springs")
+        problems.append(f"{place}.springs: {has} for {owners}; one each is needed")
+    if not checks.check_types(values, {int}, "an index (a whole number)", f"{place}.springs", problems):
+        return None
+    has = f"there are {counted(len(names), 'name', 'names')}"
+    right = checks.check_indices(
+        values, len(names), f"{place}.springs", lambda i: f"family {shown(values[i])} does not exist ({has})", problems
+    )
+    return None if right is None else right.astype(np.int32)
+
+
+def _regions(given: list[Any], n: int, place: str, problems: list[str]) -> tuple[Region, ...]:
+    """The regions."""
+    _check_names([each["name"] for each in given], [f"{place}[{i}].name" for i in range(len(given))], problems)
+    found = []
+    for i, each in enumerate(given):
+        at = f"{place}[{i}].name"
+        if each["name"] == ELSEWHERE:
+            problems.append(f"{at}: {shown(ELSEWHERE)} is what lies in no region; give it another name")
+        vertices = checks.vertices(each["vertices"], n, 1, f"{place}[{i}].vertices", problems)
+        if vertices is not None:
+            found.append(Region(each["name"], np.unique(vertices)))
+    return tuple(found)
+
+
+def _check_names(names: list[str], places: list[str], problems: list[str]) -> None:
+    """Check that names are not empty and differ."""
+    uses = Counter(names)
+    for i, name in enumerate(names):
+        if not name.strip():
+            problems.append(f"{places[i]}: is empty; give it a name")
+        elif uses[name] > 1 and name in names[:i]:
+            problems.append(f"{places[i]}: {shown(name)} is there already; names must differ")

@@ -67,8 +67,7 @@ class Grid(NamedTuple):
 def keys(pairs: npt.NDArray[np.integer[Any]]) -> Keys:
     """A number for each pair (P, 2) of vertices in either order, sorted by the smaller and then the larger."""
     low, high = np.sort(pairs, axis=1).astype(np.int64).T
-    found: Keys = (low << 32) + high
-    return found
+    return np.asarray((low << 32) + high)
 
 
 def edges_of(triangles: Indices) -> Edges:
@@ -140,8 +139,7 @@ def angles(positions: Array, triangles: Indices) -> Array:
     at = positions[triangles]
     out, back = np.roll(at, -1, axis=1) - at, np.roll(at, 1, axis=1) - at
     normal = np.cross(out, back)
-    angle: Array = np.arctan2(np.sqrt((normal * normal).sum(axis=2)), (out * back).sum(axis=2))
-    return angle
+    return np.asarray(np.arctan2(np.sqrt((normal * normal).sum(axis=2)), (out * back).sum(axis=2)))
 
 
 def _aligned(positions: Array, triangles: Indices, edges: Edges, given: Array) -> Array:
@@ -159,15 +157,13 @@ def _aligned(positions: Array, triangles: Indices, edges: Edges, given: Array) -
         np.bincount(edges.of.reshape(-1)[known], weights, len(edges.key))
         for weights in (cos.reshape(-1)[known], None)
     )
-    found: Array = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    return found
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
 def _unit(vectors: Array) -> Array:
     """The vectors (..., 3) with length 1; those without a length stay 0."""
     length = np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True))
-    found: Array = vectors / np.where(length > 0, length, 1.0)
-    return found
+    return np.asarray(vectors / np.where(length > 0, length, 1.0))
 
 
 def _grid(triangles: Indices, edges: Edges, angle: Array) -> Grid:
@@ -183,7 +179,7 @@ def _grid(triangles: Indices, edges: Edges, angle: Array) -> Grid:
     legs = np.stack([edges.of[half, (corner + 1) % 3], edges.of[half, (corner + 2) % 3]], axis=1)
     part, colour = _coloured(len(edges.key), same, legs)
     part[edges.of[half, corner]], colour[edges.of[half, corner]] = part[legs[:, 0]], DIAGONAL
-    piece = connected(edges.ends, int(triangles.max(initial=-1)) + 1)
+    piece = connected_components(edges.ends, int(triangles.max(initial=-1)) + 1)
     all_of = np.bincount(piece[triangles[:, 0]], minlength=1)
     own = part[edges.of[t, (k + 1) % 3]]
     halves_of = 2 * np.bincount(own[own >= 0], minlength=2 * len(edges.key))
@@ -232,7 +228,7 @@ def _coloured(count: int, same: Slots, differ: Slots) -> tuple[Slots, Slots]:
     nodes of an edge are connected, the rules contradict each other.
     """
     links = np.concatenate([same, same + count, differ + [0, count], differ + [count, 0]])
-    label = connected(links, 2 * count).reshape(2, count)
+    label = connected_components(links, 2 * count).reshape(2, count)
     part = label.min(axis=0)
     colour = (label[0] != part).astype(np.intp)
     part[label[0] == label[1]] = -1
@@ -241,7 +237,3 @@ def _coloured(count: int, same: Slots, differ: Slots) -> tuple[Slots, Slots]:
     part[untouched] = -1
     return part, colour
 
-
-def connected(pairs: npt.NDArray[np.integer[Any]], n: int) -> Slots:
-    """The number (n,) of the piece of each of n nodes that pairs (P, 2) connect."""
-    return connected_components(pairs, n)

@@ -17,9 +17,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene import directions
-from clothfit.scene.cloth import Cloth
+from clothfit.scene.cloth import ELSEWHERE, Cloth, Layout
 from clothfit.scene.directions import ACROSS, ALONG, DIAGONAL, NONE, Edges, Keys, Slots
-from clothfit.scene.layout import ELSEWHERE, Layout
 
 WAYS = (" along", " across", " diagonal", "")  # in the order of the classes of edges
 FAMILIES = (*(f"edges{way}" for way in WAYS), *(f"bending{way}" for way in WAYS), "other")
@@ -115,16 +114,11 @@ def families_of(positions: Array, triangles: Indices, springs: Indices, given: A
         known, of = _found(key, keys, family)
         found[known] = of[known]
     known, of = _found(key, edges.key, of_edge)
-    known &= _first(key) | (found == OTHER)  # of two springs between the same vertices that may be either one bends
-    found[known] = of[known]
-    return found
-
-
-def _first(key: Keys) -> Flags:
-    """Which of the keys are the first of their kind."""
     first = np.zeros(len(key), bool)
     first[np.unique(key, return_index=True)[1]] = True
-    return first
+    known &= first | (found == OTHER)  # of two springs between the same vertices that may be either one bends
+    found[known] = of[known]
+    return found
 
 
 def _found(key: Keys, keys: Keys, family: Slots) -> tuple[Flags, Slots]:

@@ -31,6 +31,7 @@ from clothfit.base.memory import human, missing
 from clothfit.base.messages import unreadable
 from clothfit.base.reading import unchanged, whole
 from clothfit.base.writing import Data, write_atomically
+from clothfit.scene.array_checks import ReadOnly
 
 ARRAYS, FEEDBACK = ("forces", "times"), ("gain", "places")
 
@@ -42,7 +43,7 @@ STRONGEST = 1e9
 
 
 @dataclass(frozen=True, eq=False)
-class Forces:
+class Forces(ReadOnly):
     """The forces on all vertices of a scene, row by row."""
 
     times: Array  # (R,), s, increasing: when each row begins to act
@@ -52,11 +53,6 @@ class Forces:
     pulls: bool = False  # whether those springs act
     name: str = "forces"  # of their file, for messages
     regulator: Regulator | None = None  # gains in a reduced basis, which act where `pulls`
-
-    def __post_init__(self) -> None:
-        for each in (self.values, self.times, self.gain, self.places):
-            if each is not None:
-                each.setflags(write=False)
 
     @property
     def end(self) -> float:
@@ -157,10 +153,14 @@ def read_arrays(file: IO[bytes]) -> dict[str, Array]:
     for name in found:
         if found[name].dtype.kind not in "fiu":
             raise ValueError(f"{name} has the type {found[name].dtype}; numbers are needed")
-    free = missing(2 * sum(array.nbytes for array in found.values()))
-    if free is not None:
-        raise ValueError(f"it takes more memory than the {human(free)} that are free")
+    _check_room(2 * sum(array.nbytes for array in found.values()))
     return {name: np.array(array.read(), float) for name, array in found.items()}
+
+
+def _check_room(needed: int) -> None:
+    """Raise ValueError where so many bytes are not free."""
+    if (free := missing(needed)) is not None:
+        raise ValueError(f"it takes more memory than the {human(free)} that are free")
 
 
 def save_forces(forces: Forces, path: str | os.PathLike[str]) -> None:
@@ -219,9 +219,7 @@ def table_arrays(file: IO[bytes], vertices: int | None) -> dict[str, Array]:
     place = row * vertices + vertex.astype(np.int64)
     if len(np.unique(place)) < len(place):
         raise ValueError("a vertex has two forces at one time")
-    free = missing(8 * 3 * len(times) * vertices)
-    if free is not None:
-        raise ValueError(f"it takes more memory than the {human(free)} that are free")
+    _check_room(8 * 3 * len(times) * vertices)
     forces = np.zeros((len(times) * vertices, 3))
     forces[place] = rows[:, 2:]
     return {"times": times, "forces": forces.reshape(len(times), vertices, 3)}

@@ -152,8 +152,12 @@ def frame(item: Any, folder: str, problems: list[str]) -> Frame | None:
     found = [keys(item.get(name), f"frame.{name}", folder, problems) for name in ("posKeys", "rotKeys")]
     if "posKeys" not in item and "rotKeys" not in item:
         refuse(problems, "frame", "needs posKeys, rotKeys or both")
-    pivot = np.array([item["pivot"][axis] for axis in "xyz"], float) if "pivot" in item else None
-    return Frame(found[0], found[1], pivot)
+    return Frame(found[0], found[1], _pivot(item))
+
+
+def _pivot(item: Mapping[str, Any]) -> Array | None:
+    """The point (3,), m, about which keys turn, where it is given."""
+    return np.array([item["pivot"][axis] for axis in "xyz"], float) if "pivot" in item else None
 
 
 def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: list[str]) -> tuple[Pin, ...]:
@@ -180,10 +184,8 @@ def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: 
         rotation = keys(item.get("rotKeys"), f"{here}.rotKeys", folder, problems)
         if "posKeys" not in item and "rotKeys" not in item:
             refuse(problems, here, "needs posKeys, rotKeys or both")
-        pivot = item.get("pivot")
         if len(problems) == before:
-            centre = None if pivot is None else np.array([pivot["x"], pivot["y"], pivot["z"]], float)
-            found.append(Pin(np.array(vertices, np.int32), position, rotation, centre))
+            found.append(Pin(np.array(vertices, np.int32), position, rotation, _pivot(item)))
     return tuple(found)
 
 
@@ -211,16 +213,12 @@ def _changed_files(item: Mapping[str, Any], moved: Callable[[str], str]) -> dict
     found: dict[str, Any] = {}
     for name, value in item.items():
         if name in LISTS and isinstance(value, list):
-            found[name] = {i: _changed_files(each, moved) for i, each in enumerate(value)}
+            own = {i: _changed_files(each, moved) for i, each in enumerate(value)}
+            found[name] = {i: each for i, each in own.items() if each}
         elif name == "frame" and isinstance(value, dict):
             found[name] = _changed_files(value, moved)
         elif name in OF_FILES and isinstance(value, dict) and isinstance(value.get("file"), str):
             found[name] = {"file": moved(value["file"])}
         elif name == "mesh" and isinstance(value, str):
             found[name] = moved(value)
-    return {name: kept for name, value in found.items() if (kept := _without_nothing(value))}
-
-
-def _without_nothing(value: Any) -> Any:
-    """A nest without places that have nothing in them."""
-    return {place: each for place, each in value.items() if each} if isinstance(value, dict) else value
+    return {name: value for name, value in found.items() if value}

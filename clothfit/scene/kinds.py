@@ -37,45 +37,29 @@ class Kind:
         return f" {self.unit}" if self.unit else ""
 
 
+ZERO = (0.0, 0.0, 0.0)
+
 KINDS = (
     Kind("mass", "mass", "vertMass", "vertex", "FRMGL", 1, "kg", "above 0", 1e-4, 1e4, True),
     Kind("stiffness", "stiffness", "springStiffness", "spring", "FRMGL", 1, "N/m", "0 or more", 1e-4, 1e4, True),
     Kind("damping", "damping", "damping", "object", "G", 1, "1/s", "0 or more", 0.0, 1e4, False, neutral=(0.1,)),
     Kind("drag", "drag", "dragCoefficient", "object", "G", 1, "kg/(m^6 s)", "0 or more", 0.0, 1e4, False),
-    Kind(
-        "velocity", "velocity", "vertVel", "vertex", "GL", 3, "m/s", "any number", -1e4, 1e4, False,
-        neutral=(0.0, 0.0, 0.0),
-    ),
+    Kind("velocity", "velocity", "vertVel", "vertex", "GL", 3, "m/s", "any number", -1e4, 1e4, False, 1.0, ZERO),
     Kind("rest", "rest length", "springRestLength", "spring", "FRMGL", 1, "m", "above 0", 1e-4, 1e4, True),
-    Kind(
-        "path", "path of the pins", "posKeys", "key", "L", 3, "m", "any number", -1e4, 1e4, False,
-        scale=0.1, neutral=(0.0, 0.0, 0.0),
-    ),
-    Kind(
-        "shift", "offset of the pins", "pinOffset", "object", "G", 3, "m", "any number", -1e4, 1e4, False,
-        scale=0.1, neutral=(0.0, 0.0, 0.0),
-    ),
-    Kind(
-        "wind", "wind", "windVel", "scene", "G", 3, "m/s", "any number", -1e4, 1e4, False,
-        # not 0: in still air a flat cloth stays flat, and reveals no wind along it
-        scale=5.0, neutral=(0.1, 0.1, 0.1),
-    ),
-    Kind(
-        "gravity", "gravity", "gravity", "scene", "G", 3, "m/s²", "any number", -1e4, 1e4, False,
-        scale=10.0, neutral=(0.0, -9.81, 0.0),
-    ),
-    Kind(
-        # the air's push grows with drag times wind: where drag is fitted to little, the wind is fast
-        "gusts", "wind over time", "windVelKeys", "scene", "L", 3, "m/s", "any number", -1e6, 1e6, False,
-        scale=5.0, neutral=(0.1, 0.1, 0.1),
-    ),
+    Kind("path", "path of the pins", "posKeys", "key", "L", 3, "m", "any number", -1e4, 1e4, False, 0.1, ZERO),
+    Kind("shift", "offset of the pins", "pinOffset", "object", "G", 3, "m", "any number", -1e4, 1e4, False, 0.1, ZERO),
+    # not 0: in still air a flat cloth stays flat, and reveals no wind along it
+    Kind("wind", "wind", "windVel", "scene", "G", 3, "m/s", "any number", -1e4, 1e4, False, 5.0, (0.1, 0.1, 0.1)),
+    Kind("gravity", "gravity", "gravity", "scene", "G", 3, "m/s²", "any number", -1e4, 1e4, False, 10.0,
+         (0.0, -9.81, 0.0)),
+    # the air's push grows with drag times wind: where drag is fitted to little, the wind is fast
+    Kind("gusts", "wind over time", "windVelKeys", "scene", "L", 3, "m/s", "any number", -1e6, 1e6, False, 5.0,
+         (0.1, 0.1, 0.1)),
     Kind("friction", "friction", "friction", "collider", "GL", 1, "", "0 or more", 0.0, 10.0, False, 0.5, (0.3,)),
-    Kind("contact", "contact stiffness", "contact", "collider", "GL", 1, "N/m", "above 0", 1.0, 1e6, True,
-         neutral=(1000.0,)),
-    Kind(
-        "offset", "offset of the colliders", "colliderOffset", "scene", "G", 3, "m", "any number", -1e4, 1e4, False,
-        scale=0.1, neutral=(0.0, 0.0, 0.0),
-    ),
+    Kind("contact", "contact stiffness", "contact", "collider", "GL", 1, "N/m", "above 0", 1.0, 1e6, True, 1.0,
+         (1000.0,)),
+    Kind("offset", "offset of the colliders", "colliderOffset", "scene", "G", 3, "m", "any number", -1e4, 1e4, False,
+         0.1, ZERO),
 )  # fmt: skip
 """In the order of the fit vector: those of each object in turn, then those of the scene."""
 

@@ -27,13 +27,12 @@ from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
-from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, obstacles, self_contact
+from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, layout_of, obstacles, self_contact
 from clothfit.scene.cloth import vector as _vector
 from clothfit.scene.forces import Forces
 from clothfit.scene.forces import check as check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
-from clothfit.scene.layout import layout_of
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 
@@ -45,7 +44,7 @@ LETTERS: dict[str | bool, str] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(checks.ReadOnly):
     """A valid scene, immutable; `load` and `new_scene` make one. Units are those of SI, axes y up and left-handed."""
 
     title: str  # for people
@@ -72,11 +71,6 @@ class Scene:
     folder: str = ""  # that paths in its text are relative to; empty: the current one
     forces: Forces | None = None  # that are applied to the vertices of all objects; not in the file
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
-
-    def __post_init__(self) -> None:
-        self.wind.setflags(write=False)
-        self.gravity.setflags(write=False)
-        self.offset.setflags(write=False)
 
     def __repr__(self) -> str:
         springs, values = sum(len(cloth.stiffness) for cloth in self.cloths), sum(block.count for block in self.blocks)

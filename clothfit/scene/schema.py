@@ -208,43 +208,22 @@ def conforms(value: Any, schema: Schema, root: Schema) -> bool:
     return True
 
 
-def _reference(value: Any, rule: str, _: Schema, root: Schema) -> bool:
-    kind, name = rule.rsplit("/", 1)
-    return kind == "#/$defs" and conforms(value, root["$defs"][name], root)
-
-
-def _properties(value: Any, rule: Schema, _: Schema, root: Schema) -> bool:
-    if type(value) is not dict:  # which another keyword allows or refuses
-        return True
-    return all(conforms(value[name], rule[name], root) for name in rule if name in value)
-
-
-def _closed(value: Any, rule: bool, schema: Schema, _: Schema) -> bool:
-    return rule is True or (type(value) is dict and value.keys() <= schema["properties"].keys())
-
-
-def _items(value: Any, rule: Schema, _: Schema, root: Schema) -> bool:
-    return type(value) is list and all(conforms(item, rule, root) for item in value)
-
-
-def _listed(value: Any, rule: list[Any], *_: Schema) -> bool:
-    return any(type(value) is type(item) and value == item for item in rule)
-
-
 RULES: dict[str, Callable[[Any, Any, Schema, Schema], bool]] = {
-    "$ref": _reference,
-    "additionalProperties": _closed,
-    "enum": _listed,
+    "$ref": lambda value, rule, _, root: conforms(value, root["$defs"][rule.removeprefix("#/$defs/")], root),
+    "additionalProperties": lambda value, rule, schema, _: rule is True
+    or (type(value) is dict and value.keys() <= schema["properties"].keys()),
+    "enum": lambda value, rule, *_: any(type(value) is type(item) and value == item for item in rule),
     "exclusiveMaximum": lambda value, rule, *_: is_number(value) and value < rule,
     "exclusiveMinimum": lambda value, rule, *_: is_number(value) and value > rule,
-    "items": _items,
+    "items": lambda value, rule, _, root: type(value) is list and all(conforms(item, rule, root) for item in value),
     "maximum": lambda value, rule, *_: is_number(value) and value <= rule,
     "maxItems": lambda value, rule, *_: type(value) is list and len(value) <= rule,
     "maxLength": lambda value, rule, *_: type(value) is str and len(value) <= rule,
     "minItems": lambda value, rule, *_: type(value) is list and len(value) >= rule,
     "minimum": lambda value, rule, *_: is_number(value) and value >= rule,
     "pattern": lambda value, rule, *_: type(value) is str and re.search(rule, value) is not None,
-    "properties": _properties,
+    "properties": lambda value, rule, _, root: type(value) is not dict  # which another keyword allows or refuses
+    or all(conforms(value[name], rule[name], root) for name in rule if name in value),
     "required": lambda value, rule, *_: type(value) is dict and all(name in value for name in rule),
     "then": lambda value, rule, _, root: conforms(value, rule, root),
     "type": lambda value, rule, *_: any(TYPE_TESTS[name](value) for name in as_list(rule)),

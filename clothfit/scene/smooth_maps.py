@@ -23,8 +23,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.base.graph import connected_components
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.directions import Slots, angles, connected, edges_of, keys
+from clothfit.scene.directions import Slots, angles, edges_of, keys
 
 LEAST_WEIGHT, MOST_COTANGENT = 1e-9, 1e3
 """Bounds of the weights: the least beside that of 1 of an equilateral mesh, and the cotangent of an angle of 1e-3."""
@@ -62,7 +63,7 @@ def vertex_modes(cloth: Cloth, count: int) -> Array:
     """
     n = len(cloth.positions)
     built = laplacian(cloth)
-    piece = connected(built.ends, n)
+    piece = connected_components(built.ends, n)
     sizes = np.bincount(piece)
     order = [p for p in np.argsort(-sizes, kind="stable").tolist() if sizes[p] > 1]
     columns = [np.ones(n)]
@@ -87,7 +88,7 @@ def laplacian(cloth: Cloth) -> Laplacian:
     cotangent = np.cos(angle) / np.maximum(np.sin(angle), 1 / MOST_COTANGENT)
     weight = np.bincount(edges.of.reshape(-1), cotangent.reshape(-1) / 2, len(edges.key))
     mass = np.bincount(triangles.reshape(-1), _shares(cloth.positions[triangles], angle, cotangent).reshape(-1), n)
-    bars = _bars(cloth, connected(edges.ends, n))
+    bars = _bars(cloth, connected_components(edges.ends, n))
     length = np.sqrt(((cloth.positions[bars[:, 0]] - cloth.positions[bars[:, 1]]) ** 2).sum(axis=1))
     mean = float(length.mean()) if len(bars) else 1.0
     mass = mass + np.bincount(bars.reshape(-1), np.repeat(length * mean / 2, 2), n)
@@ -105,8 +106,7 @@ def _shares(at: Array, angle: Array, cotangent: Array) -> Array:
     normal = np.cross(side[:, 0], side[:, 1])
     area = np.sqrt((normal * normal).sum(axis=1))[:, None] / 2
     wide = angle > np.pi / 2
-    mixed: Array = np.where(wide.any(axis=1, keepdims=True), area * np.where(wide, 0.5, 0.25), nearest)
-    return mixed
+    return np.asarray(np.where(wide.any(axis=1, keepdims=True), area * np.where(wide, 0.5, 0.25), nearest))
 
 
 def _bars(cloth: Cloth, piece: Slots) -> Slots:
@@ -116,8 +116,7 @@ def _bars(cloth: Cloth, piece: Slots) -> Slots:
     alone = np.ones(len(cloth.positions), bool)
     alone[cloth.triangles] = False
     a, b = ends.T
-    found: Slots = ends[alone[a] | alone[b] | (piece[a] != piece[b])]
-    return found
+    return np.asarray(ends[alone[a] | alone[b] | (piece[a] != piece[b])])
 
 
 def _part(built: Laplacian, own: Slots, n: int) -> Laplacian:

@@ -12,7 +12,8 @@ from helpers.scene_files import wave
 from helpers.scenes import trial
 
 import clothfit
-from clothfit.base.errors import InvalidMotion
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.base.writing import write_atomically
 from clothfit.formats import glb
 from clothfit.formats.axes import Axes, Convention, Reading
 from clothfit.formats.registry import FORMATS, foreign
@@ -108,3 +109,29 @@ def test_garbage_a_folder_and_nothing_are_refused_with_the_name(tmp_path, suffix
     for name, message in ((f"b{suffix.upper()}", "is a folder"), (f"c{suffix}", "there is no such file")):
         with pytest.raises(InvalidMotion, match=message):
             clothfit.load_motion(tmp_path / name, SCENE)
+
+
+@pytest.mark.parametrize("suffix", ["c3d", "trc", "csv"])
+def test_gaps_come_back(tmp_path, suffix):
+    observed = np.ones(MOTION.positions.shape[:2], bool)
+    observed[4:7, 5] = False
+    name = str(tmp_path / f"a.{suffix}")
+    clothfit.save_motion(clothfit.as_motion(SCENE, MOTION.positions, MOTION.times, observed), name, SCENE)
+    np.testing.assert_array_equal(clothfit.load_motion(name, SCENE).observed, observed)
+
+
+# Half of a sequence looks like a whole one.
+@pytest.mark.parametrize("before", [(), ("a_0001.obj",)])
+def test_a_sequence_that_cannot_be_written_whole_leaves_nothing_new(tmp_path, before, monkeypatch):
+    for name in before:
+        (tmp_path / name).write_text("old")
+
+    def full(path, data):
+        if path.endswith("2.obj"):
+            raise InvalidInput("cannot write")
+        write_atomically(path, data)
+
+    monkeypatch.setattr(clothfit.motion.files, "write_atomically", full)
+    with pytest.raises(InvalidInput, match="cannot write"):
+        clothfit.save_motion(MOTION, str(tmp_path / "a_*.obj"), SCENE)
+    assert [path.name for path in tmp_path.glob("a_*")] == list(before)

@@ -31,73 +31,53 @@ def written(suffix, animation):
 # TRC and CSV
 
 
-def test_a_trc_file_made_by_hand(read):
-    found = read(made.TRC, "trc")
-    check(found)
-    assert found.axes == Axes("y", "right", 0.001)
-
-
-@pytest.mark.parametrize("end", ["\r\n", "\r"])
-def test_a_trc_file_has_line_ends_of_any_kind(read, end):
-    check(read(made.TRC.replace("\n", end).encode(), "trc"))
-
-
-def test_a_file_of_motive_made_by_hand(read):
-    found = read(made.MOTIVE)
-    check(found)
-    assert found.axes == Axes("y", "right", 0.001)
-
-
 WIDE = "time,hem_x,hem_y,hem_z,cuff_x,cuff_y,cuff_z\n0,1,2,3,4,5,6\n0.01,1.5,2,3,,nan,\n"
+SEMICOLONS = WIDE.replace(",", ";")
+
+
 @pytest.mark.parametrize(
-    "text",
+    ("data", "axes"),
     [
-        WIDE,
-        made.LONG,
-        WIDE.replace(",", "\t"),
-        WIDE.replace(",", ";"),
-        WIDE.replace(",", ";").replace("0.01", "0,01").replace("1.5", "1,5"),
-        made.LONG.replace(",", ";").replace(".", ","),
-        "\ufeff" + WIDE,
-        WIDE.replace("\n", "\r\n"),
-        WIDE.replace("\n", "\r"),
-        WIDE.replace("_", "."),
-        WIDE.replace("_", ":").replace("x", "X"),
-        WIDE.replace("_", "").replace("time", "Time (s)"),
-        WIDE.replace("hem_x", '"hem_x"'),
-        WIDE.replace("\n", ",,\n"),
-        "# a comment\n\n" + WIDE,
-        "frame," + WIDE.replace("\n0", "\n7,0", 1).replace("\n0.01", "\n8,0.01"),
-        made.LONG.replace("time", "t").replace("marker", "Label"),
+        *[(text, RIGHT) for text in (
+            WIDE,
+            made.LONG,
+            WIDE.replace(",", "\t"),
+            SEMICOLONS,
+            SEMICOLONS.replace("0.01", "0,01").replace("1.5", "1,5"),
+            made.LONG.replace(",", ";").replace(".", ","),
+            "\ufeff" + WIDE,
+            WIDE.encode("utf-16"),
+            WIDE.replace("\n", "\r\n"),
+            WIDE.replace("\n", "\r"),
+            WIDE.replace("_", "."),
+            WIDE.replace("_", ":").replace("x", "X"),
+            WIDE.replace("_", "").replace("time", "Time (s)"),
+            WIDE.replace("hem_x", '"hem_x"'),
+            WIDE.replace("\n", ",,\n"),
+            "# a comment\n\n" + WIDE,
+            "frame," + WIDE.replace("\n0", "\n7,0", 1).replace("\n0.01", "\n8,0.01"),
+            made.LONG.replace("time", "t").replace("marker", "Label"),
+        )],
+        ("# unit: mm\n# up: z\n# handedness: left\n" + WIDE, Axes("z", "left", 0.001)),
+        ("#Units=mm\n#up=Z\n#handedness=left\n" + WIDE, Axes("z", "left", 0.001)),
+        (re.sub("_([xyz])", r" \1 (mm)", WIDE), Axes("y", "right", 0.001)),
+        (made.MOTIVE, Axes("y", "right", 0.001)),
     ],
-)
-def test_tables_of_many_kinds(read, text):
-    check(read(text))
-
-
-def test_a_table_in_utf_16(read):
-    check(read(WIDE.encode("utf-16")))
-
-
-def test_names_in_an_older_encoding(read):
-    assert read(WIDE.replace("hem", "Ärmel").encode("latin-1")).names == ("Ärmel", "cuff")
-
-
-@pytest.mark.parametrize("head", ["# unit: mm\n# up: z\n# handedness: left\n", "#Units=mm\n#up=Z\n#handedness=left\n"])
-def test_comments_tell_axes_and_unit(read, head):
-    assert read(head + WIDE).axes == Axes("z", "left", 0.001)
-
-
-def test_a_unit_in_the_names_of_the_columns(read):
-    found = read(re.sub("_([xyz])", r" \1 (mm)", WIDE))
+)  # fmt: skip
+def test_tables_of_many_kinds(read, data, axes):
+    found = read(data)
     check(found)
-    assert found.axes.scale == 0.001
+    assert found.axes == axes
+    if data == WIDE:
+        assert "unit m, up y, handedness right" in found.notes[0]
+        assert read(data.replace("hem", "Ärmel").encode("latin-1")).names == ("Ärmel", "cuff")
 
 
-def test_what_a_table_does_not_tell_is_told(read):
-    found = read(WIDE)
-    assert found.axes == RIGHT
-    assert "unit m, up y, handedness right" in found.notes[0]
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_a_trc_file_made_by_hand_with_line_ends_of_any_kind(read, end):
+    found = read(made.TRC.replace("\n", end).encode(), "trc")
+    check(found)
+    assert found.axes == Axes("y", "right", 0.001)
 
 
 @pytest.mark.parametrize(("head", "times"), [("", None), ("# rate: 50\n", [0, 0.02, 0.04])])
@@ -106,12 +86,9 @@ def test_frames_that_are_left_out_are_gaps(read, head, times):
     np.testing.assert_array_equal(found.positions[:, 0], [[1, 2, 3], [NAN] * 3, [4, 5, 6]])
     np.testing.assert_array_equal(found.observed, [[True], [False], [True]])
     assert (None if found.times is None else found.times.tolist()) == times
-
-
-def test_a_marker_of_which_a_coordinate_is_missing_is_a_gap(read):
-    found = read("time,a_x,a_y,a_z\n0,1,2,3\n1,1,,3\n")
-    assert np.isnan(found.positions[1]).all()
+    found = read("time,a_x,a_y,a_z\n0,1,2,3\n1,1,,3\n")  # a marker of which a coordinate is missing is one as well
     np.testing.assert_array_equal(found.observed, [[True], [False]])
+    assert np.isnan(found.positions[1]).all()
 
 
 # Of what is written with all digits the same numbers come back; C3D has float32.
@@ -128,29 +105,17 @@ def test_round_trip_to_the_formats_own_precision(read, suffix, axes):
     assert found.axes == own.axes
 
 
-# A unit without a name is turned into metres.
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_unit_without_a_name_is_written_in_metres(read, suffix):
-    own = motion(Axes("y", "right", 0.25))
-    found = read(written(suffix, own), suffix)
-    assert found.axes == RIGHT
-    np.testing.assert_allclose(found.positions, 0.25 * own.positions, rtol=1e-7)  # float32; a quarter is exact
-
-
-def test_frames_at_uneven_times_keep_them_in_text(read):
-    own = motion()
-    uneven = Animation(own.positions, RIGHT, own.times**1.5)
-    for suffix in ("trc", "csv"):
-        np.testing.assert_array_equal(read(written(suffix, uneven), suffix).times, uneven.times)
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_what_is_hidden_is_not_written(read, suffix):
-    own = motion(gaps=False)
-    hidden = np.ones((7, 5), bool)
+def test_what_is_hidden_is_not_written_and_a_unit_without_a_name_is_written_in_metres(read, suffix):
+    own, hidden = motion(Axes("y", "right", 0.25), gaps=False), np.ones((7, 5), bool)
     hidden[3, 1] = False
-    found = read(written(suffix, Animation(own.positions, RIGHT, own.times, None, hidden)), suffix)
+    times = own.times if suffix == "c3d" else own.times**1.5  # uneven ones are kept in text
+    found = read(written(suffix, Animation(own.positions, own.axes, times, None, hidden)), suffix)
     np.testing.assert_array_equal(found.observed, hidden)
+    np.testing.assert_allclose(found.positions[hidden], 0.25 * own.positions[hidden], rtol=1e-7)  # float32
+    assert found.axes == RIGHT
+    if suffix != "c3d":
+        np.testing.assert_array_equal(found.times, times)
 
 
 @pytest.mark.parametrize("suffix", ["trc", "csv"])
@@ -162,36 +127,11 @@ def test_names_cannot_act_on_a_terminal_nor_break_the_table(read, suffix):
     assert found.positions.shape == own.positions.shape
 
 
-# Damage
-
-LINES = [
-    ("time,hem_x,hem_y,hem_z\n0,1,2,1_0\n", "line 2: \"1_0\" is not a number"),
-    ("# unit: ell\ntime,hem_x,hem_y,hem_z\n0,1,2,3\n", "unit: \"ell\" is not one of m, cm, mm, in, ft"),
-    ("a" * 200_000 + ",b\n", "it is not a table of cells"),
-    ("time,hem_x,hem_y,hem_z\n0,1,2,x\n", "line 2: \"x\" is not a number"),
-    ("# rate: 5\n\ntime,hem_x,hem_y,hem_z\n0,1,2,3\n1,1,inf,3\n", "line 5: \"inf\" is not a number"),
-    ("time,hem_x,hem_y,hem_z\n0,1,2,3,4\n", "line 2: it has 5 cells, 4 are named"),
-    ("time,hem_x,hem_y,hem_z,hem_Y\n0,1,2,3,4\n", "column 5, \"hem_Y\", is there twice"),
-    ("time,marker,x,y,z\n0,a,1,2,3\n1,a,1,2,3\n0,a,1,2,3\n", "line 4: \"a\" is there twice"),
-]
-
-
-@pytest.mark.parametrize(("text", "message"), LINES)
-def test_the_place_is_told(read, text, message):
-    with pytest.raises(InvalidMotion, match=re.escape(f"a.csv: {message}")):
-        read(text)
-
-
 # A table of a thousand lines for each marker and frame of a square: the square of the lines in positions.
 def test_tables_that_fill_the_memory_are_refused_before_it(read, monkeypatch):
     monkeypatch.setattr("clothfit.base.memory.missing", lambda needed: 10**7 if needed > 10**7 else None)
     with pytest.raises(InvalidMotion, match="keep fewer frames"):
         read("frame,marker,x,y,z\n" + "".join(f"{i},m{i},1,2,3\n" for i in range(1000)))
-
-
-def test_numbers_of_frames_do_not_leap(read):
-    with pytest.raises(InvalidMotion, match="by less than"):
-        read("frame,a_x,a_y,a_z\n1,1,2,3\n99999999999,1,2,3\n")
 
 
 # C3D files: made by hand for three processors, written and read by ezc3d.
@@ -303,16 +243,25 @@ def test_positions_of_the_trajectories_are_read_with_their_rate_and_gaps(read, b
     np.testing.assert_array_equal(found.observed, [[True, True, False], [True, False, True]])
     np.testing.assert_array_equal(found.positions[:, 0], [[1, 2, 3], [1.5, 2, 3]])
     np.testing.assert_array_equal(found.positions[1, 2], [7, 8, 9])
+    semicolons = read(TRAJECTORIES.replace(",", ";").replace("1.5", "1,5"))  # and decimal commas
+    np.testing.assert_array_equal(semicolons.positions, found.positions)
 
 
-def test_semicolons_and_decimal_commas(read):
-    text = TRAJECTORIES.replace(",", ";").replace("1.5", "1,5")
-    np.testing.assert_array_equal(read(text).positions[1, 0], [1.5, 2, 3])
+POINT = "time,hem_x,hem_y,hem_z\n"
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (POINT + "0,1,2,1_0\n", 'line 2: "1_0" is not a number'),
+        (POINT + "0,1,2,x\n", 'line 2: "x" is not a number'),
+        ("# rate: 5\n\n" + POINT + "0,1,2,3\n1,1,inf,3\n", 'line 5: "inf" is not a number'),
+        (POINT + "0,1,2,3,4\n", "line 2: it has 5 cells, 4 are named"),
+        ("# unit: ell\n" + POINT + "0,1,2,3\n", 'unit: "ell" is not one of m, cm, mm, in, ft'),
+        ("a" * 200_000 + ",b\n", "it is not a table of cells"),
+        ("time,hem_x,hem_y,hem_z,hem_Y\n0,1,2,3,4\n", 'column 5, "hem_Y", is there twice'),
+        ("time,marker,x,y,z\n0,a,1,2,3\n1,a,1,2,3\n0,a,1,2,3\n", 'line 4: "a" is there twice'),
+        ("frame,a_x,a_y,a_z\n1,1,2,3\n99999999999,1,2,3\n", "frame numbers must be whole and increasing, by less than"),
         (DEVICES, "it has no Trajectories, only Devices; export the trajectories from Nexus"),
         (TRAJECTORIES.replace("200", "fast"), 'line 2: "fast" is not a number'),
         (TRAJECTORIES.replace("200", "0"), "line 2: the rate must be above 0; 0 was given"),
@@ -322,7 +271,6 @@ def test_semicolons_and_decimal_commas(read):
         ("Trajectories\n100\n\nFrame,Sub Frame\n\n", "there are no markers in it"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(read, text, message):
-    with pytest.raises(InvalidMotion) as caught:
+def test_what_is_wrong_is_named_with_its_place(read, text, message):
+    with pytest.raises(InvalidMotion, match=re.escape(f"a.csv: {message}")):
         read(text)
-    assert str(caught.value) == f"a.csv: {message}"

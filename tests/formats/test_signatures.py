@@ -79,9 +79,3 @@ def test_an_unknown_suffix_is_refused_unless_the_content_is_known(tmp_path):
         with open(tmp_path / name, "wb") as file:
             save(file)
         np.testing.assert_array_equal(load(tmp_path / name, None, Reading()).motion.positions, positions)
-
-
-def test_new_says_that_points_are_no_mesh(tmp_path):
-    (tmp_path / "a.c3d").write_bytes(b"")
-    with pytest.raises(InvalidInput, match=r"C3D markers hold no faces; a mesh is needed, in \.obj, "):
-        read_mesh(tmp_path / "a.c3d")

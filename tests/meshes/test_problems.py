@@ -11,8 +11,7 @@ from clothfit import InvalidInput, InvalidScene, load
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 from clothfit.meshes.new_scene import new_scene
-from clothfit.meshes.problems import components, first_of_each, problems, together
-from clothfit.meshes.weld import weld
+from clothfit.meshes.problems import components, problems, together, weld
 from clothfit.scene.directions import along, edges_of, opposite, pairs_of
 from clothfit.scene.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded
 
@@ -23,24 +22,35 @@ def made(points, *corners):
     return Mesh(np.array(points, float), np.array(corners, np.int32).reshape(-1, 3))
 
 
-def split(solid):
-    """The mesh of a solid whose triangles share no vertices."""
-    corners = np.arange(solid.faces.size, dtype=np.int32).reshape(-1, 3)
-    return Mesh(np.array(solid.vertices[solid.faces.reshape(-1)]), corners)
+def solid(shape):
+    """The mesh of one of trimesh's."""
+    return Mesh(np.array(shape.vertices, float), shape.faces.astype(np.int32))
+
+
+def torn(case, seed=0):
+    """A mesh whose triangles share no vertices, in another order."""
+    order = np.random.default_rng(seed).permutation(case.triangles.size)
+    corners = np.argsort(order).astype(np.int32).reshape(-1, 3)
+    return Mesh(case.positions[case.triangles.reshape(-1)[order]], corners)
+
+
+CUBE, SHEET = solid(trimesh.creation.box()), mesh.plane(4, 2.0)
 
 
 def found(case):
     return {problem.kind: problem for problem in problems(case)}
 
 
-@pytest.mark.parametrize("case", [mesh.plane(4, 2.0), mesh.plane(0, 1.0, 3.0), made(SQUARE, (0, 1, 2), (0, 2, 3))])
-def test_a_mesh_in_order_has_no_problems(case):
+IN_ORDER = [SHEET, mesh.plane(0, 1.0, 3.0), made(SQUARE, (0, 1, 2), (0, 2, 3)), solid(trimesh.creation.icosphere(2))]
+
+
+@pytest.mark.parametrize("case", IN_ORDER)
+def test_a_mesh_in_order_has_no_problems_and_keeps_its_numbers(case):
     assert problems(case) == []
-
-
-def test_a_closed_solid_has_none_either():
-    solid = trimesh.creation.icosphere(2)
-    assert problems(Mesh(np.array(solid.vertices), solid.faces.astype(np.int32))) == []
+    welded = weld(case)
+    np.testing.assert_array_equal(welded.mesh.positions, case.positions)
+    np.testing.assert_array_equal(welded.mesh.triangles, case.triangles)
+    assert not welded.renumbered
 
 
 CASES = {
@@ -65,69 +75,39 @@ def test_each_problem_is_found_counted_and_named(kind):
     problem = found(case)[kind]
     assert (problem.count, problem.first, problem.fatal, problem.weldable) == (count, first, fatal, weldable)
     assert ("--weld" in problem.sentence) == weldable
-
-
-def test_a_mesh_that_collapses_when_it_is_welded_is_none():
-    point = weld(made([(1, 1, 1)] * 3, (0, 1, 2))).mesh
-    (problem,) = problems(point)
-    assert (problem.kind, problem.fatal) == ("empty", True)
-
-
-def builds(case):
-    """Whether the editor's objects can be made of a mesh."""
     try:
         mesh.object_document(case, np.zeros(len(case.positions), bool), density=1.0, stiffness=1.0)
+        built = True
     except InvalidInput:
-        return False
-    return True
+        built = False
+    assert built != any(problem.fatal for problem in problems(case))  # fatal is what the builder refuses
 
 
-@pytest.mark.parametrize("kind", CASES)
-def test_fatal_is_what_the_builder_refuses(kind):
-    case = CASES[kind][0]
-    assert builds(case) != any(problem.fatal for problem in problems(case))
+ALONE = mesh.plane(5, 1.0)._replace(positions=np.vstack([mesh.plane(5, 1.0).positions, np.eye(3), 2 * np.eye(3)]))
+WORST = made([*SQUARE, (0, 0, 0), (9, 9, 9)], (0, 1, 2), (4, 2, 3))
 
 
-def test_what_makes_a_scene_impossible_comes_first():
-    worst = made([*SQUARE, (0, 0, 0), (9, 9, 9)], (0, 1, 2), (4, 2, 3))
-    assert [problem.kind for problem in problems(worst)] == ["unused", "seam"]
-
-
-def test_only_the_first_few_are_named():
-    sheet = mesh.plane(5, 1.0)
-    alone = sheet._replace(positions=np.vstack([sheet.positions, np.arange(30.0).reshape(10, 3)]))
-    assert "10 vertices are in no triangle (49, 50, 51, 52, 53, …)" in found(alone)["unused"].sentence
-
-
-def test_a_torn_cube_is_12_parts_and_28_vertices_too_many():
-    kinds = found(split(trimesh.creation.box()))
-    assert (kinds["parts"].count, kinds["seam"].count) == (12, 28)
-    assert not any(problem.fatal for problem in kinds.values())
+def test_what_is_fatal_comes_first_and_only_the_first_few_are_named():
+    assert [problem.kind for problem in problems(WORST)] == ["unused", "seam"]
+    assert "6 vertices are in no triangle (49, 50, 51, 52, 53, …)" in found(ALONE)["unused"].sentence
+    point = weld(made([(1, 1, 1)] * 3, (0, 1, 2))).mesh  # that collapses
+    assert [(problem.kind, problem.fatal) for problem in problems(point)] == [("empty", True)]
 
 
 # Welding: what is joined, what is left out, and how motions of the mesh are read afterwards.
 
 
-def torn(case, seed=0):
-    """A mesh whose triangles share no vertices, in another order."""
-    order = np.random.default_rng(seed).permutation(case.triangles.size)
-    corners = np.argsort(order).astype(np.int32).reshape(-1, 3)
-    return Mesh(case.positions[case.triangles.reshape(-1)[order]], corners)
-
-
-def cube():
-    solid = trimesh.creation.box()
-    return Mesh(np.array(solid.vertices, float), solid.faces.astype(np.int32))
-
-
 def test_a_cube_with_split_corners_gets_its_8_vertices_back_and_is_closed():
-    welded = weld(torn(cube()))
+    kinds = found(torn(CUBE))
+    assert (kinds["parts"].count, kinds["seam"].count) == (12, 28)
+    assert not any(problem.fatal for problem in kinds.values())
+    welded = weld(torn(CUBE))
     assert welded.mesh.positions.shape == (8, 3)
     assert (welded.joined, welded.triangles, welded.unused, welded.renumbered) == (28, 0, 0, True)
     assert problems(welded.mesh) == []
-    solid = trimesh.Trimesh(welded.mesh.positions, welded.mesh.triangles, process=False)
-    assert solid.is_watertight
-    assert solid.volume == pytest.approx(1.0, rel=1e-12)  # of the unit cube; a few additions
+    closed = trimesh.Trimesh(welded.mesh.positions, welded.mesh.triangles, process=False)
+    assert closed.is_watertight
+    assert closed.volume == pytest.approx(1.0, rel=1e-12)  # of the unit cube; a few additions
 
 
 def test_every_vertex_of_the_mesh_stays_where_it_was():
@@ -143,14 +123,6 @@ def test_springs_of_a_welded_plane_are_those_of_the_plane():
     ends = [np.sort(np.linalg.norm(m.positions[s.ends].mean(axis=1), axis=1)) for m, s in ((whole, a), (again, b))]
     np.testing.assert_allclose(*ends, rtol=1e-12)  # the same springs at the same places; means of two numbers
     np.testing.assert_allclose(np.sort(a.stiffness), np.sort(b.stiffness), rtol=1e-12)  # sums in another order
-
-
-def test_a_mesh_without_seams_keeps_its_numbers():
-    sheet = mesh.plane(4, 1.0)
-    welded = weld(sheet)
-    np.testing.assert_array_equal(welded.mesh.positions, sheet.positions)
-    np.testing.assert_array_equal(welded.mesh.triangles, sheet.triangles)
-    assert not welded.renumbered
 
 
 def test_what_no_cloth_can_have_is_left_out():
@@ -205,13 +177,8 @@ def test_several_objects_are_counted_one_after_another(welded):
     own = np.unique(found.vertices, return_index=True)[1][1:]
     expected = np.concatenate([np.arange(n), n + own, n + m + np.arange(n)])
     np.testing.assert_array_equal(picks(both), expected)
-
-
-def test_a_scene_without_the_field_has_its_own_numbers():
-    scene = load(trial("nG", 5))
-    assert numberings(scene) == [None]
-    assert picks(scene) is None
-    assert mesh_counts(scene) == (16,)
+    alone = load(trial("nG", 5))  # without the field
+    assert (numberings(alone), picks(alone), mesh_counts(alone)) == ([None], None, (16,))
 
 
 WRONG = [[0, 1], "all", [*range(15), 16], [*range(16), -2], [*range(15), 15.0], 5, [True] * 16]
@@ -231,7 +198,7 @@ def test_the_sizes_of_parts_are_those_of_trimesh():
     solids = [trimesh.creation.icosphere(n).apply_translation([4 * n, 0, 0]) for n in (0, 2, 1)]
     joined = trimesh.util.concatenate(solids)
     sizes, first = components(joined.edges.astype(np.int32), len(joined.vertices))
-    assert sizes.tolist() == sorted((len(solid.vertices) for solid in solids), reverse=True)
+    assert sizes.tolist() == sorted((len(each.vertices) for each in solids), reverse=True)
     assert len(sizes) == joined.body_count
     assert sorted(first.tolist()) == [0, 12, 174]  # behind 12 and 162 vertices
 
@@ -256,15 +223,9 @@ def test_pairs_across_are_those_of_the_bending_springs():
 
 
 def test_edges_are_those_of_trimesh():
-    solid = trimesh.creation.icosphere(1)
-    faces = solid.faces.astype(np.int32)
+    ball = trimesh.creation.icosphere(1)
+    faces = ball.faces.astype(np.int32)
     met = edges_of(faces)
-    np.testing.assert_array_equal(met.ends, np.sort(np.unique(np.sort(solid.edges, axis=1), axis=0), axis=1))
+    np.testing.assert_array_equal(met.ends, np.sort(np.unique(np.sort(ball.edges, axis=1), axis=0), axis=1))
     assert (met.uses == 2).all()
     assert (np.bincount(met.of.reshape(-1), along(faces).reshape(-1)) == 1).all()  # a closed solid: once each way
-
-
-def test_the_first_of_equal_rows_is_kept():
-    rows = np.array([[3, 1], [0, 2], [3, 1], [0, 2], [1, 3]], np.int32)
-    assert first_of_each(rows).tolist() == [True, True, False, False, True]
-    assert first_of_each(np.zeros((0, 3), np.int32)).tolist() == []

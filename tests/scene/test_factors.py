@@ -1,11 +1,9 @@
 """Modes F, R and M: factors on the values that a scene has."""
 
-import json
-
 import numpy as np
 import pytest
 from helpers.physics import scene
-from helpers.scenes import cloth, document, load_text
+from helpers.scenes import cloth, load_text
 
 from clothfit.scene.factors import LEAST_MODES, MAP_VALUES, Factors, modes_of_each, smooth_maps
 from clothfit.scene.families import spring_groups
@@ -90,12 +88,6 @@ def test_the_nearest_map_of_a_map_is_itself():
     np.testing.assert_allclose(found, p, rtol=1e-12)  # a least-squares problem of condition below 1e3
 
 
-def test_values_of_0_stay_0_and_hide_their_factor():
-    given = scene({**cloth(3, 3, optimizationSettings="nF"), "springStiffness": [0.0] * 16})
-    assert with_parameters(given, [7.0]).cloths[0].stiffness.tolist() == [0.0] * 16
-    assert parameters(given, flags=given).tolist() == [1.0]
-
-
 def test_no_value_of_a_map_passes_the_bounds():
     given = made("nM")
     own = block(given, "stiffness")
@@ -105,6 +97,12 @@ def test_no_value_of_a_map_passes_the_bounds():
         assert values[2] == 0.0
         positive = np.delete(values, 2)
         assert own.ends[0] <= positive.min() <= positive.max() <= own.ends[1]
+
+
+def test_values_of_0_stay_0_and_hide_their_factor():
+    given = scene({**cloth(3, 3, optimizationSettings="nF"), "springStiffness": [0.0] * 16})
+    assert with_parameters(given, [7.0]).cloths[0].stiffness.tolist() == [0.0] * 16
+    assert parameters(given, flags=given).tolist() == [1.0]
 
 
 def test_how_many_modes_each_map_has():
@@ -144,9 +142,3 @@ def test_a_fitted_scene_is_saved_and_read_again():
     np.testing.assert_array_equal(again.cloths[0].stiffness, changed.cloths[0].stiffness)
     np.testing.assert_array_equal(parameters(again, flags=given), parameters(changed, flags=given))
     np.testing.assert_array_equal(parameters(again), 1.0)
-
-
-def test_other_kinds_say_which_letters_they_take():
-    text = json.dumps(document(cloth(3, 3, fit={"vertVel": "F"})))
-    with pytest.raises(Exception, match=r'objects\[0\]\.fit\.vertVel: "F" is not one of "n", "G", "L"'):
-        load_text(text)

@@ -1,4 +1,7 @@
-"""Forces over time: when each row acts, and what of a file is refused."""
+"""Forces over time: when each row acts, that files and tables read back as they were, and what is refused of them."""
+
+import csv
+import io
 
 import numpy as np
 import pytest
@@ -6,6 +9,7 @@ import pytest
 from clothfit.base import npz
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
+from clothfit.scene import forces
 from clothfit.scene.forces import Forces, load_forces, save_forces
 
 
@@ -52,8 +56,25 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize(("change", "vertices", "said"), FAULTS.values(), ids=list(FAULTS))
-def test_files_that_do_not_fit_are_refused(tmp_path, change, vertices, said):
+def gains(**change):
+    """The arrays of a feedback in two shapes and with one shape of forces, on two vertices and over three rows."""
+    made = {"measure": np.eye(2), "push": np.ones((2, 1)), "gains": np.ones((1, 3, 3, 12))}
+    return {**made, "reference": np.zeros((1, 3, 12)), "bound": np.array(2.0), **change}
+
+
+FAULTS |= {
+    "half of gains": (gains(push=None), 2, "belong together; missing: push"),
+    "gains of others": (gains(measure=np.eye(3)), 2, "measure (3, 3) and push (2, 1) do not fit 2 vertices"),
+    "rows of gains": (gains(gains=np.ones((1, 2, 3, 12))), 2, "(objects, 3, 3, 12) and (objects, 3, 12) are needed"),
+    "shapes of gains": (gains(reference=np.zeros((1, 3, 6))), 2, "do not fit forces, measure and push"),
+    "NaN in gains": (gains(gains=np.full((1, 3, 3, 12), np.nan)), 2, "gains: is not finite everywhere"),
+    "no bound": (gains(bound=np.array(-1.0)), 2, "bound: must be one number above 0"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_files_that_do_not_fit_are_refused(tmp_path, fault):
+    change, vertices, said = FAULTS[fault]
     arrays = {"forces": three().values, "times": three().times} | change
     path = tmp_path / "f.npz"
     write_atomically(path, npz.archive({name: array for name, array in arrays.items() if array is not None}))
@@ -71,12 +92,6 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
         load_forces(tmp_path / "f.npz", 2)
 
 
-def gains(**change):
-    """The arrays of a feedback in two shapes and with one shape of forces, on two vertices and over three rows."""
-    made = {"measure": np.eye(2), "push": np.ones((2, 1)), "gains": np.ones((1, 3, 3, 12))}
-    return {**made, "reference": np.zeros((1, 3, 12)), "bound": np.array(2.0), **change}
-
-
 def test_gains_are_read_with_their_forces(tmp_path):
     path = tmp_path / "f.npz"
     write_atomically(path, npz.archive({"forces": three().values, "times": three().times, **gains()}))
@@ -87,22 +102,72 @@ def test_gains_are_read_with_their_forces(tmp_path):
     assert found.bound == 2.0
 
 
-GAINS = {
-    "half of it": ({"push": None}, "belong together; missing: push"),
-    "other vertices": ({"measure": np.eye(3)}, "measure (3, 3) and push (2, 1) do not fit 2 vertices"),
-    "other rows": ({"gains": np.ones((1, 2, 3, 12))}, "(objects, 3, 3, 12) and (objects, 3, 12) are needed"),
-    "other shapes": ({"reference": np.zeros((1, 3, 6))}, "do not fit forces, measure and push"),
-    "NaN": ({"gains": np.full((1, 3, 3, 12), np.nan)}, "gains: is not finite everywhere"),
-    "no bound": ({"bound": np.array(-1.0)}, "bound: must be one number above 0"),
-}
+# The same as a table.
 
 
-@pytest.mark.parametrize(("change", "said"), GAINS.values(), ids=list(GAINS))
-def test_gains_that_do_not_fit_are_refused(tmp_path, change, said):
-    arrays = {"forces": three().values, "times": three().times, **gains(**change)}
-    path = tmp_path / "f.npz"
-    write_atomically(path, npz.archive({name: array for name, array in arrays.items() if array is not None}))
-    with pytest.raises(InvalidInput) as refused:
-        load_forces(path, 2)
-    assert said in str(refused.value)
-    assert str(refused.value).startswith("f.npz: ")
+HEAD = "time,vertex,fx,fy,fz\n"
+
+
+def some():
+    """Times and forces of all sizes, on five of seven vertices."""
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(9, 7, 3)) * 10.0 ** rng.integers(-300, 8, (9, 7, 3))
+    values[:, [2, 5]] = 0.0
+    values[4] = 0.0
+    values[0, 0] = [5e-324, -0.1, 1 / 3]
+    return 0.02 * np.arange(9), values
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "its first line must be time,vertex,fx,fy,fz"),
+        (HEAD, "it has no line of forces"),
+        (HEAD + "0,1,2\n", "its lines have 3 numbers; 5 are needed"),
+        (HEAD + "0,0,1,2,x\n", "cannot be read as forces"),
+        (HEAD + "0,0,1,2,3\n0.1,7,1,2,3\n", "line 3: 7 is no vertex; there are 7, from 0"),
+        (HEAD + "0,0.5,1,2,3\n", "line 2: 0.5 is no vertex"),
+        (HEAD + "0,nan,1,2,3\n", "line 2: nan is no vertex"),
+        (HEAD + "0,1,1,2,3\n0,1,1,2,3\n", "a vertex has two forces at one time"),
+        (HEAD + "0,1,1,2,inf\n", "is not finite"),
+        (HEAD + "nan,1,1,2,3\n", "times"),
+    ],
+)
+def test_what_is_damaged_is_refused(tmp_path, text, said):
+    path = tmp_path / "f.csv"
+    path.write_text(text)
+    with pytest.raises(InvalidInput, match=r"f\.csv") as error:
+        load_forces(path, 7)
+    assert said in str(error.value)
+
+
+def test_it_reads_back_bit_by_bit_and_another_reader_finds_the_same(tmp_path):
+    times, values = some()
+    path = tmp_path / "f.csv"
+    path.write_bytes(forces.table(times, values))
+    found = load_forces(path, 7)
+    np.testing.assert_array_equal(found.values, values)
+    np.testing.assert_array_equal(found.times, times)
+    rows = list(csv.DictReader(io.StringIO(path.read_text())))
+    assert len(rows) == 9 * 5  # what no force acts on is left out
+    for row in rows:
+        n = int(np.searchsorted(times, float(row["time"])))
+        assert [float(row[name]) for name in ("fx", "fy", "fz")] == values[n, int(row["vertex"])].tolist()
+    with pytest.raises(InvalidInput, match="has no gains and places"):
+        load_forces(path, 7, pulls=True)
+
+
+@pytest.mark.parametrize(
+    ("data", "vertices", "times", "values"),
+    [
+        (forces.table(np.array([0.0, 0.5]), np.zeros((2, 3, 3))), 3, [0, 0.5], [[[0, 0, 0]] * 3] * 2),
+        (b"time, vertex, fx, fy, fz\r\n0.5,1,1,2,3\r\n0,0,4,5,6\r\n", 2, [0, 0.5],
+         [[[4, 5, 6], [0, 0, 0]], [[0, 0, 0], [1, 2, 3]]]),  # lines in any order
+        (b"time,vertex,fx,fy,fz\n0,1,1,2,3\n0.5,0,0,0,1\n", None, [0, 0.5],
+         [[[0, 0, 0], [1, 2, 3]], [[0, 0, 1], [0, 0, 0]]]),  # as many vertices as it names
+    ],
+)  # fmt: skip
+def test_tables_of_other_programs(tmp_path, data, vertices, times, values):
+    (tmp_path / "f.CSV").write_bytes(data)
+    found = load_forces(tmp_path / "f.CSV", vertices)
+    assert (found.times.tolist(), found.values.tolist()) == (times, values)

@@ -67,6 +67,8 @@ def test_faults_are_named_with_their_place(path, value, said):
 
 
 def test_only_keys_in_the_scene_can_be_fitted():
+    text = json.dumps(scene())
+    assert dumps(load_text(text)) == text.encode()
     made = {**scene(), "fit": {"windVelKeys": "L"}}
     assert load(made).blocks[-1].count == 6
     assert problems(changed(made, WIND, {"file": "gusts.csv"})) == [
@@ -114,11 +116,6 @@ def test_of_a_path_the_key_at_time_0_is_not_identifiable():
     assert identifiable(load(made)).tolist() == [True] * 3 + [False] * 3 + [True] * 3
 
 
-def test_keys_survive_saving_to_the_byte():
-    text = json.dumps(scene())
-    assert dumps(load_text(text)) == text.encode()
-
-
 def test_files_are_found_where_they_were_when_a_scene_goes_to_another_folder(tmp_path):
     made = scene()
     made["windVelKeys"] = {"file": "gusts.csv", "interpolation": "smooth"}
@@ -148,10 +145,3 @@ def test_files_are_found_where_they_were_when_a_scene_goes_to_another_folder(tmp
     save(loaded, away / "second.json")
     save(load(away / "second.json"), home / "back.json")
     assert (home / "back.json").read_text() == text
-
-
-def test_paths_are_relative_to_the_scene(tmp_path):
-    made = scene()
-    made["windVelKeys"] = {"file": "gusts.csv"}
-    (tmp_path / "scene.json").write_text(json.dumps(made))
-    assert load(tmp_path / "scene.json").wind_keys.file == str(tmp_path / "gusts.csv")

@@ -14,6 +14,7 @@ from clothfit.engine.system import all_elements, build, with_elements
 from clothfit.evaluation.evaluate import deviations
 from clothfit.objective.identifiability import hidden, identifiable
 from clothfit.scene import schema as structure
+from clothfit.scene.bounds import of_factor
 from clothfit.scene.fit_vector import bounds, changes, elements, fitted_cloths, parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, KINDS, LETTERED, SCENE_KINDS
 from clothfit.scene.scene import dumps
@@ -65,13 +66,6 @@ def test_the_order_is_that_of_the_kinds_then_of_the_objects_then_the_scenes_own(
     ]
 
 
-@pytest.mark.parametrize(("asked", "mode"), [("n", "n"), ("G", "G"), ("l", "L"), (True, "G"), (False, "n"), ("g", "G")])
-def test_letters_and_switches(asked, mode):
-    made = load_text(json.dumps(document(cloth(fit={"vertVel": asked}), fit={"gravity": mode == "G"})))
-    assert made.cloths[0].mode("velocity") == mode
-    assert made.mode("gravity") == ("G" if mode == "G" else "n")
-
-
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
@@ -96,12 +90,21 @@ def test_what_is_wrong_is_told_with_its_place(path, value, message):
 
 
 def test_values_that_a_file_may_leave_out():
-    made = load_text(json.dumps(document()))
+    text = json.dumps(document())
+    made = load_text(text)
+    assert dumps(made).decode() == text
     one = made.cloths[0]
     assert made.gravity.tolist() == [0, -9.81, 0]
     assert one.velocity.tolist() == [[0, 0, 0]] * 12
     np.testing.assert_array_equal(one.rest, one.lengths)
     assert one.lengths[:2].tolist() == [1.0, 1.0]
+
+
+def test_letters_and_switches():
+    for asked, mode in (("n", "n"), ("G", "G"), ("l", "L"), (True, "G"), (False, "n"), ("g", "G")):
+        made = load_text(json.dumps(document(cloth(fit={"vertVel": asked}), fit={"gravity": mode == "G"})))
+        assert made.cloths[0].mode("velocity") == mode
+        assert made.mode("gravity") == ("G" if mode == "G" else "n")
 
 
 # There and back -------------------------------------------------------------------------------------------------------
@@ -159,13 +162,12 @@ def test_what_belongs_to_colliders_needs_one(name):
         load_text(json.dumps(document(fit={name: "G"})))
     with pytest.raises(InvalidScene, match=rf'^scene: fit\.{name}: there are no colliders but planes; "planes": '):
         load_text(json.dumps(document(fit={name: "G"}, colliders=[FLOOR])))
-
-
-def test_plain_spheres_have_no_law_of_their_own():
-    one = document(fit={"colliderOffset": "G"}, colliders=[OBSTACLES[2]])
-    assert [block.name for block in load_text(json.dumps(one)).blocks][-1] == "offset"
-    with pytest.raises(InvalidScene, match=r"^scene: fit\.contact: there are no colliders but plain spheres; "):
-        load_text(json.dumps({**one, "fit": {"contact": "L"}}))
+    plain = document(fit={name: "G"}, colliders=[OBSTACLES[2]])
+    if name == "colliderOffset":
+        assert load_text(json.dumps(plain)).blocks[-1].name == "offset"
+        return
+    with pytest.raises(InvalidScene, match=rf"^scene: fit\.{name}: there are no colliders but plain spheres; "):
+        load_text(json.dumps(plain))
 
 
 def test_what_the_parameters_stand_for():
@@ -204,14 +206,12 @@ def test_bounds_are_those_of_the_kinds():
     lower, upper = bounds(load_text(json.dumps(full())))
     assert lower.tolist() == [1e-4] * 17 + [0.0] * 2 + [-1e4] * 3 + [1e-4] * 20 + [-1e4] * 6
     assert set(upper) == {1e4}
+    lower, upper = bounds(scene(cloth(2, 2, optimizationSettings="nF", springStiffness=[5e-324] + [1.0] * 4)))
+    assert 0 < lower[0] < upper[0] < np.inf  # of values next to nothing
+    assert of_factor(np.array([1.0, 4.0]), (0.5, 8.0)) == (0.5, 2.0)  # the least and the largest value at their ends
 
 
 # Saving ---------------------------------------------------------------------------------------------------------------
-
-
-def test_a_scene_that_lacks_the_fields_is_saved_as_it_was():
-    text = json.dumps(document(cloth(), cloth(2, 2)))
-    assert dumps(load_text(text)).decode() == text
 
 
 @pytest.mark.parametrize("layout", [{}, {"indent": 2}, {"separators": (",", ":")}, {"indent": "\t"}])
@@ -263,6 +263,12 @@ def test_a_value_back_at_its_default_stays_in_the_file_that_has_it():
 @pytest.mark.parametrize(
     ("others", "message"),
     [
+        ({"mass": [[1, 1, 1]]}, "objects[0].vertMass: an array of int64 of shape (3,) is not 2 numbers"),
+        ({"mass": [[1, 0]]}, "objects[0].vertMass[1]: the mass 0.0 kg must be above 0"),
+        ({"mass": [[1, np.nan]]}, "objects[0].vertMass[1]: NaN is not a finite number"),
+        ({"stiffness": [[-1]]}, "objects[0].springStiffness[0]: the stiffness -1.0 N/m must be 0 or more"),
+        ({"stiffness": [[np.inf]]}, "objects[0].springStiffness[0]: Infinity is not a finite number"),
+        ({"mass": [], "stiffness": []}, "objects: 0 arrays of masses and 0 of stiffnesses for 1 objects"),
         ({"damping": [-1.0]}, "objects[0].damping[0]: the damping -1.0 1/s must be 0 or more"),
         ({"rest": [[0.0]]}, "objects[0].springRestLength[0]: the rest length 0.0 m must be above 0"),
         ({"velocity": [[1, 2]]}, "objects[0].vertVel: an array of int64 of shape (2,) is not 2 × 3 numbers"),
@@ -272,10 +278,11 @@ def test_a_value_back_at_its_default_stays_in_the_file_that_has_it():
         ({"colour": [1]}, "there is no kind 'colour'; there are mass, stiffness"),
     ],
 )
-def test_other_values_are_checked(others, message):
+def test_new_values_are_checked(others, message):
+    others = dict(others)
     made = scene(thing([(0, 0, 0), (1, 0, 0)], [(0, 1)]))
     with pytest.raises(InvalidScene, match=re.escape(message)):
-        made.with_values([[1, 1]], [[1]], **others)
+        made.with_values(others.pop("mass", [[1, 1]]), others.pop("stiffness", [[1]]), **others)
 
 
 # What cannot be fitted ------------------------------------------------------------------------------------------------
@@ -346,9 +353,3 @@ def test_deviations_name_the_scene_and_pass_over_what_is_0():
     assert found[0, "velocity"] is None
     three = [found[0, "damping"], found[None, "wind"], found[None, "gravity"]]
     np.testing.assert_allclose(three, [0.5, 0.1, 0], atol=1e-15)  # rounding
-
-
-def test_the_bounds_of_a_value_next_to_nothing_are_finite():
-    made = load_text(json.dumps(document(cloth(2, 2, optimizationSettings="nF", springStiffness=[5e-324] + [1.0] * 4))))
-    lower, upper = bounds(made)
-    assert 0 < lower[0] < upper[0] < np.inf

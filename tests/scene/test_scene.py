@@ -111,16 +111,6 @@ def test_saving_to_a_file_writes_bytes_or_text():
     assert text.getvalue() == TEXT
 
 
-def test_saving_changes_only_the_numbers_that_differ():
-    text = TEXT.replace('"vertMass": [0.01,', '"unknown": {"vertMass": [1]},\n "vertMass": [1.00e-2,')
-    made = load_text(text)
-    stiffnesses = [item.stiffness.copy() for item in made.cloths]
-    stiffnesses[1][2] = 26.125
-    saved = scene.dumps(made.with_values([item.mass for item in made.cloths], stiffnesses)).decode()
-    before, after = text.rsplit("27.0", 1)
-    assert saved == f"{before}26.125{after}"
-
-
 @pytest.mark.parametrize(
     ("old", "asked", "new"),
     [
@@ -164,28 +154,6 @@ def test_an_impossible_step_is_refused(asked, text):
         load_text(TEXT).with_step(**asked)
 
 
-def test_saving_to_a_bad_path_is_refused(tmp_path):
-    with pytest.raises(InvalidInput, match=r"cannot write .*absent does not exist"):
-        scene.save(scene.load(document()), tmp_path / "absent" / "scene.txt")
-
-
-@pytest.mark.parametrize(
-    ("masses", "stiffnesses", "message"),
-    [
-        ([[1, 1, 1]], [[1]], r"objects\[0\].vertMass: .*shape \(3,\) is not 2 numbers"),
-        ([[1, 0]], [[1]], r"objects\[0\].vertMass\[1\]: the mass 0.0 kg must be above 0"),
-        ([[1, float("nan")]], [[1]], r"objects\[0\].vertMass\[1\]: NaN is not a finite number"),
-        ([[1, 1]], [[-1]], r"objects\[0\].springStiffness\[0\]: the stiffness -1.0 N/m must be 0 or more"),
-        ([[1, 1]], [[float("inf")]], r"objects\[0\].springStiffness\[0\]: Infinity is not a finite number"),
-        ([], [], "objects: 0 arrays of masses and 0 of stiffnesses for 1 objects"),
-    ],
-)
-def test_new_values_are_checked(masses, stiffnesses, message):
-    made = scene.load(document(cloth(2, 1, springs=[0, 1], springStiffness=[1.0])))
-    with pytest.raises(InvalidScene, match=message):
-        made.with_values(masses, stiffnesses)
-
-
 # Text, beginning of the message, a word of it.
 BROKEN = {
     "empty": ("", "the file is empty", "JSON object"),
@@ -225,14 +193,18 @@ def test_broken_text_is_refused_with_the_place(kind):
     assert len(found[0]) < 200
 
 
-def test_a_file_that_cannot_be_read_is_refused_by_name(tmp_path):
-    with pytest.raises(InvalidScene, match=r"^absent.txt: there is no such file$"):
-        scene.load(tmp_path / "absent.txt")
-    with pytest.raises(InvalidScene, match=f"^{tmp_path.name}: cannot be read: Is a directory$"):
-        scene.load(tmp_path)
-
-
 def test_what_is_no_scene_at_all_is_refused(tmp_path):
+    (tmp_path / "bad.txt").write_text(json.dumps(document(delta=0, tolerance=2)), encoding="utf-8")
+    for path, message in (
+        (tmp_path / "absent.txt", "absent.txt: there is no such file"),
+        (tmp_path, f"{tmp_path.name}: cannot be read: Is a directory"),
+        (tmp_path / "bad.txt", "bad.txt: delta: 0 is too small; it must be above 0 (and 1 more problem)"),
+    ):
+        with pytest.raises(InvalidScene) as caught:
+            scene.load(path)
+        assert str(caught.value) == message
+    with pytest.raises(InvalidInput, match=r"cannot write .*absent does not exist"):
+        scene.save(scene.load(document()), tmp_path / "absent" / "scene.txt")
     closed = io.StringIO("{}")
     closed.close()
     circle: dict[str, object] = {}
@@ -243,14 +215,6 @@ def test_what_is_no_scene_at_all_is_refused(tmp_path):
         for origin in [*origins, io.StringIO("\ud800")]:
             with pytest.raises(InvalidScene):
                 scene.load(origin)
-
-
-def test_the_message_names_the_file_and_counts_the_rest(tmp_path):
-    path = tmp_path / "bad.txt"
-    path.write_text(json.dumps(document(delta=0, tolerance=2)), encoding="utf-8")
-    with pytest.raises(InvalidScene) as caught:
-        scene.load(path)
-    assert str(caught.value) == "bad.txt: delta: 0 is too small; it must be above 0 (and 1 more problem)"
 
 
 def test_unknown_fields_of_any_kind_are_no_error():
@@ -317,10 +281,3 @@ def test_a_real_export_loads_and_comes_back_unchanged():
     assert scene.dumps(made) == SIDE.read_bytes()
     doubled = scaled(made, 2)
     assert load_text(scene.dumps(doubled)).cloths[1].stiffness.tolist() == doubled.cloths[1].stiffness.tolist()
-
-
-@pytest.mark.parametrize("name", ["forwardSubSteps", "optimizationIterations"])
-def test_a_whole_number_beyond_the_range_of_doubles_is_refused(name):
-    (problem,) = problems(document(**{name: int("9" * 400)}))
-    assert problem.startswith(f"{name}: 9999")
-    assert problem.endswith(" is not a finite number within the range of doubles")

@@ -36,8 +36,7 @@ def mesh(path: str, asked: Asked, console: Console) -> Cloth:
     """The mesh of a file, welded where that is asked for. Raises InvalidInput where no cloth can be made of it."""
     asked.distance  # noqa: B018  a wrong distance is refused before the file is read
     from clothfit.meshes.mesh_file import read_mesh
-    from clothfit.meshes.problems import problems
-    from clothfit.meshes.weld import weld
+    from clothfit.meshes.problems import problems, weld
 
     found, notes = read_mesh(path, asked.up, asked.handedness, asked.scale)
     name = Path(path).name
