@@ -146,8 +146,8 @@ FAULTS = (
     Fault("evaluation/work_precision: error of the reference",
           "if row.cost_and_error[1] + self.reference.error <= error", "if row.cost_and_error[1] <= error",
           "evaluation/test_work_precision.py evaluation"),
-    Fault("inspection/overview: springs of both kinds", "bends = is_bend & (~is_edge | again)",
-          "bends = is_bend & ~is_edge", "inspection/test_overview.py inspection"),
+    Fault("evaluation/overview: springs of both kinds", "bends = is_bend & (~is_edge | again)",
+          "bends = is_bend & ~is_edge", "evaluation/test_overview.py evaluation"),
     # the program
     Fault("cli/fitting/outcomes: exit code of a fit", "return EXIT_CODES[found.status]", "return 0",
           "cli/test_estimate.py cli/test_ending.py cli"),

@@ -23,7 +23,7 @@ from clothfit.derivative.verify import PRODUCT, direction_of
 from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.stability import drags
-from clothfit.inspection.ladder import (
+from clothfit.evaluation.ladder import (
     FAILED,
     PASSED,
     RELATIVE_STEPS,

@@ -13,8 +13,8 @@ from clothfit.engine.forces import touch
 from clothfit.engine.forces.surfaces import BOX, CONE
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.inspection.gradient_check import check_scene, default_frames, placed_to
-from clothfit.inspection.switches import Switch, contacts, first_switch, part_of
+from clothfit.evaluation.gradient_check import check_scene, default_frames, placed_to
+from clothfit.evaluation.switches import Switch, contacts, first_switch, part_of
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective

@@ -8,7 +8,7 @@ from helpers.paths import EXAMPLES
 from helpers.scenes import cloth, document, sphere, trial
 
 from clothfit import load
-from clothfit.inspection.overview import (
+from clothfit.evaluation.overview import (
     Flagged,
     beyond_bounds,
     facts,

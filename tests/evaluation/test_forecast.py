@@ -9,7 +9,7 @@ from helpers.paths import EXAMPLES
 from helpers.scenes import cloth, document, trial
 
 from clothfit import Diverged, Objective, load, simulate
-from clothfit.inspection.forecast import forecast
+from clothfit.evaluation.forecast import forecast
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

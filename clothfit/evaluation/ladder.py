@@ -28,7 +28,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.derivative.verify import ABOVE_NOISE, DIFFERENCE, FEWEST_RUNGS, NOISE_STEPS, ORDER
 from clothfit.engine.tape import Tape
-from clothfit.inspection.switches import Parts, contacts, first_switch, name_of
+from clothfit.evaluation.switches import Parts, contacts, first_switch, name_of
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, check

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clothfit.derivative.verify import DIFFERENCE, ORDER
-from clothfit.inspection.ladder import (
+from clothfit.evaluation.ladder import (
     FAILED,
     PASSED,
     RELATIVE_STEPS,
