@@ -15,8 +15,7 @@ from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import one_stream, read_scene, under_forces
 
 if TYPE_CHECKING:
-    from clothfit.evaluation.gradient_check import SceneCheck
-    from clothfit.evaluation.ladder import Finding
+    from clothfit.evaluation.gradient_check import Finding, SceneCheck
     from clothfit.formats.axes import Reading
     from clothfit.scene.scene import Scene
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clothfit.derivative.verify import DIFFERENCE, ORDER
-from clothfit.evaluation.ladder import (
+from clothfit.evaluation.gradient_check import (
     FAILED,
     PASSED,
     RELATIVE_STEPS,

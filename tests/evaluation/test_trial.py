@@ -8,9 +8,9 @@ from helpers.physics import scene, thing
 from helpers.scenes import cloth, document
 
 import clothfit.scene.scene
-from clothfit.evaluation import trial
+from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.reference import converged
-from clothfit.evaluation.trial import Setting, Trial, expected, grid, judge, own, rerun, sampled, undisturbed
+from clothfit.evaluation.work_precision import Setting, Trial, expected, grid, judge, own, rerun, sampled, undisturbed
 
 FALL = scene(thing([(0, 2, 0)]), thing([(0, 0, 0), (1, 0, 0)]), delta=0.1)
 POINT = thing([(0, 0, 0)])
@@ -128,13 +128,13 @@ def test_runs_go_round_until_each_has_its_number(monkeypatch):
         order.append(setting.integrator)
         return 0.1, []
 
-    monkeypatch.setattr(trial, "run", run)
+    monkeypatch.setattr(precision, "run", run)
     trials = [made("explicit", 1.0, 1, 0.1), made("implicit", 1.0, 1, 0.1, newton=1)]
-    assert list(rerun(FALL, trials, np.inf)) == list(range(2, trial.TIMED_RUNS + 1))
-    assert order == ["explicit", "implicit"] * (trial.TIMED_RUNS - 1)
-    assert [len(t.seconds) for t in trials] == [trial.TIMED_RUNS, trial.TIMED_RUNS]
-    assert list(rerun(FALL, trials, -np.inf)) == list(range(2, trial.TIMED_RUNS + 1))
-    assert len(order) == 2 * (trial.TIMED_RUNS - 1)  # no time was left for more
+    assert list(rerun(FALL, trials, np.inf)) == list(range(2, precision.TIMED_RUNS + 1))
+    assert order == ["explicit", "implicit"] * (precision.TIMED_RUNS - 1)
+    assert [len(t.seconds) for t in trials] == [precision.TIMED_RUNS, precision.TIMED_RUNS]
+    assert list(rerun(FALL, trials, -np.inf)) == list(range(2, precision.TIMED_RUNS + 1))
+    assert len(order) == 2 * (precision.TIMED_RUNS - 1)  # no time was left for more
 
 
 def test_the_garbage_collector_is_off_and_on_again():

@@ -12,8 +12,18 @@ import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.reference import Reference, converged
-from clothfit.evaluation.trial import Setting, Trial, grid, judge, own
-from clothfit.evaluation.work_precision import WorkPrecision, front, known_frames, table, work_precision
+from clothfit.evaluation.work_precision import (
+    Setting,
+    Trial,
+    WorkPrecision,
+    front,
+    grid,
+    judge,
+    known_frames,
+    own,
+    table,
+    work_precision,
+)
 from clothfit.motion.divergence import Diverged
 
 pytestmark = pytest.mark.slow  # compiles a fit

@@ -10,8 +10,7 @@ from helpers.physics import scene, thing
 
 from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.reference import Reference
-from clothfit.evaluation.trial import Setting, Trial, grid
-from clothfit.evaluation.work_precision import table
+from clothfit.evaluation.work_precision import Setting, Trial, grid, table
 from clothfit.pictures.diagram import draw, save_diagram
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
