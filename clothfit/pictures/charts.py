@@ -11,7 +11,8 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
 from clothfit.control.course import Course
 from clothfit.motion.energy import Energy
-from clothfit.pictures.palette import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, RED, SKY
+from clothfit.pictures.camera import Camera
+from clothfit.pictures.palette import BLUE, GREEN, GROUND, INK, ORANGE, PURPLE, QUIET, RED, SKY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -182,3 +183,10 @@ def empty(axes: Axes, why: str) -> None:
     """Say why a chart is empty."""
     axes.set(xticks=[], yticks=[])
     axes.annotate(why, (0.5, 0.5), xycoords="axes fraction", ha="center", fontsize=9, color=QUIET)
+
+
+def blank(axes: Axes, camera: Camera) -> None:
+    """Make axes of the camera's view, without numbers."""
+    (left, bottom), (right, top) = camera.low, camera.high
+    axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[], aspect="equal", facecolor=GROUND)
+    axes.spines[:].set_visible(False)

@@ -1,5 +1,5 @@
 """A scene before the camera, and one frame of it as pixels, shaded smoothly: `kernels.raster` fills them, here is what
-it fills them with. Both `filmstrip` (matplotlib) and `gif` (Pillow) draw on these pictures.
+it fills them with. Both `plots` (matplotlib) and `gif` (Pillow) draw on these pictures.
 
 The camera projects in parallel: a place is a pixel (u, v), v downwards, and a depth, m. K triangles, n vertices,
 H × W pixels.

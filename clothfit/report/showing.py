@@ -22,10 +22,12 @@ from clothfit.evaluation.evaluate import (
     Distance,
     Evaluation,
     compared_cloths,
+    compared_vertices,
     deviations,
     distance,
     finite_part,
     last_place,
+    per_frame,
     place_of,
     states,
 )
@@ -33,7 +35,6 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.times import TIME_SLACK, frame_places, interpolated
 from clothfit.objective.experiment import check_same_sizes
-from clothfit.pictures.overlay import compared_vertices, per_frame
 from clothfit.pictures.stage import FARTHEST_SHOWN
 from clothfit.scene.scene import Scene
 

@@ -16,8 +16,7 @@ from clothfit.objective.experiment import experiments
 from clothfit.objective.target import Target, target
 from clothfit.scene.scene import Scene
 from clothfit.simulators import xpbd
-from clothfit.simulators.many_values import MOST, ManyFit
-from clothfit.simulators.values import Fit, Fitted
+from clothfit.simulators.values import MOST, Fit, Fitted, ManyFit
 
 SIMULATORS = ("xpbd", "blender")
 FEW, EACH = "G", "L"

@@ -11,8 +11,8 @@ from clothfit.control.course import course
 from clothfit.control.keyframes import Key
 from clothfit.motion.simulate import simulate
 from clothfit.pictures import gif
-from clothfit.pictures.filmstrip import chosen
 from clothfit.pictures.marks import LONGEST, MOST_ARROWS, arrows, marks
+from clothfit.pictures.plots import chosen
 from clothfit.pictures.stage import stage
 from clothfit.scene.forces import Forces
 

@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from clothfit import energies, evaluate, parameters, simulate, with_parameters
 from clothfit.base.errors import InvalidInput
+from clothfit.evaluation.evaluate import distances, overlaid
 from clothfit.motion.motion import as_motion
 from clothfit.optimise.progress import Progress
 from clothfit.pictures import charts, maps, plots
-from clothfit.pictures.overlay import distances, overlaid
 from clothfit.pictures.picture_file import DOTS_PER_INCH, GIF, check, save
 from clothfit.scene.scene import load
 

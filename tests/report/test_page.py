@@ -12,11 +12,10 @@ from helpers.unpacking import content_of, unpacked, unpacked_positions
 from clothfit import report_page
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
-from clothfit.evaluation.evaluate import evaluate
+from clothfit.evaluation.evaluate import evaluate, per_frame
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion, save_motion
 from clothfit.motion.simulate import simulate
-from clothfit.pictures.overlay import per_frame
 from clothfit.report.log import intervals, read_log
 from clothfit.report.packing import (
     box,

@@ -12,10 +12,10 @@ from clothfit.export.topology import roles
 from clothfit.meshes.mesh import plane
 from clothfit.motion.motion import Motion
 from clothfit.objective.target import target
-from clothfit.simulators import many_values, substep, xpbd, xpbd_values
+from clothfit.simulators import substep, values, xpbd, xpbd_values
 from clothfit.simulators.blender import left_out, program, values_of, with_values
 from clothfit.simulators.estimate import Options, estimate
-from clothfit.simulators.many_values import ManyFit
+from clothfit.simulators.values import ManyFit
 
 pytestmark = pytest.mark.slow  # compiles
 
@@ -152,8 +152,8 @@ def test_rest_lengths_are_those_of_distances(scene, bending):
 
 def test_the_command_writes_the_values_of_each(scene, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(many_values, "PULLS", ())
-    monkeypatch.setattr(many_values, "LEAVING", ())
+    monkeypatch.setattr(values, "PULLS", ())
+    monkeypatch.setattr(values, "LEAVING", ())
     clothfit.save(scene, "sheet.json")
     options = ["--simulator", "xpbd", "--iterations", "2", "--model", "L", "--json"]
     assert run(["estimate", "sheet.json", *options]) == 0

@@ -12,7 +12,7 @@ from clothfit.export.blender import FOLD
 from clothfit.meshes.mesh import plane
 from clothfit.scene.keys import Keys, Pin
 from clothfit.simulators import directions, substep, xpbd
-from clothfit.simulators.projection import bend, measure
+from clothfit.simulators.substep import bend, measure
 
 pytestmark = pytest.mark.slow  # compiles
 
