@@ -186,14 +186,21 @@ def overlaid(truth: Scene, fitted: Scene, target: Motion | None, frames: int) ->
     """
     goal = target if target is not None else finite_part(truth, range(len(truth.cloths)), frames, 0)[0]
     own, _ = finite_part(fitted, range(len(fitted.cloths)), states(place_of(frames, truth, fitted)), 0)
-    step, fraction = frame_places(goal, fitted.delta)
-    kept = step + (fraction > 0) < len(own.positions)
-    x = interpolated(own.positions, step[kept], fraction[kept])
-    y = np.where(np.isfinite(goal.positions[kept]), goal.positions[kept], np.nan)
+    x = at_frames(own, goal, fitted.delta)
+    y = np.where(np.isfinite(goal.positions[: len(x)]), goal.positions[: len(x)], np.nan)
     if goal.observed is not None:
-        y[~goal.observed[kept]] = np.nan
+        y[~goal.observed[: len(x)]] = np.nan
     rmse, largest = distances(truth, x, y)
-    return Overlay(fitted, goal.times[kept], x, y, rmse, largest)
+    return Overlay(fitted, goal.times[: len(x)], x, y, rmse, largest)
+
+
+def at_frames(own: Motion, goal: Motion, delta: float) -> Array:
+    """Positions (F, n, 3), m, of a motion in steps of `delta`, s, at the first F frames of another, all that it
+    reaches.
+    """
+    step, fraction = frame_places(goal, delta)
+    count = int(np.searchsorted(step + fraction, len(own.positions) - 1, side="right"))
+    return interpolated(own.positions, step[:count], fraction[:count])
 
 
 def distances(scene: Scene, x: Array, y: Array) -> tuple[Array, Array]:

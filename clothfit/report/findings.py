@@ -12,7 +12,7 @@ from clothfit.base.messages import counted, metres, owned
 from clothfit.evaluation.evaluate import Distance
 from clothfit.fit.verdict import ADEQUATE, DIFFERS
 from clothfit.optimise.status import Status
-from clothfit.report.log import Log, number
+from clothfit.report.log import Log, entry, number, records
 from clothfit.report.showing import BEFORE, Shown
 
 STATUS = {
@@ -44,13 +44,10 @@ def headline(log: Log, show: Shown) -> dict[str, Any]:
 
 def judged(summary: Mapping[str, Any]) -> tuple[str, str]:
     """The level of the fit's verdict on its model, and what it says."""
-    verdict = summary.get("verdict")
-    left = number(verdict.get("unexplained")) if isinstance(verdict, Mapping) else None
-    if not isinstance(verdict, Mapping) or left is None:
-        return PLAIN, ""
-    if verdict.get("model") == DIFFERS:
+    left, model = number(entry(summary, "verdict", "unexplained")), entry(summary, "verdict", "model")
+    if left is not None and model == DIFFERS:
         return WARN, f"The model differs from the target: {percent(left)} of the motion is unexplained."
-    if verdict.get("model") == ADEQUATE:
+    if left is not None and model == ADEQUATE:
         return GOOD, "The fit explains the target: what is left is noise or rounding."
     return PLAIN, ""
 
@@ -103,9 +100,8 @@ def warnings(log: Log, show: Shown) -> Iterator[str]:
 
 def blocks(summary: Mapping[str, Any]) -> Iterator[str]:
     """What is to be said of single values: those at a bound, and those that the motion does not show."""
-    given = summary.get("parameters")
-    for block in given if isinstance(given, list) else []:
-        if not isinstance(block, Mapping) or not isinstance(block.get("name"), str):
+    for block in records(summary, "parameters"):
+        if not isinstance(block.get("name"), str):
             continue
         place = block.get("object")
         name = owned(place if isinstance(place, int) else None, block["name"])

@@ -15,7 +15,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import metres, owned
 from clothfit.report import captures
 from clothfit.report.findings import share
-from clothfit.report.log import Log, intervals, number
+from clothfit.report.log import Log, entry, intervals, number, records
 from clothfit.report.showing import BEFORE, Shown
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import parameters
@@ -62,8 +62,7 @@ def values_table(truth: Scene, fitted: Scene, log: Log, trial: bool) -> list[Tab
 
 def by_samples(summary: Mapping[str, Any]) -> str:
     """That the intervals are by samples, and how accurate they are; empty where they are not."""
-    given = summary.get("samples")
-    found = [number(given.get(key)) for key in ("count", "accuracy")] if isinstance(given, Mapping) else [None]
+    found = [number(entry(summary, "samples", key)) for key in ("count", "accuracy")]
     if None in found:
         return ""
     return "the intervals are by {:.0f} samples of the posterior, to {:.0%}".format(*found)
@@ -145,14 +144,6 @@ def interval(ends: Any) -> str:
     return "–" if not ends else f"{ends[0]:.5g} … {ends[1]:.5g}"
 
 
-def records(summary: Mapping[str, Any], *keys: str) -> list[Mapping[str, Any]]:
-    """The list of records under nested keys of a summary, as far as it is one."""
-    found: Any = summary
-    for key in keys:
-        found = found.get(key) if isinstance(found, Mapping) else None
-    return [each for each in found if isinstance(each, Mapping)][:MOST_ROWS] if isinstance(found, list) else []
-
-
 def length(value: object) -> Cell:
     """A length of a summary, in m."""
     found = number(value)
@@ -168,7 +159,7 @@ def plain(value: object, digits: int = 3) -> Cell:
 def ladder(summary: Mapping[str, Any]) -> list[Table]:
     """The models that were fitted, from coarse to fine."""
     rows: list[list[Cell]] = []
-    for each in records(summary, "ladder"):
+    for each in records(summary, "ladder")[:MOST_ROWS]:
         model = each.get("model")
         if not isinstance(model, str) or model not in MODEL_NAMES:
             continue
@@ -184,7 +175,7 @@ def steps(summary: Mapping[str, Any]) -> list[Table]:
     rows: list[list[Cell]] = [
         [plain(each.get("substeps"), 9), str(each.get("integrator"))[:20], length(each.get("rmse")),
          plain(each.get("seconds"))]
-        for each in records(summary, "step", "tried")
+        for each in records(summary, "step", "tried")[:MOST_ROWS]
     ]  # fmt: skip
     note = "steps to a frame of the target, with the error of the coarsest model"
     return table("steps", "Time steps that were tried", ["steps", "integrator", "error", "seconds"], rows, note)
@@ -193,7 +184,7 @@ def steps(summary: Mapping[str, Any]) -> list[Table]:
 def correlations(summary: Mapping[str, Any]) -> list[Table]:
     """The values that are hard to tell apart."""
     rows: list[list[Cell]] = []
-    for each in records(summary, "correlations"):
+    for each in records(summary, "correlations")[:MOST_ROWS]:
         pair = [each.get("first"), each.get("second")]
         if all(isinstance(value, Mapping) for value in pair):
             rows.append([*(value_name(value) for value in pair), plain(each.get("correlation"))])

@@ -224,7 +224,7 @@ def test_a_page_stands_alone_with_every_module_and_tells_all(both):
     used = {name for path in WEB.glob("*.js") for name in re.findall(r'from "([\w/]+)";', path.read_text("utf-8"))}
     assert used | {"clothfit/main"} == names | {"three"}
     with pytest.raises(ValueError, match="not JSON compliant"):
-        page({"title": "t", "x": float("nan")})
+        page({"title": "t", "x": float("nan")}, [], [])
 
 
 def test_titles_and_names_cannot_leave_their_place(both):
