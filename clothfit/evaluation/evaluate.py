@@ -150,20 +150,15 @@ def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int],
 
 
 def deviations(truth: Scene, fitted: Scene) -> list[Deviation]:
-    """Relative deviations of the parameters flagged in the true scene."""
-    listed, each = [], relative_deviations(truth, fitted)
+    """|fitted / true − 1| of the parameters flagged in the true scene, but of those that are 0 or not identifiable."""
+    true, found, listed = parameters(truth), parameters(fitted, flags=truth), []
+    usable = identifiable(truth) & (true != 0)
+    each = np.abs(found / np.where(usable, true, np.nan) - 1.0)
     for block in truth.blocks:
         known = each[block.part][~np.isnan(each[block.part])]
         middle, largest = (float(np.median(known)), float(known.max())) if known.size else (None, None)
         listed.append(Deviation(block.cloth, block.name, block.mode, block.count, middle, largest))
     return listed
-
-
-def relative_deviations(truth: Scene, fitted: Scene) -> Array:
-    """|fitted / true − 1| (P,) of the parameters flagged in the true scene; NaN where one is 0 or not identifiable."""
-    true, found = parameters(truth), parameters(fitted, flags=truth)
-    usable = identifiable(truth) & (true != 0)
-    return np.asarray(np.abs(found / np.where(usable, true, np.nan) - 1.0))
 
 
 @dataclass(frozen=True)

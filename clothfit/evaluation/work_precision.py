@@ -118,12 +118,6 @@ class Trial:
         return 24 * (self.steps + 1) * (1 + (self.setting.newton or 1)) * max(scene.vertex_counts)
 
 
-def warm_up(scene: Scene) -> None:
-    """Run a step of each integrator, so that compiling is not timed."""
-    for name in INTEGRATORS:
-        run(scene, Setting(name, 1.0, None, 2), 1)
-
-
 def run(scene: Scene, setting: Setting, steps: int) -> tuple[float, list[Rollout] | None]:
     """Run a setting; returns the seconds, and the states of each cloth, or None if one diverged."""
     applied, tolerance = setting.applied(scene), setting.tolerance or scene.tolerance
@@ -288,7 +282,8 @@ def work_precision(
             "steps also keep the cloth from passing through itself; leave that out of the scene"
         )
     count = scene.frames if frames is None else frames
-    warm_up(scene)
+    for name in INTEGRATORS:  # a step of each, so that compiling is not timed
+        run(scene, Setting(name, 1.0, None, 2), 1)
     began = time.perf_counter()
 
     def announce(task: str) -> float:

@@ -245,12 +245,10 @@ def comparison(over: Compared) -> Figure:
     """The picture of a comparison: both motions, the first coordinates against those of the full motion, and, unless
     the two have parted, error and energy; else spectra and standard deviations.
     """
-    rows = [[Part(partial(coordinates, over=over, c=c), 2.0 * CHART_SHARE) for c in range(len(over.coordinates))][:2]]
-    if over.found.forgets:
-        rows.append([Part(partial(spectra, over=over)), Part(partial(deviations, over=over))])
-    else:
-        rows.append([Part(partial(error, over=over)), Part(partial(energy, over=over))])
     found = over.found
+    rows = [[Part(partial(coordinates, over=over, c=c), 2.0 * CHART_SHARE) for c in range(len(over.coordinates))][:2]]
+    drawn = (spectra, deviations) if found.forgets else (error, energy)
+    rows.append([Part(partial(draw, over=over)) for draw in drawn])
     said = f"{100 * found.relative_rmse:.2g} % of the motion's RMS over {found.frames} frames"
     if found.forgets:
         said = f"{found.parted}: spectrum within {100 * found.spectrum:.2g} %, deviations within "
@@ -275,10 +273,7 @@ def error(axes: Axes, over: Compared) -> None:
     """The error of each frame."""
     gaps = np.linalg.norm(over.own.positions - over.full.positions, axis=2)
     rmse, largest = np.sqrt((gaps**2).mean(axis=1)), gaps.max(axis=1)
-    charts.label(axes, "distance to the full motion", "time, s", "m")
-    charts.logarithmic(axes, np.concatenate([rmse, largest]))
-    axes.plot(over.full.times, charts.shown(largest), color=ORANGE, linewidth=1.1, label="largest")
-    axes.plot(over.full.times, charts.shown(rmse), color=BLUE, linewidth=1.7, label="root mean square")
+    charts.errors(axes, "distance to the full motion", over.full.times, rmse, largest, ORANGE)
     charts.above(axes)
 
 

@@ -62,7 +62,7 @@ def values_table(truth: Scene, fitted: Scene, log: Log, trial: bool) -> list[Tab
 
 def by_samples(summary: Mapping[str, Any]) -> str:
     """That the intervals are by samples, and how accurate they are; empty where they are not."""
-    found = [number(entry(summary, "samples", key)) for key in ("count", "accuracy")]
+    found: list[Any] = [number(entry(summary, "samples", key)) for key in ("count", "accuracy")]
     if None in found:
         return ""
     return "the intervals are by {:.0f} samples of the posterior, to {:.0%}".format(*found)
