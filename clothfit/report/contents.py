@@ -19,11 +19,10 @@ from clothfit.evaluation.evaluate import Distance, Evaluation
 from clothfit.objective.identifiability import identifiable
 from clothfit.pictures.solids import Solid, solids
 from clothfit.report import captures
-from clothfit.report.findings import STATUS, began, headline, relative, share
+from clothfit.report.findings import STATUS, began, headline, is_listed, relative, share, tables
 from clothfit.report.log import Log, entry, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_gaps, packed_positions
 from clothfit.report.showing import BEFORE, Beside, Shown
-from clothfit.report.tables import is_listed, tables
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene

@@ -19,10 +19,9 @@ from clothfit.control.keyframes import Key
 from clothfit.optimise.status import Status
 from clothfit.pictures.stage import good_frames
 from clothfit.report.contents import bound, cloth_row, listed, mesh, other, surroundings, vector_rows
-from clothfit.report.findings import GOOD, STATUS, WARN
+from clothfit.report.findings import GOOD, STATUS, WARN, Cell, table
 from clothfit.report.packing import box, packed_errors, packed_flags, packed_gaps, packed_positions
 from clothfit.report.showing import MOST_POSITIONS, Beside
-from clothfit.report.tables import Cell, table
 from clothfit.scene.scene import Scene
 
 WITHOUT = "without control"

@@ -9,11 +9,22 @@ from helpers.unpacking import content_of
 
 from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate
-from clothfit.report.findings import GOOD, PLAIN, WARN, headline, judged
+from clothfit.report.findings import (
+    GOOD,
+    PLAIN,
+    WARN,
+    correlations,
+    figure,
+    headline,
+    judged,
+    ladder,
+    median,
+    steps,
+    value_name,
+)
 from clothfit.report.log import Log, start_of
 from clothfit.report.page import WEB, report_page
 from clothfit.report.showing import BEFORE, residuals, shown
-from clothfit.report.tables import correlations, figure, ladder, median, steps, value_name
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
