@@ -9,19 +9,8 @@ from helpers.unpacking import content_of
 
 from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate
-from clothfit.report.findings import (
-    GOOD,
-    PLAIN,
-    WARN,
-    correlations,
-    figure,
-    headline,
-    judged,
-    ladder,
-    median,
-    steps,
-    value_name,
-)
+from clothfit.report import findings
+from clothfit.report.findings import GOOD, PLAIN, WARN
 from clothfit.report.log import Log, start_of
 from clothfit.report.page import WEB, report_page
 from clothfit.report.showing import BEFORE, residuals, shown
@@ -60,21 +49,21 @@ def test_residuals_in_time_and_over_the_cloth_where_something_is_seen_and_compar
 
 
 def test_the_models_the_steps_and_the_correlations_are_tables():
-    (models,) = ladder({"ladder": LADDER})
+    (models,) = findings.ladder({"ladder": LADDER})
     assert models["heads"] == ["model", "values", "error", "held-out error", "seconds"]
     assert models["rows"][0] == ["F one factor", ["1", 1.0], ["20 mm", 0.02], ["30 mm", 0.03], ["0.5", 0.5]]
     assert models["rows"][1][3] == "–"
-    (tried,) = steps({"step": STEPS})
+    (tried,) = findings.steps({"step": STEPS})
     assert tried["rows"] == [[["2", 2.0], "bdf2", ["20 mm", 0.02], ["1", 1.0]]]
-    (pairs,) = correlations({"correlations": [PAIR]})
+    (pairs,) = findings.correlations({"correlations": [PAIR]})
     assert pairs["rows"] == [["objects[0] stiffness [3]", "scene wind z", ["-0.98", -0.98]]]
 
 
 @pytest.mark.parametrize("bad", [None, 3, "x", [], [3], [[]], {"tried": 1}, [{"first": 1, "second": {}}]])
 def test_a_summary_that_cannot_be_read_gives_no_table(bad):
     summary = {"ladder": bad, "step": bad, "correlations": bad}
-    assert ladder(summary) + steps(summary) + correlations(summary) == []
-    assert value_name({"object": "x", "name": 5, "index": None}) == "scene 5"
+    assert findings.ladder(summary) + findings.steps(summary) + findings.correlations(summary) == []
+    assert findings.value_name({"object": "x", "name": 5, "index": None}) == "scene 5"
 
 
 @pytest.mark.parametrize(
@@ -86,7 +75,7 @@ def test_a_summary_that_cannot_be_read_gives_no_table(bad):
     ],
 )  # fmt: skip
 def test_the_verdict_is_a_level_and_a_sentence(verdict, level, words):
-    found, text = judged({"verdict": verdict})
+    found, text = findings.judged({"verdict": verdict})
     assert found == level
     assert words in text
 
@@ -106,8 +95,8 @@ def test_the_start_of_a_fit_comes_from_its_summary_and_values_too_large_for_thei
     assert start_of({"parameters": [blocks[0], {**blocks[1], "start": [7.0, 8.0]}]}, scene) is None
     assert start_of({"parameters": [blocks[0], {**blocks[1], "start": -7.0}]}, scene) is None  # no stiffness
     assert start_of({"parameters": [[]]}, scene) is None
-    assert figure(median(np.full(2, 1.5e308))) == "inf"  # a page is JSON, which has no such number
-    assert figure(2.5) == ["2.5", 2.5]
+    assert findings.figure(findings.median(np.full(2, 1.5e308))) == "inf"  # a page is JSON, which has no such number
+    assert findings.figure(2.5) == ["2.5", 2.5]
 
 
 # --- the motions beside the fitted one
@@ -131,7 +120,7 @@ def test_the_motion_before_the_fit_stands_beside_it(three):
     assert before.near.rmse == pytest.approx(np.sqrt(gap.mean()), rel=1e-9)
     assert before.rmse[1:] == pytest.approx(np.sqrt(gap.mean(axis=1))[1:], rel=1e-9)
     assert before.near.rmse > 5 * show.evaluation.fitted.rmse
-    text = headline(Log(start=start), show)["text"]
+    text = findings.headline(Log(start=start), show)["text"]
     percent = 100 * before.near.rmse / np.sqrt(((target.positions - target.positions[0]) ** 2).sum(axis=2).mean())
     assert f"before the fit {1000 * before.near.rmse:.3g} mm, {percent:.2g} %" in text
 
