@@ -4,18 +4,8 @@ import numpy as np
 import pytest
 
 from clothfit.derivative.verify import DIFFERENCE, ORDER
-from clothfit.evaluation.gradient_check import (
-    FAILED,
-    PASSED,
-    RELATIVE_STEPS,
-    UNCLEAR,
-    Known,
-    Rung,
-    calm,
-    difference,
-    judged,
-    taylor,
-)
+from clothfit.evaluation import gradient_check
+from clothfit.evaluation.gradient_check import FAILED, PASSED, UNCLEAR, Known, Rung, calm, difference, judged, taylor
 
 NOISE = 1e-14
 RIGHT = Known(2.0, 1e-13)
@@ -29,7 +19,7 @@ def rungs(cost, noise=NOISE, switch=lambda t: ""):
         return cost(t) + noise * rng.uniform(-0.2, 0.2)
 
     start = known(0.0)
-    pairs = [(t, known(t), known(-t)) for t in RELATIVE_STEPS]
+    pairs = [(t, known(t), known(-t)) for t in gradient_check.RELATIVE_STEPS]
     return [Rung(t, plus + minus - 2 * start, 0.5 * (plus - minus), switch(t)) for t, plus, minus in pairs]
 
 

@@ -12,17 +12,7 @@ from helpers.scenes import cloth
 
 from clothfit import load
 from clothfit.export import blender as mapping
-from clothfit.export.blender import (
-    FINER,
-    MOST_PARTS,
-    SLOW,
-    TIME_UNIT,
-    bending_of,
-    damping_of,
-    painted,
-    slopes,
-    steps_of,
-)
+from clothfit.export.blender import FINER, SLOW, TIME_UNIT, bending_of, damping_of, painted, slopes, steps_of
 from clothfit.export.tools import exported
 from clothfit.export.topology import roles
 
@@ -236,7 +226,7 @@ def test_the_quality_is_the_fewest_steps_without_one_too_many(rate, step, fewest
 def test_implicit_scenes_keep_their_step_and_others_get_a_finer_one(scene, method, step):
     assert content(scene.with_step(0.01, method=method), "blender", "blender.json")["step"] == step
     stiff = of(cloth(4, 3, springStiffness=[1e12] * 23, vertMass=[0.02] * 12))  # of which there are no more parts
-    assert steps_of(stiff.with_step(0.01, method=method)) == (step / MOST_PARTS, MOST_PARTS)
+    assert steps_of(stiff.with_step(0.01, method=method)) == (step / mapping.MOST_PARTS, mapping.MOST_PARTS)
 
 
 @pytest.mark.parametrize("stiffness", [1.0, 3e6, 1e7])

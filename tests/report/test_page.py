@@ -16,7 +16,7 @@ from clothfit.evaluation.evaluate import evaluate, per_frame
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion, save_motion
 from clothfit.motion.simulate import simulate
-from clothfit.report.log import intervals, read_log
+from clothfit.report.log import Log, intervals, read_log
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
 from clothfit.report.page import WEB, page
 from clothfit.report.showing import default_length, shown
@@ -209,7 +209,9 @@ def test_a_long_log_is_thinned_and_keeps_its_end_and_what_is_none_is_refused(tmp
 
 def test_a_page_stands_alone_with_every_module_and_tells_all(both):
     target = degrade(simulate(both[0]), noise=0.001)
-    html = report_page(*both, target, commands=["clothfit report a 'b c'"], inputs=[("a", "0123")])
+    masses = {"object": 0, "name": "mass", "mode": "L", "interval": [[0.1, 0.3]] * 16}
+    log = Log(summary={**SUMMARY, "parameters": [masses]})
+    html = report_page(*both, target, log=log, commands=["clothfit report a 'b c'"], inputs=[("a", "0123")])
     text = html.decode()
     assert not re.search(r"(src|href)=|@import|url\(", text.split('id="content"')[0])
     assert text.count("<script") == 3  # data, imports, start
@@ -218,6 +220,7 @@ def test_a_page_stands_alone_with_every_module_and_tells_all(both):
     assert content["commands"] == ["clothfit report a 'b c'"]
     assert [block["title"] for block in content["blocks"]] == ["Mass"]  # one value for all is a row of a table
     assert row_of(content, "values", "objects[0] stiffness")["fitted"] == "33"
+    assert row_of(content, "values", "objects[0] mass, median of 16")["95 % interval"] == "± 0.1"
     (text,) = re.findall(r'<script type="importmap" nonce="\w+">(.*?)</script>', text)
     names = {f"clothfit/{path.stem}" for path in WEB.glob("*.js")}
     assert set(json.loads(text)["imports"]) == names | {"three"}
