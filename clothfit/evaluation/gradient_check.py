@@ -274,9 +274,12 @@ def check_scene(
     cost, gradient = objective.cost_and_gradient(p)
     d = direction_of(p, gradient, rng)
     other = objective.until(count, LOOSER_TOLERANCE * objective.tolerance)
-    rounding = solved_to(objective)
-    derivative = directional_derivative(other, p, d, gradient, rounding + placed_to(objective, cost))
-    rungs, noise = ladder(objective, p, d, rounded_to(objective, other, p, cost))
+    rounding, placed, value = solved_to(objective), placed_to(objective, cost), float(gradient @ d)
+    apart = abs(float(other.cost_and_gradient(nudged(p))[1] @ d) - value)
+    derivative = Known(value, apart + (rounding + placed) * abs(value))
+    # what a cost is not known to: positions are rounded, systems solved to a tolerance, squares too small for numbers
+    solved = abs(other.cost(p) - cost) / LOOSER_TOLERANCE
+    rungs, noise = ladder(objective, p, d, float(max(LEAST_SQUARED, 2.0 * placed * cost, solved)))
     short = calm(rungs, noise)
     beyond = next((rung.switch for rung in rungs[len(short) :]), "")
     tests = (
@@ -341,20 +344,6 @@ def placed_to(objective: Objective, cost: float) -> float:
     error = objective.rmse(cost)
     largest = max((float(np.abs(run.system.x0).max(initial=0.0)) for run in objective.runs), default=0.0)
     return float(np.finfo(float).eps * largest / error) if error > 0 else 0.0
-
-
-def rounded_to(objective: Objective, other: Objective, p: Array, cost: float) -> float:
-    """Error, m², that a cost has at least: by the rounding of positions, by the tolerance of the linear systems, which
-    is larger in `other`, and where squares are too small for numbers.
-    """
-    solved = abs(other.cost(p) - cost) / LOOSER_TOLERANCE
-    return float(max(LEAST_SQUARED, 2.0 * placed_to(objective, cost) * cost, solved))
-
-
-def directional_derivative(other: Objective, p: Array, d: Array, gradient: Array, rounding: float) -> Known:
-    """g·d, m², with its rounding."""
-    value = float(gradient @ d)
-    return Known(value, abs(float(other.cost_and_gradient(nudged(p))[1] @ d) - value) + rounding * abs(value))
 
 
 def product(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -93,26 +93,24 @@ def heads(show: Shown) -> list[str]:
 
 
 def remarks(show: Shown, summary: Mapping[str, Any]) -> dict[int, str]:
-    """What was wrong with markers, by the vertices that they were given to."""
-    return dict(said_of(show.vertex_counts, summary))
-
-
-def said_of(counts: Sequence[int], summary: Mapping[str, Any]) -> Iterator[tuple[int, str]]:
-    """Vertices, numbered through the scene, and what was wrong with their markers in the first target."""
-    known = summary.get("markers")
+    """What was wrong with markers of the first target, by the vertices, numbered through the scene, that they were
+    given to.
+    """
+    known, counts = summary.get("markers"), show.vertex_counts
+    said: dict[int, str] = {}
     found = known[0] if isinstance(known, list) and known else {}
     for each in records(found, "jumps"):
         frames = each.get("frames")
         lost = counted(len(frames) if isinstance(frames, list) else 0, "frame", "frames")
-        yield from ((v, f"jumped, {lost} left out") for v in vertices(counts, each, [each.get("vertex")]))
+        said |= dict.fromkeys(vertices(counts, each, [each.get("vertex")]), f"jumped, {lost} left out")
     for each in records(found, "false"):
-        yield from ((v, "false, left out") for v in vertices(counts, each, [each.get("vertex")]))
+        said |= dict.fromkeys(vertices(counts, each, [each.get("vertex")]), "false, left out")
     for each in records(found, "swapped"):
         listed = each.get("vertices")
         own = vertices(counts, each, listed if isinstance(listed, list) else [])
         for i, vertex in enumerate(own):
-            first = sum(counts[: int(each["object"])])
-            yield vertex, f"swapped, was given to {own[i - 1] - first}"
+            said[vertex] = f"swapped, was given to {own[i - 1] - sum(counts[: int(each['object'])])}"
+    return said
 
 
 def vertices(counts: Sequence[int], record: Mapping[str, Any], listed: Sequence[Any]) -> list[int]:
