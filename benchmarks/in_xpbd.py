@@ -20,8 +20,7 @@ import clothfit
 from clothfit.base.arrays import Array
 from clothfit.simulators import xpbd, xpbd_values
 from clothfit.simulators.estimate import EACH, FEW, Options, estimate
-from clothfit.simulators.many_values import MOST
-from clothfit.simulators.values import rms
+from clothfit.simulators.values import MOST, rms
 from in_blender import kept, scenes
 
 FRAMES = 51

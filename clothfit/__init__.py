@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     from clothfit.derivative import verify as verify
     from clothfit.evaluation.evaluate import Evaluation as Evaluation
     from clothfit.evaluation.evaluate import evaluate as evaluate
+    from clothfit.evaluation.gradient_check import SceneCheck as SceneCheck
+    from clothfit.evaluation.gradient_check import check_scene as check_scene
     from clothfit.evaluation.work_precision import WorkPrecision as WorkPrecision
     from clothfit.evaluation.work_precision import work_precision as work_precision
     from clothfit.fit.estimate import estimate as estimate
     from clothfit.fit.result import Fit as Fit
     from clothfit.formats.axes import Convention as Convention
     from clothfit.formats.axes import Reading as Reading
-    from clothfit.inspection.gradient_check import SceneCheck as SceneCheck
-    from clothfit.inspection.gradient_check import check_scene as check_scene
     from clothfit.live.client import connect as connect
     from clothfit.live.engine import Engine as Engine
     from clothfit.many.estimate_many import estimate_many as estimate_many
@@ -95,8 +95,8 @@ _HOMES = {
     "control.controls": ("Controls", "Handle"),
     "control.keyframes": ("Key", "load_keys"),
     "evaluation.evaluate": ("Evaluation", "evaluate"),
+    "evaluation.gradient_check": ("SceneCheck", "check_scene"),
     "evaluation.work_precision": ("WorkPrecision", "work_precision"),
-    "inspection.gradient_check": ("SceneCheck", "check_scene"),
     "many.estimate_many": ("estimate_many",),
     "report.page": ("report_page",),
     "live.client": ("connect",),

@@ -76,7 +76,7 @@ PARTS = {
     "Fit": ("fit.result.FittedBlock", "fit.result.Scatter", "fit.holdout.HeldOut"),
     "estimate_many": ("many.estimate_many.Result",),
     "Evaluation": ("evaluation.evaluate.Distance", "evaluation.evaluate.Deviation"),
-    "SceneCheck": ("inspection.ladder.Finding",),
+    "SceneCheck": ("evaluation.gradient_check.Finding",),
     "WorkPrecision": ("evaluation.work_precision.Row",),
 }
 """Classes that one meets in the fields and results of others."""

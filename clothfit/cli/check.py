@@ -15,9 +15,8 @@ from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import one_stream, read_scene, under_forces
 
 if TYPE_CHECKING:
+    from clothfit.evaluation.gradient_check import Finding, SceneCheck
     from clothfit.formats.axes import Reading
-    from clothfit.inspection.gradient_check import SceneCheck
-    from clothfit.inspection.ladder import Finding
     from clothfit.scene.scene import Scene
 
 
@@ -58,7 +57,7 @@ def command(
     scene = under_forces(read_scene(scene_path, console), forces_path)
     readings: list[dict[str, Any]] = []
     target = None if target_path is None else motions.read(target_path, scene, reading, console, readings)
-    from clothfit.inspection.gradient_check import check_scene
+    from clothfit.evaluation.gradient_check import check_scene
 
     console.announce_compilation()
     from clothfit.kernels.clock import passing

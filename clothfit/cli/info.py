@@ -18,8 +18,8 @@ from clothfit.cli.common.scenes import read_scene, vector
 from clothfit.formats.registry import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, kind_of
 
 if TYPE_CHECKING:
-    from clothfit.inspection.forecast import Forecast
-    from clothfit.inspection.overview import Facts, Flagged, Spread
+    from clothfit.evaluation.forecast import Forecast
+    from clothfit.evaluation.overview import Facts, Flagged, Spread
     from clothfit.scene.cloth import Collider
     from clothfit.scene.scene import Scene
 
@@ -77,8 +77,8 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
     """Print what a scene holds."""
     scene = read_scene(scene_path, console)
     from clothfit.base.memory import free
-    from clothfit.inspection.forecast import forecast, inputs_of
-    from clothfit.inspection.overview import (
+    from clothfit.evaluation.forecast import forecast, inputs_of
+    from clothfit.evaluation.overview import (
         beyond_bounds,
         beyond_editor,
         divisions,

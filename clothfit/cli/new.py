@@ -19,7 +19,7 @@ from clothfit.cli.parts.new_options import PLANE, Asked, numbers, understood
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags
-    from clothfit.inspection.overview import Divisions
+    from clothfit.evaluation.overview import Divisions
     from clothfit.scene.cloth import Cloth as SceneCloth
     from clothfit.scene.scene import Scene
 
@@ -156,7 +156,7 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     """Say what the scene holds, and what about it is not as one may think."""
     import numpy as np
 
-    from clothfit.inspection.overview import beyond_bounds, doubts, extent
+    from clothfit.evaluation.overview import beyond_bounds, doubts, extent
     from clothfit.scene.kinds import INTEGRATORS
 
     for sentence in beyond_bounds(scene):
@@ -184,7 +184,7 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
 
 def divided(own: SceneCloth) -> Divisions:
     """Families and regions, where the file or the user says something of them; else to know them is not needed."""
-    from clothfit.inspection.overview import Divisions, divisions
+    from clothfit.evaluation.overview import Divisions, divisions
     from clothfit.scene.cloth import NOTHING
 
     return Divisions({}, {}) if own.layout is NOTHING else divisions(own)

@@ -54,8 +54,8 @@ def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> No
 
 def judge(path: str) -> Verdict:
     """Look at a file."""
-    from clothfit.inspection.forecast import check
-    from clothfit.inspection.overview import beyond_editor, misspelt_fields
+    from clothfit.evaluation.forecast import check
+    from clothfit.evaluation.overview import beyond_editor, misspelt_fields
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.scene.scene import load
 

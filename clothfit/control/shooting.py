@@ -21,7 +21,6 @@ from clothfit.control.controls import Controls, flagged
 from clothfit.control.keyframes import Key, left_of
 from clothfit.control.unknowns import Block, blocks
 from clothfit.derivative import adjoint, sensitivity
-from clothfit.derivative import sensitivity as fitted
 from clothfit.derivative.sensitivity import LEADING, Carried, Columns, Point
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build, mobile, with_elements, zeros
@@ -304,7 +303,7 @@ def columns(system: System, directions: Sequence[tuple[str, int, Array]], width:
     led = [(q, zeros(system)._replace(**{kind: change})) for kind, q, change in directions if kind in LEADING]
     wind = [(q, zeros(system)._replace(gusts=change)) for kind, q, change in directions if kind == "gusts"]
     start = [(q, change) for kind, q, change in directions if kind == "velocity"]
-    nothing = fitted.none(len(system.x0)), fitted.none(len(system.springs.rest)), fitted.none(0)
+    nothing = sensitivity.none(len(system.x0)), fitted.none(len(system.springs.rest)), fitted.none(0)
     return Columns(width, *nothing, tuple(wind), tuple(led), tuple(start))
 
 

@@ -1,5 +1,8 @@
-"""How good a fit or an integrator is: errors of motions and parameters, speed against error.
+"""What is known of a scene before it is fitted, and how good a fit or an integrator is.
 
-evaluate compares two scenes; trial and work_precision measure integrators against the motion that reference finds.
-To add a column: measure it in `trial`, print it in the command.
+overview (its contents), forecast (stable time steps, memory, inputs over time), gradient_check (whether the gradient is
+that of the cost; switches: which contacts change); evaluate compares two scenes, work_precision integrators with the
+motion that reference finds.
+To add a line to `clothfit info`: a field in overview or forecast. To add a column to `evaluate --speed`: measure it in
+work_precision, print it in the command.
 """

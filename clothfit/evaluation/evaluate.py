@@ -1,5 +1,5 @@
 """How good a fitted scene is: how far its motion, over the fitted frames and beyond, and its parameters are from the
-truth.
+truth; and two motions of one scene, the fitted one and its target, frame by frame.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.base.memory import check_memory
@@ -17,7 +17,7 @@ from clothfit.base.messages import metres
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate_cloths
-from clothfit.motion.times import MOST_STEPS, TIME_SLACK, frame_places, snapped
+from clothfit.motion.times import MOST_STEPS, TIME_SLACK, frame_places, interpolated, snapped
 from clothfit.objective.experiment import Recorded, check_same_sizes, motion_of
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.target import sample
@@ -150,8 +150,10 @@ def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int],
 
 
 def deviations(truth: Scene, fitted: Scene) -> list[Deviation]:
-    """Relative deviations of the parameters flagged in the true scene."""
-    listed, each = [], relative_deviations(truth, fitted)
+    """|fitted / true − 1| of the parameters flagged in the true scene, but of those that are 0 or not identifiable."""
+    true, found, listed = parameters(truth), parameters(fitted, flags=truth), []
+    usable = identifiable(truth) & (true != 0)
+    each = np.abs(found / np.where(usable, true, np.nan) - 1.0)
     for block in truth.blocks:
         known = each[block.part][~np.isnan(each[block.part])]
         middle, largest = (float(np.median(known)), float(known.max())) if known.size else (None, None)
@@ -159,8 +161,59 @@ def deviations(truth: Scene, fitted: Scene) -> list[Deviation]:
     return listed
 
 
-def relative_deviations(truth: Scene, fitted: Scene) -> Array:
-    """|fitted / true − 1| (P,) of the parameters flagged in the true scene; NaN where one is 0 or not identifiable."""
-    true, found = parameters(truth), parameters(fitted, flags=truth)
-    usable = identifiable(truth) & (true != 0)
-    return np.asarray(np.abs(found / np.where(usable, true, np.nan) - 1.0))
+@dataclass(frozen=True)
+class Overlay:
+    """Both motions at the frames of the target."""
+
+    scene: Scene  # the fitted one
+    times: Array  # (F,), s
+    own: Array  # (F, n, 3), m
+    goal: Array  # (F, n, 3), m; NaN where not observed
+    rmse: Array  # (F,), m, over the observed vertices of the fitted objects; NaN where none is observed
+    largest: Array  # (F,), m, the largest distance of such a vertex
+
+
+def overlaid(truth: Scene, fitted: Scene, target: Motion | None, frames: int) -> Overlay:
+    """The motion of a fitted scene, and its target: by default the motion of the true scene.
+
+    Both have `frames` frames of the true scene's simulation, or as many as the target reaches, and end before they
+    diverge. The fitted scene is simulated with its own step.
+    """
+    goal = target if target is not None else finite_part(truth, range(len(truth.cloths)), frames, 0)[0]
+    own, _ = finite_part(fitted, range(len(fitted.cloths)), states(place_of(frames, truth, fitted)), 0)
+    x = at_frames(own, goal, fitted.delta)
+    y = np.where(np.isfinite(goal.positions[: len(x)]), goal.positions[: len(x)], np.nan)
+    if goal.observed is not None:
+        y[~goal.observed[: len(x)]] = np.nan
+    rmse, largest = distances(truth, x, y)
+    return Overlay(fitted, goal.times[: len(x)], x, y, rmse, largest)
+
+
+def at_frames(own: Motion, goal: Motion, delta: float) -> Array:
+    """Positions (F, n, 3), m, of a motion in steps of `delta`, s, at the first F frames of another, all that it
+    reaches.
+    """
+    step, fraction = frame_places(goal, delta)
+    count = int(np.searchsorted(step + fraction, len(own.positions) - 1, side="right"))
+    return interpolated(own.positions, step[:count], fraction[:count])
+
+
+def distances(scene: Scene, x: Array, y: Array) -> tuple[Array, Array]:
+    """Root mean square and largest distance (F,), m, of two motions (F, n, 3) over the compared objects."""
+    own = compared_vertices(scene)
+    return per_frame(((x[:, own] - y[:, own]) ** 2).sum(axis=2))
+
+
+def compared_vertices(scene: Scene) -> Flags:
+    """Which vertices (V,) belong to objects that are fitted; all, where none is."""
+    compared = compared_cloths(scene)
+    return np.repeat([index in compared for index in range(len(scene.cloths))], scene.vertex_counts)
+
+
+def per_frame(squares: Array) -> tuple[Array, Array]:
+    """Root mean square and largest distance (F,), m, from squared distances (F, n); NaN where none is finite."""
+    known = np.isfinite(squares)
+    count, finite = known.sum(axis=1), np.where(known, squares, 0.0)
+    mean = np.where(count > 0, finite.sum(axis=1) / np.maximum(count, 1), np.nan)
+    largest = np.where(count > 0, finite.max(axis=1, initial=0.0), np.nan)
+    return np.sqrt(mean), np.sqrt(largest)

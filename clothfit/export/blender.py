@@ -81,19 +81,15 @@ class Painted(NamedTuple):
     largest: float  # the largest
 
 
-def files(scene: Scene) -> dict[str, bytes]:
-    """The numbers as JSON, and the script, which contains them too."""
-    return blender_files(scene, [one(number, cloth, *steps_of(scene)) for number, cloth in enumerate(scene.cloths)])
-
-
-def blender_files(scene: Scene, objects: list[dict[str, Any]]) -> dict[str, bytes]:
-    """The same for values of its objects."""
+def files(scene: Scene, objects: list[dict[str, Any]] | None = None) -> dict[str, bytes]:
+    """The numbers of objects, by default the scene's own, as JSON, and the script, which contains them too."""
+    own = [one(number, cloth, *steps_of(scene)) for number, cloth in enumerate(scene.cloths)]
     document = {
         "format": BLENDER_FORMAT,
         "time_unit": TIME_UNIT,
         "gravity": scene.gravity.tolist(),
         "step": steps_of(scene)[0],
-        "objects": objects,
+        "objects": own if objects is None else objects,
     }
     text = json_text(document, "blender")
     script = SCRIPT.read_text("utf-8").replace(DATA_PLACE, f"json.loads({text!r})")

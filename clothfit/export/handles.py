@@ -107,44 +107,28 @@ def gltf(scene: Scene) -> dict[str, bytes]:
     holds its keys.
     """
     parts, found = Parts(), handles(scene)
+    nodes: list[dict[str, Any]] = []
     samplers: list[dict[str, Any]] = []
     channels: list[dict[str, Any]] = []
     for node, each in enumerate(found):
-        add(parts, samplers, channels, node, each)
+        extras = {"object": each.cloth, "vertices": each.vertices.tolist()}
+        nodes.append({"name": each.name, "translation": each.places[0].tolist(), "extras": extras})
+        tracks = [("translation", each.times, each.places, "VEC3", "STEP" if each.holds else "LINEAR")]
+        tracks += [("rotation", each.turn_times, each.turns, "VEC4", "LINEAR")] if len(each.turns) else []
+        for name, times, values, kind, way in tracks:
+            channels.append({"sampler": len(samplers), "target": {"node": node, "path": name}})
+            before, after = parts.add(singles(times), "SCALAR", True), parts.add(values.astype(np.float32), kind)
+            samplers.append({"input": before, "output": after, "interpolation": way})
     document = {
         "asset": {"version": "2.0", "generator": "clothfit"},
         "scene": 0,
         "scenes": [{"nodes": list(range(len(found)))}],
-        "nodes": [node_of(each) for each in found],
+        "nodes": nodes,
         "animations": [{"name": "handles", "samplers": samplers, "channels": channels}],
         "accessors": parts.accessors,
         "bufferViews": parts.views,
     }
     return {"handles.glb": glb(document, parts, "handles.glb")}
-
-
-def node_of(handle: Handle) -> dict[str, Any]:
-    """A node as it is at the start."""
-    extras = {"object": handle.cloth, "vertices": handle.vertices.tolist()}
-    return {"name": handle.name, "translation": handle.places[0].tolist(), "extras": extras}
-
-
-def add(
-    parts: Parts, samplers: list[dict[str, Any]], channels: list[dict[str, Any]], node: int, handle: Handle
-) -> None:
-    """The channels of a node."""
-    way = "STEP" if handle.holds else "LINEAR"
-    tracks = [("translation", handle.times, handle.places, "VEC3", way)]
-    if len(handle.turns):
-        tracks.append(("rotation", handle.turn_times, handle.turns, "VEC4", "LINEAR"))
-    for name, times, values, kind, interpolation in tracks:
-        own = {
-            "input": parts.add(singles(times), "SCALAR", True),
-            "output": parts.add(values.astype(np.float32), kind),
-            "interpolation": interpolation,
-        }
-        channels.append({"sampler": len(samplers), "target": {"node": node, "path": name}})
-        samplers.append(own)
 
 
 def singles(times: Array) -> NDArray[np.float32]:

@@ -20,15 +20,11 @@ from clothfit.scene.scene import Scene
 OBI_FORMAT = "clothfit-obi-1"
 
 
-def files(scene: Scene) -> dict[str, bytes]:
-    """One file of JSON."""
-    return {"obi.json": document([one(number, cloth) for number, cloth in enumerate(scene.cloths)])}
-
-
-def document(objects: list[dict[str, Any]]) -> bytes:
-    """The file of some objects."""
+def files(scene: Scene, objects: list[dict[str, Any]] | None = None) -> dict[str, bytes]:
+    """One file of JSON, of objects that are by default the scene's own."""
+    own = [one(number, cloth) for number, cloth in enumerate(scene.cloths)] if objects is None else objects
     units = {"mass": "kg", "compliance": "m/N", "length": "m"}
-    return json_text({"format": OBI_FORMAT, "units": units, "objects": objects}, "obi").encode()
+    return {"obi.json": json_text({"format": OBI_FORMAT, "units": units, "objects": own}, "obi").encode()}
 
 
 def one(number: int, cloth: Cloth) -> dict[str, Any]:

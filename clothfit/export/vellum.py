@@ -30,17 +30,13 @@ def files(scene: Scene) -> dict[str, bytes]:
     """Two files of geometry for each object, and one of means."""
     made = {}
     for number, cloth in enumerate(scene.cloths):
-        points = {"P": cloth.positions * FLIP, "v": cloth.velocity * FLIP, "mass": masses(cloth)}
+        mass = np.where(cloth.fixed, 0.0, cloth.mass)
+        points = {"P": cloth.positions * FLIP, "v": cloth.velocity * FLIP, "mass": mass}
         faces = cloth.triangles[:, ::-1]
         made[f"object{number}.cloth.geo"] = geometry(points, {}, faces, closed=True)
         made[f"object{number}.constraints.geo"] = geometry(points, constraints(cloth), cloth.springs, closed=False)
     summary = {"format": VELLUM_FORMAT, "objects": [one(number, cloth) for number, cloth in enumerate(scene.cloths)]}
     return made | {"vellum.json": json_text(summary, "vellum").encode()}
-
-
-def masses(cloth: Cloth) -> Array:
-    """Masses (n,) kg, 0 where a vertex is fixed."""
-    return np.where(cloth.fixed, 0.0, cloth.mass)
 
 
 def constraints(cloth: Cloth) -> dict[str, Array | list[str]]:
@@ -90,7 +86,8 @@ def geometry(
     run = ["startvertex", 0, "nprimitives", count, "nvertices_rle", [sides, count]]
     attributes = ["pointattributes", [numbers(name, values) for name, values in points.items()]]
     if primitives:
-        attributes += ["primitiveattributes", [attribute(name, values) for name, values in primitives.items()]]
+        own = [strings(k, v) if isinstance(v, list) else numbers(k, v) for k, v in primitives.items()]
+        attributes += ["primitiveattributes", own]
     document = [
         "fileversion", "18.0.0", "hasindex", False,
         "pointcount", len(points["P"]), "vertexcount", count * sides, "primitivecount", count,
@@ -99,11 +96,6 @@ def geometry(
         "primitives", [[["type", "Polygon_run" if closed else "PolygonCurve_run"], run]] if count else [],
     ]  # fmt: skip
     return json_text(document, "vellum").encode()
-
-
-def attribute(name: str, values: Array | list[str]) -> list[Any]:
-    """An attribute of numbers or of strings."""
-    return strings(name, values) if isinstance(values, list) else numbers(name, values)
 
 
 def numbers(name: str, values: Array) -> list[Any]:

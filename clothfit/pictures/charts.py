@@ -11,7 +11,8 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
 from clothfit.control.control import Course
 from clothfit.motion.energy import Energy
-from clothfit.pictures.palette import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, RED, SKY
+from clothfit.pictures.camera import Camera
+from clothfit.pictures.palette import BLUE, GREEN, GROUND, INK, ORANGE, PURPLE, QUIET, RED, SKY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,15 +64,20 @@ def error(axes: Axes, times: Array, rmse: Array, largest: Array, fitted: float, 
 
     `fitted` and `horizon` are the ends, s, of the fitted frames and of a longer comparison.
     """
-    label(axes, "distance to the target", "time, s", "m")
-    logarithmic(axes, np.concatenate([rmse, largest]))
-    axes.plot(times, shown(largest), color=SKY, linewidth=1.1, label="largest")
-    axes.plot(times, shown(rmse), color=BLUE, linewidth=1.7, label="root mean square")
+    errors(axes, "distance to the target", times, rmse, largest, SKY)
     axes.axvspan(float(times[0]), fitted, color=BLUE, alpha=0.07, linewidth=0, label="fitted frames", zorder=0)
     if horizon is not None:
         axes.axvline(horizon, color=RED, linestyle=(0, (5, 3)), linewidth=1.4, clip_on=False, label="horizon")
     above(axes)
     axes.set_xlim(float(times[0]), max(float(times[-1]), fitted) + 1e-9)
+
+
+def errors(axes: Axes, title: str, times: Array, rmse: Array, largest: Array, colour: str) -> None:
+    """Both lines of an error: root mean square, and largest in a colour."""
+    label(axes, title, "time, s", "m")
+    logarithmic(axes, np.concatenate([rmse, largest]))
+    axes.plot(times, shown(largest), color=colour, linewidth=1.1, label="largest")
+    axes.plot(times, shown(rmse), color=BLUE, linewidth=1.7, label="root mean square")
 
 
 def distances(axes: Axes, course: Course) -> None:
@@ -182,3 +188,10 @@ def empty(axes: Axes, why: str) -> None:
     """Say why a chart is empty."""
     axes.set(xticks=[], yticks=[])
     axes.annotate(why, (0.5, 0.5), xycoords="axes fraction", ha="center", fontsize=9, color=QUIET)
+
+
+def blank(axes: Axes, camera: Camera) -> None:
+    """Make axes of the camera's view, without numbers."""
+    (left, bottom), (right, top) = camera.low, camera.high
+    axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[], aspect="equal", facecolor=GROUND)
+    axes.spines[:].set_visible(False)

@@ -52,7 +52,8 @@ def draw(found: WorkPrecision, error: float | None = None) -> Figure:
 
     figure = Figure(figsize=DIAGRAM_SIZE, layout="constrained")
     axes = figure.add_subplot(xscale="log", yscale="log")
-    floor = lowest(found)
+    positive = [row.error for row in found.rows if row.error]
+    floor = 0.5 * min(positive) if positive else 1e-6  # where errors of 0 are drawn, which have no logarithm
     for line in lines(found):
         draw_line(axes, line, floor)
     axes.plot([], [], color=QUIET, marker="s", markersize=3, linewidth=0.7, alpha=0.5, label="faint: other tolerances")
@@ -75,12 +76,6 @@ def lines(found: WorkPrecision) -> Iterator[Line]:
         label = name if newton is None else f"{name}, {counted(newton, 'iteration', 'iterations')}"
         if rows:
             yield Line(label, colour, marker, rows, tolerance in (None, found.tolerance))
-
-
-def lowest(found: WorkPrecision) -> float:
-    """Where to draw errors of 0, which have no logarithm: below all others, m."""
-    positive = [row.error for row in found.rows if row.error]
-    return 0.5 * min(positive) if positive else 1e-6
 
 
 def draw_line(axes: Axes, line: Line, floor: float) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array
 from clothfit.pictures.marks import ARROW, LEGEND, Marks, arrows, dots
 from clothfit.pictures.palette import CLOTHS, FIXED_VERTEX, GROUND, TARGET_COLOUR, Colour
 from clothfit.pictures.stage import Stage, bare, drawn, good_part, pins, sightings, stage, wind
@@ -129,8 +129,9 @@ def picture(
     fine = OVERSAMPLING * width
     image = Image.fromarray(drawn(on, frame, x[frame], None if over is None else over[frame], fine))
     draw = ImageDraw.Draw(image)
-    for (u, v), colour in zip(*(part.tolist() for part in bare_pixels(on, frame, x[frame], fine)), strict=True):
-        draw.ellipse((u - 6, v - 6, u + 6, v + 6), fill=tuple(colour))
+    alone, colours = bare(on, frame, x[frame])
+    for (u, v), colour in zip(pixels(on, alone, fine).tolist(), np.round(255 * colours).tolist(), strict=True):
+        draw.ellipse((u - 6, v - 6, u + 6, v + 6), fill=tuple(map(int, colour)))
     spots = [(pins(on, frame, x[frame]), FIXED_VERTEX, 5.0)]
     if over is not None:
         spots.insert(0, (sightings(on, frame, over[frame]), SEEN_TARGET, 3.5))
@@ -142,16 +143,8 @@ def picture(
         for u, v in pixels(on, places, fine).tolist():
             draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=mark)
     legend = () if over is None else LEGEND_NAMES if marks is None else marks.legend
-    write(draw, image.size, on, times, frame, legend, speed)
-    if marks is not None:
-        write_keys(draw, image.size, times, frame, marks)
+    write(draw, image.size, on, times, frame, legend, speed, [] if marks is None else marks.held.tolist())
     return image.resize((width, round(width * on.camera.aspect)), Image.Resampling.BOX)
-
-
-def bare_pixels(on: Stage, frame: int, x: Array, width: int) -> tuple[Array, Indices]:
-    """Pixels (K, 2) and colours (K, 3), 0 … 255, of the vertices of objects without faces."""
-    places, colours = bare(on, frame, x)
-    return pixels(on, places, width), np.round(255 * colours).astype(np.int32)
 
 
 def pixels(on: Stage, flat: Array, width: int) -> Array:
@@ -162,9 +155,11 @@ def pixels(on: Stage, flat: Array, width: int) -> Array:
 
 def write(
     draw: ImageDraw, size: tuple[int, int], on: Stage, times: Array, frame: int,
-    legend: Sequence[tuple[str, Colour]], speed: float,
+    legend: Sequence[tuple[str, Colour]], speed: float, keys: Sequence[int],
 ) -> None:  # fmt: skip
-    """Write the time, a bar of progress, the wind, and what the colours mean, from right to left."""
+    """Write the time, a bar of progress with the frames of keys, the wind, and what the colours mean, from right to
+    left.
+    """
     from PIL import ImageFont
 
     width, height = size
@@ -184,18 +179,10 @@ def write(
         arrow(draw, np.array([0.075 * width, height - 0.085 * width]), 0.05 * width * way * (1.0, -1.0))
         place = (0.14 * width, height - 0.085 * width)
         draw.text(place, f"wind {wind_speed:.3g} m/s", font=font, fill=GIF_QUIET, anchor="lm")
-
-
-def write_keys(draw: ImageDraw, size: tuple[int, int], times: Array, frame: int, marks: Marks) -> None:
-    """Mark the times of the keys on the bar, and say so in the frame of one."""
-    from PIL import ImageFont
-
-    width, height = size
-    for time in times[marks.held]:
-        place = float((time - times[0]) / max(times[-1] - times[0], 1e-300)) * (width - 1)
-        draw.rectangle((place - 3, height - 14, place + 3, height), fill=SEEN_TARGET)
-    if frame in marks.held:
-        font = ImageFont.load_default(0.027 * width)
+    for time in times[list(keys)]:
+        at = float((time - times[0]) / max(times[-1] - times[0], 1e-300)) * (width - 1)
+        draw.rectangle((at - 3, height - 14, at + 3, height), fill=SEEN_TARGET)
+    if frame in keys:
         draw.text((0.025 * width, 0.06 * width), "key", font=font, fill=SEEN_TARGET)
 
 

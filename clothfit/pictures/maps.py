@@ -10,8 +10,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.objective.identifiability import identifiable
 from clothfit.pictures.camera import Camera, facing, project, shaped
-from clothfit.pictures.charts import logarithmic_ticks
-from clothfit.pictures.filmstrip import blank
+from clothfit.pictures.charts import blank, logarithmic_ticks
 from clothfit.pictures.palette import INK, NOT_IDENTIFIABLE, QUIET
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.kinds import KIND, Kind
@@ -97,18 +96,14 @@ def colour_bar(axes: Axes, drawn: Any, shown: Map) -> None:
     from matplotlib.colors import LogNorm
 
     figure: Any = axes.figure
-    ends = "both" if shown.relative and beyond(shown) else "neither"
+    beyond = shown.relative and (np.abs(shown.values[shown.known]) > reach(shown)).any()
+    ends = "both" if beyond else "neither"
     bar = figure.colorbar(drawn, ax=axes, fraction=0.05, pad=0.03, extend=ends)
     if isinstance(drawn.norm, LogNorm):
         logarithmic_ticks(bar.ax.yaxis, (1.0, 2.0, 5.0), 12)
     bar.set_label("fitted / true − 1" if shown.relative else f"{shown.kind.title}, {shown.kind.unit}", fontsize=8)
     bar.ax.tick_params(labelsize=8)
     bar.outline.set_visible(False)
-
-
-def beyond(shown: Map) -> bool:
-    """Whether some deviations exceed the range of the colours."""
-    return bool((np.abs(shown.values[shown.known]) > reach(shown)).any())
 
 
 def reach(shown: Map) -> float:

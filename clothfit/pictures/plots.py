@@ -1,5 +1,5 @@
 """The pictures of `simulate`, `estimate`, `control`, `evaluate` and of a subspace: a filmstrip, with charts and maps
-below it.
+below it: frames of a motion side by side.
 
 Each is a matplotlib figure without a window, unknown to pyplot; `picture_file.save` writes it.
 """
@@ -15,14 +15,12 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
 from clothfit.control.control import Course
+from clothfit.evaluation.evaluate import Overlay
 from clothfit.motion.energy import Energy
 from clothfit.pictures import charts, maps
-from clothfit.pictures import filmstrip as film
-from clothfit.pictures.filmstrip import STRIP_FACES, STRIP_FRAMES
-from clothfit.pictures.marks import Marks, marks
-from clothfit.pictures.overlay import Overlay
-from clothfit.pictures.palette import BLUE, INK, ORANGE, PURPLE, QUIET
-from clothfit.pictures.stage import good_part, stage
+from clothfit.pictures.marks import ARROW, Marks, arrows, dots, marks
+from clothfit.pictures.palette import BLUE, FIXED_VERTEX, GROUND, INK, ORANGE, PURPLE, QUIET, TARGET_COLOUR
+from clothfit.pictures.stage import Stage, bare, drawn, good_part, pins, sightings, stage, wind
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -49,6 +47,89 @@ SUBSPACE = ((0.012, "solid: on the subspace", "#4669a8"), (0.155, "translucent g
 
 SHOWN = 3
 """First coordinates."""
+
+STRIP_FRAMES = 6
+
+STRIP_FACES = 6000
+"""Most faces in a frame; larger meshes are thinned."""
+
+STILL_WIDTH = 800
+"""Pixels across a frame."""
+
+DOT_SIZE = 1.8  # points, of a vertex
+
+
+def strip(
+    figure: SubFigure, on: Stage, times: Array, x: Array, over: Array | None = None, marks: Marks | None = None
+) -> None:
+    """Draw some frames of a motion x (F, n, 3), at `times` (F,) s, with the target `over` (F, n, 3) over it, and the
+    marks of a controlled one.
+    """
+    due = [] if marks is None else marks.held.tolist()
+    shown = chosen(len(x), due)
+    panels: Any = figure.subplots(1, len(shown), squeeze=False)
+    figure.subplots_adjust(left=0.012, right=0.988, bottom=0.09, top=0.98, wspace=0.03)
+    for axes, frame in zip(panels[0], shown, strict=True):
+        still(axes, on, int(frame), x[frame], None if over is None else over[frame])
+        if marks is not None:
+            mark(axes, on, int(frame), x[frame], marks)
+        label = f"{times[frame]:.2f} s" + (" – key" if frame in due else "")
+        axes.set_xlabel(label, fontsize=9, color=INK if frame in due else QUIET, labelpad=3)
+    blown = len(shown) if np.ptp(on.wind, axis=0).any() else 1
+    for axes, frame in list(zip(panels[0], shown, strict=True))[:blown]:
+        draw_wind(axes, on, int(frame))
+
+
+def chosen(frames: int, due: Sequence[int] = ()) -> Sequence[int]:
+    """The frames in a strip: the first, the last, and others evenly between them; frames that are `due` in the place of
+    the nearest ones.
+    """
+    found = [int(i) for i in np.unique(np.linspace(0, frames - 1, STRIP_FRAMES).round())]
+    for frame in due if len(due) <= len(found) else []:
+        free = [i for i, each in enumerate(found) if each not in due]
+        if frame not in found and free:
+            found[min(free, key=lambda i: abs(found[i] - frame))] = frame
+    return sorted(found)
+
+
+def mark(axes: Axes, on: Stage, frame: int, x: Array, marks: Marks) -> None:
+    """Draw forces as arrows, and the places that means are to be at."""
+    tails, tips = arrows(on, frame, x, marks)
+    if len(tails):
+        way: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "headwidth": 4.0, "headlength": 4.5}
+        axes.quiver(*tails.T, *(tips - tails).T, **way, width=0.006, minlength=0.0, color=ARROW, zorder=3)
+    axes.plot(*dots(on, frame, marks).T, "o", color=TARGET_COLOUR, markersize=6.0, markeredgecolor=INK, zorder=4)
+
+
+def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
+    """Draw a frame with positions x (n, 3) into its axes."""
+    (left, bottom), (right, top) = on.camera.low.tolist(), on.camera.high.tolist()
+    picture = drawn(on, frame, x, over, STILL_WIDTH)
+    axes.imshow(picture, extent=(left, right, bottom, top), interpolation="antialiased", zorder=2)
+    alone, colours = bare(on, frame, x)
+    axes.scatter(alone[:, 0], alone[:, 1], s=(2.0 * DOT_SIZE) ** 2, c=colours, linewidths=0, zorder=2)
+    if over is not None:
+        dots_at = sightings(on, frame, over)
+        axes.plot(*dots_at.T, "o", color=TARGET_COLOUR, markersize=DOT_SIZE, markeredgewidth=0, zorder=3)
+    fixed_at = pins(on, frame, x)
+    axes.plot(*fixed_at.T, "o", color=FIXED_VERTEX, markersize=DOT_SIZE + 0.6, markeredgewidth=0, zorder=3)
+    charts.blank(axes, on.camera)
+
+
+def draw_wind(axes: Axes, on: Stage, frame: int) -> None:
+    """Draw an arrow along the wind in the corner of a picture, with its speed."""
+    found = wind(on, frame)
+    if found is None:
+        return
+    way, speed = found
+    size = on.camera.high - on.camera.low
+    middle = on.camera.low + size * (0.17, 0.13)
+    half = 0.09 * float(size.min()) * way
+    style = {"arrowstyle": "-|>", "color": QUIET, "linewidth": 1.2}
+    axes.annotate("", tuple(middle + half), tuple(middle - half), arrowprops=style, zorder=4)
+    box = {"facecolor": GROUND, "alpha": 0.8, "linewidth": 0, "pad": 1.0}  # the cloth may lie behind it
+    words: dict[str, Any] = {"fontsize": 7, "color": QUIET, "va": "center", "bbox": box, "zorder": 5}
+    axes.annotate(f"wind {speed:.3g} m/s", (0.34, 0.13), xycoords="axes fraction", **words)
 
 
 class Part(NamedTuple):
@@ -125,13 +206,13 @@ def composed(
     beside = own.seen(x) if own is not None else [] if over is None else [over]
     on = stage(scene, [x, *beside], STRIP_FACES, times=times)
     top = HEAD_HEIGHT if over is None else HEAD_HEIGHT + LEGEND_HEIGHT
-    strip = (PAGE_WIDTH / STRIP_FRAMES - 0.06) * on.camera.aspect + 0.33
-    sizes = [top, strip, *[ROW_HEIGHT] * len(rows)]
+    height = (PAGE_WIDTH / STRIP_FRAMES - 0.06) * on.camera.aspect + 0.33
+    sizes = [top, height, *[ROW_HEIGHT] * len(rows)]
     figure = Figure(figsize=(PAGE_WIDTH, sum(sizes)), facecolor="white")
     bands: Any = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False)
     legend = () if over is None else names if own is None else CONTROLLED[: len(own.legend)]
     head(bands[0, 0], top, title, summary, legend)
-    film.strip(bands[1, 0], on, times, x, over, own)
+    strip(bands[1, 0], on, times, x, over, own)
     for band, parts in zip(bands[2:, 0], rows, strict=True):
         place(band, parts)
     return figure
@@ -160,18 +241,14 @@ def head(
         band.text(left, 0.5 * LEGEND_HEIGHT / height, text, fontsize=9, color=colour, va="center")
 
 
-
-
 def comparison(over: Compared) -> Figure:
     """The picture of a comparison: both motions, the first coordinates against those of the full motion, and, unless
     the two have parted, error and energy; else spectra and standard deviations.
     """
-    rows = [[Part(partial(coordinates, over=over, c=c), 2.0 * CHART_SHARE) for c in range(len(over.coordinates))][:2]]
-    if over.found.forgets:
-        rows.append([Part(partial(spectra, over=over)), Part(partial(deviations, over=over))])
-    else:
-        rows.append([Part(partial(error, over=over)), Part(partial(energy, over=over))])
     found = over.found
+    rows = [[Part(partial(coordinates, over=over, c=c), 2.0 * CHART_SHARE) for c in range(len(over.coordinates))][:2]]
+    drawn = (spectra, deviations) if found.forgets else (error, energy)
+    rows.append([Part(partial(draw, over=over)) for draw in drawn])
     said = f"{100 * found.relative_rmse:.2g} % of the motion's RMS over {found.frames} frames"
     if found.forgets:
         said = f"{found.parted}: spectrum within {100 * found.spectrum:.2g} %, deviations within "
@@ -196,10 +273,7 @@ def error(axes: Axes, over: Compared) -> None:
     """The error of each frame."""
     gaps = np.linalg.norm(over.own.positions - over.full.positions, axis=2)
     rmse, largest = np.sqrt((gaps**2).mean(axis=1)), gaps.max(axis=1)
-    charts.label(axes, "distance to the full motion", "time, s", "m")
-    charts.logarithmic(axes, np.concatenate([rmse, largest]))
-    axes.plot(over.full.times, charts.shown(largest), color=ORANGE, linewidth=1.1, label="largest")
-    axes.plot(over.full.times, charts.shown(rmse), color=BLUE, linewidth=1.7, label="root mean square")
+    charts.errors(axes, "distance to the full motion", over.full.times, rmse, largest, ORANGE)
     charts.above(axes)
 
 

@@ -66,7 +66,10 @@ def solids(scene: Scene, times: Array, x: Array) -> tuple[Solid, ...]:
 def paths_of(collider: Collider, times: Array) -> Array | None:
     """The places (F, P, 3), m, of the vertices of a collider that changes in its axes at times (F,), s."""
     if collider.body is None:
-        return None if collider.scaling is None else grown(collider, times)
+        if collider.scaling is None:
+            return None
+        sizes = states([collider], times, 1.0, 0)[:, 0, SIZE]
+        return np.stack([shape(replace(collider, size=each), np.zeros(3), 0.0)[0] for each in sizes])
     keys = collider.body.motion or collider.scaling
     if keys is None:
         return None
@@ -74,12 +77,6 @@ def paths_of(collider: Collider, times: Array) -> Array | None:
     from clothfit.engine.inputs.poses import places
 
     return places(body_of(collider), keys.interpolation, times)
-
-
-def grown(collider: Collider, times: Array) -> Array:
-    """The same of a shape whose size changes."""
-    sizes = states([collider], times, 1.0, 0)[:, 0, SIZE]
-    return np.stack([shape(replace(collider, size=each), np.zeros(3), 0.0)[0] for each in sizes])
 
 
 def shape(collider: Collider, middle: Array, half: float) -> tuple[Array, Indices, Array]:

@@ -1,5 +1,5 @@
 """A scene before the camera, and one frame of it as pixels, shaded smoothly: `kernels.raster` fills them, here is what
-it fills them with. Both `filmstrip` (matplotlib) and `gif` (Pillow) draw on these pictures.
+it fills them with. Both `plots` (matplotlib) and `gif` (Pillow) draw on these pictures.
 
 The camera projects in parallel: a place is a pixel (u, v), v downwards, and a depth, m. K triangles, n vertices,
 H × W pixels.
@@ -81,7 +81,7 @@ def stage(
         cloth += [index] * len(kept)
         start += len(own.mass)
     triangles = np.concatenate(parts).astype(np.int32) if parts else np.zeros((0, 3), np.int32)
-    when = times_of(scene, motions[0], times)
+    when = scene.delta * np.arange(len(motions[0]), dtype=float) if times is None else times
     middle, centres = middles(motions[0]), centres_at(scene, when)
     others, air = solids(scene, when, motions[0]), winds(scene, when)
     axes = direction(motions[0], triangles)
@@ -100,11 +100,6 @@ def mean_edge(x: Array, triangles: Indices) -> float:
     """Mean length of the sides of triangles (T, 3) between points x (n, 3), m; 0 without any."""
     lengths = np.linalg.norm(x[triangles] - x[np.roll(triangles, 1, axis=1)], axis=2)
     return float(np.nanmean(lengths)) if lengths.size else 0.0
-
-
-def times_of(scene: Scene, x: Array, times: Array | None) -> Array:
-    """The times (F,), s, of a motion (F, n, 3)."""
-    return scene.delta * np.arange(len(x), dtype=float) if times is None else times
 
 
 def some(x: Array) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.messages import counted, metres
 from clothfit.registration.record import named
-from clothfit.report.log import number
+from clothfit.report.log import entry, number, records
 from clothfit.report.packing import packed
 from clothfit.report.showing import Shown
 
@@ -93,32 +93,24 @@ def heads(show: Shown) -> list[str]:
 
 
 def remarks(show: Shown, summary: Mapping[str, Any]) -> dict[int, str]:
-    """What was wrong with markers, by the vertices that they were given to."""
-    return dict(said_of(show.vertex_counts, summary))
-
-
-def said_of(counts: Sequence[int], summary: Mapping[str, Any]) -> Iterator[tuple[int, str]]:
-    """Vertices, numbered through the scene, and what was wrong with their markers in the first target."""
-    known = summary.get("markers")
-    found = known[0] if isinstance(known, list) and known and isinstance(known[0], Mapping) else {}
+    """What was wrong with markers of the first target, by the vertices, numbered through the scene, that they were
+    given to.
+    """
+    known, counts = summary.get("markers"), show.vertex_counts
+    said: dict[int, str] = {}
+    found = known[0] if isinstance(known, list) and known else {}
     for each in records(found, "jumps"):
         frames = each.get("frames")
         lost = counted(len(frames) if isinstance(frames, list) else 0, "frame", "frames")
-        yield from ((v, f"jumped, {lost} left out") for v in vertices(counts, each, [each.get("vertex")]))
+        said |= dict.fromkeys(vertices(counts, each, [each.get("vertex")]), f"jumped, {lost} left out")
     for each in records(found, "false"):
-        yield from ((v, "false, left out") for v in vertices(counts, each, [each.get("vertex")]))
+        said |= dict.fromkeys(vertices(counts, each, [each.get("vertex")]), "false, left out")
     for each in records(found, "swapped"):
         listed = each.get("vertices")
         own = vertices(counts, each, listed if isinstance(listed, list) else [])
         for i, vertex in enumerate(own):
-            first = sum(counts[: int(each["object"])])
-            yield vertex, f"swapped, was given to {own[i - 1] - first}"
-
-
-def records(found: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    """The list of records under a key, as far as it is one."""
-    listed = found.get(key)
-    return [each for each in listed if isinstance(each, Mapping)] if isinstance(listed, list) else []
+            said[vertex] = f"swapped, was given to {own[i - 1] - sum(counts[: int(each['object'])])}"
+    return said
 
 
 def vertices(counts: Sequence[int], record: Mapping[str, Any], listed: Sequence[Any]) -> list[int]:
@@ -132,14 +124,9 @@ def vertices(counts: Sequence[int], record: Mapping[str, Any], listed: Sequence[
 
 def registered(summary: Mapping[str, Any]) -> list[list[str]]:
     """The clock, the place and the scale that the fit found for its targets, with their 95 % intervals."""
-    known, rows = summary.get("registration"), []
-    for each in known if isinstance(known, list) else []:
-        if isinstance(each, Mapping):
-            within = each.get("intervals")
-            ends = within if isinstance(within, Mapping) else {}
-            found = [row(each.get(key), ends.get(key), title, unit) for key, title, unit in NUMBERS]
-            rows += [made for made in found if made is not None]
-    return rows
+    found = [row(each.get(key), entry(each, "intervals", key), title, unit)
+             for each in records(summary, "registration") for key, title, unit in NUMBERS]  # fmt: skip
+    return [made for made in found if made is not None]
 
 
 def row(value: Any, ends: Any, title: str, unit: str) -> list[str] | None:

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres
@@ -20,11 +19,10 @@ from clothfit.evaluation.evaluate import Distance, Evaluation
 from clothfit.objective.identifiability import identifiable
 from clothfit.pictures.solids import Solid, solids
 from clothfit.report import captures
-from clothfit.report.findings import STATUS, began, headline, relative, share
-from clothfit.report.log import Log, intervals, number
-from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
+from clothfit.report.findings import STATUS, began, headline, is_listed, relative, share, tables
+from clothfit.report.log import Log, entry, intervals, number
+from clothfit.report.packing import box, packed, packed_errors, packed_gaps, packed_positions
 from clothfit.report.showing import BEFORE, Beside, Shown
-from clothfit.report.tables import is_listed, tables
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
@@ -51,9 +49,24 @@ def content(
         "remarks": [bound(step), *([] if log.points or log.summary else [NO_LOG])],
         "mesh": mesh(fitted),
         "surroundings": surroundings(fitted, show.times, show.fitted),
-        "motion": motion(show, low, step),
-        "curve": curve(show),
-        "residuals": {**left(show), **captures.content(show, log.summary)},
+        "motion": {
+            "times": show.times.tolist(),
+            "fitted": packed_positions(show.fitted, low, step),
+            "target": packed_positions(show.target, low, step),
+            "observed": packed_gaps(~np.isnan(show.target[:, :, 0])),
+            "error": packed_errors(show.error),
+        },
+        "curve": {
+            "times": show.curve_times.tolist(), "fitted_until": show.fitted_until, "rmse": listed(show.rmse),
+            "largest": listed(show.largest),
+        },
+        "residuals": {
+            "mean": [listed(part) for part in show.residuals.mean.T],
+            "of_vertices": packed(np.nan_to_num(show.residuals.of_vertices)),
+            "known": packed(np.isfinite(show.residuals.of_vertices)),
+            "travel": show.residuals.travel,
+            **captures.content(show, log.summary),
+        },
         "beside": [other(each) for each in show.beside],
         "history": [list(point) for point in log.points],
         "cost_unit": cost_unit(log.summary),
@@ -80,19 +93,7 @@ def other(found: Beside) -> dict[str, Any]:
         "fitted": packed_positions(found.positions, low, step),
         "error": packed_errors(found.error),
         "curve": {"rmse": listed(found.rmse), "largest": listed(found.largest)},
-        **{key: packed(np.concatenate([getattr(cloth, key) for cloth in found.scene.cloths]))
-           for key in ("rest", "mass", "stiffness")},
-    }  # fmt: skip
-
-
-def left(show: Shown) -> dict[str, Any]:
-    """The residuals over the cloth and in time."""
-    of_vertices = show.residuals.of_vertices
-    return {
-        "mean": [listed(part) for part in show.residuals.mean.T],
-        "of_vertices": packed(np.nan_to_num(of_vertices)),
-        "known": packed(np.isfinite(of_vertices)),
-        "travel": show.residuals.travel,
+        **of_cloths(found.scene, "rest", "mass", "stiffness"),
     }
 
 
@@ -100,24 +101,6 @@ def cost_unit(summary: Mapping[str, Any]) -> str:
     """The unit of the cost: of squared distances, unless the fit compares other things too."""
     compared = summary.get("objective")
     return "m²" if compared is None or compared == {"position": 1.0} else ""
-
-
-def motion(show: Shown, low: Array, step: Array) -> dict[str, Any]:
-    """Both motions, which positions of the target were observed, and the errors."""
-    observed = ~np.isnan(show.target[:, :, 0])
-    return {
-        "times": show.times.tolist(),
-        "fitted": packed_positions(show.fitted, low, step),
-        "target": packed_positions(show.target, low, step),
-        "observed": None if observed.all() else packed_flags(observed),
-        "error": packed_errors(show.error),
-    }
-
-
-def curve(show: Shown) -> dict[str, Any]:
-    """The error of each frame, None where nothing was observed."""
-    errors = {"rmse": listed(show.rmse), "largest": listed(show.largest)}
-    return {"times": show.curve_times.tolist(), "fitted_until": show.fitted_until, **errors}
 
 
 def listed(values: Array) -> list[float | None]:
@@ -130,20 +113,19 @@ def mesh(scene: Scene) -> dict[str, Any]:
     starts = np.cumsum([0, *scene.vertex_counts])[:-1]
     cloths = list(zip(scene.cloths, starts, strict=True))
 
-    def whole(parts: list[NDArray[Any]]) -> dict[str, Any]:
-        return packed(np.concatenate(parts))
-
     return {
         "vertex_counts": list(scene.vertex_counts),
         "spring_counts": [len(cloth.stiffness) for cloth in scene.cloths],
-        "start": whole([cloth.positions for cloth in scene.cloths]),
-        "triangles": whole([cloth.triangles.reshape(-1, 3) + first for cloth, first in cloths]),
-        "springs": whole([cloth.springs.reshape(-1, 2) + first for cloth, first in cloths]),
-        "rest": whole([cloth.rest for cloth in scene.cloths]),
-        "fixed": whole([cloth.fixed for cloth in scene.cloths]),
-        "mass": whole([cloth.mass for cloth in scene.cloths]),
-        "stiffness": whole([cloth.stiffness for cloth in scene.cloths]),
+        "start": packed(np.concatenate([cloth.positions for cloth in scene.cloths])),
+        "triangles": packed(np.concatenate([cloth.triangles.reshape(-1, 3) + first for cloth, first in cloths])),
+        "springs": packed(np.concatenate([cloth.springs.reshape(-1, 2) + first for cloth, first in cloths])),
+        **of_cloths(scene, "rest", "fixed", "mass", "stiffness"),
     }
+
+
+def of_cloths(scene: Scene, *fields: str) -> dict[str, Any]:
+    """Some fields of all objects, one after another."""
+    return {field: packed(np.concatenate([getattr(cloth, field) for cloth in scene.cloths])) for field in fields}
 
 
 def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None) -> list[list[str]]:
@@ -155,11 +137,7 @@ def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None
     rows += ended(log.summary)
     rows.append(cloth_row(truth))
     rows.append(["time step", f"{1e3 * fitted.delta:.4g} ms"])
-    for name, vector, unit in vectors_of(fitted):
-        if vector.any():
-            parts = ", ".join(f"{part:.4g}" for part in vector)
-            rows.append([name, f"({parts}) {unit}, {float(np.linalg.norm(vector)):.3g} {unit} in all"])
-    return rows
+    return rows + vector_rows(fitted, whole=True)
 
 
 def cloth_row(scene: Scene) -> list[str]:
@@ -168,19 +146,13 @@ def cloth_row(scene: Scene) -> list[str]:
     return ["cloth", f"{counted(len(scene.cloths), 'object', 'objects')}, {size}"]
 
 
-def vector_rows(scene: Scene) -> list[list[str]]:
-    """The rows of the vectors of the scene as a whole that are not 0."""
-    return [
-        [name, f"({', '.join(f'{part:.4g}' for part in vector)}) {unit}"]
-        for name, vector, unit in vectors_of(scene)
-        if vector.any()
-    ]
-
-
-def vectors_of(scene: Scene) -> list[tuple[str, Array, str]]:
-    """The vectors of the scene as a whole: what they are, the components (3,) and their unit."""
-    offset = ("offset of the colliders", scene.offset, "m")
-    return [("wind", scene.wind, "m/s"), ("gravity", scene.gravity, "m/s²"), offset]
+def vector_rows(scene: Scene, whole: bool = False) -> list[list[str]]:
+    """The rows of the vectors of the scene as a whole that are not 0, with their lengths where `whole`."""
+    offset, rows = ("offset of the colliders", scene.offset, "m"), []
+    for name, vector, unit in (("wind", scene.wind, "m/s"), ("gravity", scene.gravity, "m/s²"), offset):
+        size = f", {float(np.linalg.norm(vector)):.3g} {unit} in all" if whole else ""
+        rows += [[name, f"({', '.join(f'{part:.4g}' for part in vector)}) {unit}{size}"]] if vector.any() else []
+    return rows
 
 
 def distances(found: Evaluation) -> dict[str, Distance]:
@@ -200,8 +172,7 @@ def ended(summary: Mapping[str, Any]) -> list[list[str]]:
     if evaluations is not None and seconds is not None:
         rows.append(["took", f"{counted(round(evaluations), 'evaluation', 'evaluations')} in {seconds:.3g} s"])
     rows += captures.registered(summary)
-    holdout = summary.get("holdout")
-    kept_out = number(holdout.get("rmse")) if isinstance(holdout, Mapping) else None
+    kept_out = number(entry(summary, "holdout", "rmse"))
     if kept_out is not None and kept_out >= 0:
         rows.append(["kept out of the fit", f"RMSE {metres(kept_out)}"])
     if sigma is not None and sigma > 0:
@@ -244,14 +215,15 @@ def block(found: Block, truth: Scene, fitted: Scene, log: Log, trial: bool) -> d
 
 def surroundings(scene: Scene, times: Array, x: Array) -> dict[str, Any]:
     """All of it, for a motion x (F, n, 3), m, at times (F,), s."""
-    spheres = []
-    for path, sphere in zip(np.moveaxis(centres_at(scene, times), 1, 0), scene.spheres, strict=True):
-        moved = {"path": path.tolist()} if sphere.position else {}
-        spheres.append({"centre": sphere.centre.tolist(), "radius": sphere.radius, **moved})
+    paths = np.moveaxis(centres_at(scene, times), 1, 0)
     return {
         "wind": scene.wind.tolist(),
         **({"gusts": winds(scene, times).tolist()} if scene.wind_keys else {}),
-        "spheres": spheres,
+        "spheres": [
+            {"centre": sphere.centre.tolist(), "radius": sphere.radius}
+            | ({"path": path.tolist()} if sphere.position else {})
+            for path, sphere in zip(paths, scene.spheres, strict=True)
+        ],
         "solids": [solid(each) for each in solids(scene, times, x)],
         "pinned": any(cloth.pins for cloth in scene.cloths),
     }

@@ -18,10 +18,9 @@ from clothfit.control.keyframes import Key
 from clothfit.optimise.status import Status
 from clothfit.pictures.stage import good_frames
 from clothfit.report.contents import bound, cloth_row, listed, mesh, other, surroundings, vector_rows
-from clothfit.report.findings import GOOD, STATUS, WARN
-from clothfit.report.packing import box, packed_errors, packed_flags, packed_positions
+from clothfit.report.findings import GOOD, STATUS, WARN, Cell, table
+from clothfit.report.packing import box, packed_errors, packed_flags, packed_gaps, packed_positions
 from clothfit.report.showing import MOST_POSITIONS, Beside
-from clothfit.report.tables import Cell, table
 from clothfit.scene.scene import Scene
 
 WITHOUT = "without control"
@@ -53,7 +52,7 @@ def control_content(over: Course, found: Control) -> dict[str, Any]:
         "motion": {
             "times": times.tolist(),
             "fitted": packed_positions(own, low, step),
-            "observed": None if known(over, shown).all() else packed_flags(known(over, shown)),
+            "observed": packed_gaps(~np.isnan(wanted(over, shown)[:, :, 0])),
             "error": packed_errors(errors(over, own, shown)),
         },
         "curve": {"times": times.tolist(), "rmse": listed(nearness(over, over.own)[shown])},
@@ -113,11 +112,6 @@ def handles(over: Course, shown: Indices) -> list[Any]:
 def wanted(over: Course, shown: Indices) -> Array:
     """At each frame (F, n, 3) what the next key asks for, m; NaN where it asks for nothing."""
     return over.poses[[over.next(int(frame)) for frame in shown]]
-
-
-def known(over: Course, shown: Indices) -> Any:
-    """Which vertices (F, n) the next key asks for."""
-    return ~np.isnan(wanted(over, shown)[:, :, 0])
 
 
 def errors(over: Course, x: Array, shown: Indices) -> Array:

@@ -1,19 +1,30 @@
-"""What a reader should know first: how good the fit is, in a line, and what to be wary of.
+"""What a reader should know first: how good the fit is, in a line, and what to be wary of; and the tables of a page:
+values at the start, fitted and true; models and time steps that were tried; fits side by side.
 
-From the fit's summary, which is not checked, as far as it is known, and from the motions themselves.
+From the fit's summary, which is not checked, as far as it is known, and from the motions themselves. A table is {id,
+title, heads, rows, note}; a cell is the text that is shown, or [text, number], where a spreadsheet is to have the
+number.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TypeAlias
 
+import numpy as np
+
+from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres, owned
 from clothfit.evaluation.evaluate import Distance
 from clothfit.fit.verdict import ADEQUATE, DIFFERS
 from clothfit.optimise.status import Status
-from clothfit.report.log import Log, number
+from clothfit.report import captures
+from clothfit.report.log import Log, entry, intervals, number, records
 from clothfit.report.showing import BEFORE, Shown
+from clothfit.scene.block import Block
+from clothfit.scene.fit_vector import parameters
+from clothfit.scene.kinds import MODEL_NAMES
+from clothfit.scene.scene import Scene
 
 STATUS = {
     Status.CONVERGED: "converged",
@@ -44,13 +55,10 @@ def headline(log: Log, show: Shown) -> dict[str, Any]:
 
 def judged(summary: Mapping[str, Any]) -> tuple[str, str]:
     """The level of the fit's verdict on its model, and what it says."""
-    verdict = summary.get("verdict")
-    left = number(verdict.get("unexplained")) if isinstance(verdict, Mapping) else None
-    if not isinstance(verdict, Mapping) or left is None:
-        return PLAIN, ""
-    if verdict.get("model") == DIFFERS:
+    left, model = number(entry(summary, "verdict", "unexplained")), entry(summary, "verdict", "model")
+    if left is not None and model == DIFFERS:
         return WARN, f"The model differs from the target: {percent(left)} of the motion is unexplained."
-    if verdict.get("model") == ADEQUATE:
+    if left is not None and model == ADEQUATE:
         return GOOD, "The fit explains the target: what is left is noise or rounding."
     return PLAIN, ""
 
@@ -103,9 +111,8 @@ def warnings(log: Log, show: Shown) -> Iterator[str]:
 
 def blocks(summary: Mapping[str, Any]) -> Iterator[str]:
     """What is to be said of single values: those at a bound, and those that the motion does not show."""
-    given = summary.get("parameters")
-    for block in given if isinstance(given, list) else []:
-        if not isinstance(block, Mapping) or not isinstance(block.get("name"), str):
+    for block in records(summary, "parameters"):
+        if not isinstance(block.get("name"), str):
             continue
         place = block.get("object")
         name = owned(place if isinstance(place, int) else None, block["name"])
@@ -114,3 +121,213 @@ def blocks(summary: Mapping[str, Any]) -> Iterator[str]:
             found = block.get(key)
             if isinstance(found, list) and found:
                 yield f"{name}: {counted(len(found), 'value is', 'values are')} {text}"
+
+
+Cell: TypeAlias = str | list[Any]
+Table: TypeAlias = dict[str, Any]
+
+FEW, FEW_GROUPS = 3, 12
+"""Blocks of up to so many values, or factors of groups, have a row for each, others one for their median."""
+
+MOST_ROWS = 40
+
+MARKERS = "distances from the fitted motion in the shown frames; those that were mistaken first, then the farthest"
+
+
+def table(name: str, title: str, heads: list[str], rows: Sequence[Sequence[Cell]], note: str = "") -> list[Table]:
+    """A table, if it has rows."""
+    found = {"id": name, "title": title, "heads": heads, "rows": [list(row) for row in rows], "note": note}
+    return [found] if rows else []
+
+
+def tables(truth: Scene, fitted: Scene, show: Shown, log: Log, others: Sequence[Log], trial: bool) -> list[Table]:
+    """All tables of a page; `others` are the logs of the other fits, empty ones where there are none."""
+    return [
+        *side_by_side(truth, fitted, show, [log, *others]),
+        *values_table(truth, fitted, log, trial),
+        *ladder(log.summary),
+        *steps(log.summary),
+        *table("markers", "Markers", captures.heads(show), captures.table_rows(show, log.summary), MARKERS),
+        *correlations(log.summary),
+    ]
+
+
+def values_table(truth: Scene, fitted: Scene, log: Log, trial: bool) -> list[Table]:
+    """Each value, or the median of many: at the start, fitted, true in a trial, and its 95 % interval."""
+    start = log.start
+    rows = [row for block in truth.blocks for row in value_rows(block, truth, fitted, start, log, trial)]
+    heads = ["value", *(["start"] if start else []), "fitted", *(["truth", "off by"] if trial else []),
+             "95 % interval", "unit"]  # fmt: skip
+    return table("values", "Start, fitted" + (", truth" if trial else ""), heads, rows, by_samples(log.summary))
+
+
+def by_samples(summary: Mapping[str, Any]) -> str:
+    """That the intervals are by samples, and how accurate they are; empty where they are not."""
+    found: list[Any] = [number(entry(summary, "samples", key)) for key in ("count", "accuracy")]
+    if None in found:
+        return ""
+    return "the intervals are by {:.0f} samples of the posterior, to {:.0%}".format(*found)
+
+
+def value_rows(
+    block: Block, truth: Scene, fitted: Scene, start: Scene | None, log: Log, trial: bool
+) -> Iterator[list[Cell]]:
+    """The rows of one block."""
+    found = [parameters(each, flags=truth)[block.part] for each in (fitted, truth)]
+    began = None if start is None else parameters(start, flags=truth)[block.part]
+    ends = intervals(log.summary, block.cloth, block.name, block.mode, block.count)
+    unit = "factor" if block.factors is not None or (block.name == "rest" and block.mode != "L") else block.kind.unit
+    name = owned(block.cloth, block.kind.title)
+    known = [None] * block.count if ends is None else ends
+    if not is_listed(block):
+        yield many(name, began, found, known, unit, trial)
+        return
+    for i, label in enumerate(labels(block)):
+        cells: list[Cell] = [f"{name} {label}".strip()]
+        cells += [] if began is None else [figure(began[i])]
+        cells += [figure(found[0][i]), *([figure(found[1][i]), off(found[0][i], found[1][i])] if trial else [])]
+        yield [*cells, interval(known[i]), unit]
+
+
+def is_listed(block: Block) -> bool:
+    """Whether each value of a block has a row of its own; otherwise it has a card with charts."""
+    return block.count <= (FEW if block.factors is None else FEW_GROUPS)
+
+
+def many(
+    name: str, began: Array | None, found: Sequence[Array], ends: Sequence[Any], unit: str, trial: bool
+) -> list[Cell]:
+    """The row of many values: their medians."""
+    cells: list[Cell] = [f"{name}, median of {len(found[0])}"]
+    cells += [] if began is None else [figure(median(began))]
+    cells.append(figure(median(found[0])))
+    if trial:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gaps = np.abs(found[0] / found[1] - 1.0)
+        gap = median(gaps[np.isfinite(gaps)]) if np.isfinite(gaps).any() else np.nan
+        cells += [figure(median(found[1])), [f"{100 * gap:.2g} %", gap] if np.isfinite(gap) else "–"]
+    pairs = [each for each in ends if each]
+    half = f"± {median([high - low for low, high in pairs]) / 2:.5g}" if pairs else "–"
+    return [*cells, half, unit]
+
+
+def labels(block: Block) -> list[str]:
+    """What tells the values of a block apart: components, groups, or indices."""
+    if block.factors is not None:
+        names = list(block.factors.names)
+        return names if len(names) == block.count else [f"[{i}]" for i in range(block.count)]
+    if block.kind.components == block.count:
+        return ["x", "y", "z"] if block.count == 3 else [""]
+    return [f"[{i}]" for i in range(block.count)]
+
+
+def figure(value: float) -> Cell:
+    """A number as text, and itself; only the text of what is not finite."""
+    return [f"{value:.5g}", float(value)] if np.isfinite(value) else f"{value:.5g}"
+
+
+def median(values: Array | Sequence[float]) -> float:
+    """The median; inf where it is too large for a number."""
+    with np.errstate(over="ignore"):
+        return float(np.median(values))
+
+
+def off(value: float, true: float) -> Cell:
+    """How far a value is from the true one, relative to it; of 0 in its unit."""
+    if true == 0:
+        return f"{value:.2g}"
+    gap = abs(value / true - 1.0)
+    return [f"{100 * gap:.2g} %", float(gap)] if np.isfinite(gap) else "–"
+
+
+def interval(ends: Any) -> str:
+    """An interval as text."""
+    return "–" if not ends else f"{ends[0]:.5g} … {ends[1]:.5g}"
+
+
+def length(value: object) -> Cell:
+    """A length of a summary, in m."""
+    found = number(value)
+    return "–" if found is None or found < 0 else [metres(found), found]
+
+
+def plain(value: object, digits: int = 3) -> Cell:
+    """A number of a summary."""
+    found = number(value)
+    return "–" if found is None else [f"{found:.{digits}g}", found]
+
+
+def ladder(summary: Mapping[str, Any]) -> list[Table]:
+    """The models that were fitted, from coarse to fine."""
+    rows: list[list[Cell]] = []
+    for each in records(summary, "ladder")[:MOST_ROWS]:
+        model = each.get("model")
+        if not isinstance(model, str) or model not in MODEL_NAMES:
+            continue
+        figures = plain(each.get("values"), 9), length(each.get("rmse")), length(each.get("holdout_rmse"))
+        rows.append([f"{model} {MODEL_NAMES[model]}", *figures, plain(each.get("seconds"))])
+    heads = ["model", "values", "error", "held-out error", "seconds"]
+    note = "from coarse to fine; a model with more values should be nearer on what was kept out, too"
+    return table("ladder", "Models that were tried", heads, rows, note)
+
+
+def steps(summary: Mapping[str, Any]) -> list[Table]:
+    """The time steps that were tried."""
+    rows: list[list[Cell]] = [
+        [plain(each.get("substeps"), 9), str(each.get("integrator"))[:20], length(each.get("rmse")),
+         plain(each.get("seconds"))]
+        for each in records(summary, "step", "tried")[:MOST_ROWS]
+    ]  # fmt: skip
+    note = "steps to a frame of the target, with the error of the coarsest model"
+    return table("steps", "Time steps that were tried", ["steps", "integrator", "error", "seconds"], rows, note)
+
+
+def correlations(summary: Mapping[str, Any]) -> list[Table]:
+    """The values that are hard to tell apart."""
+    rows: list[list[Cell]] = []
+    for each in records(summary, "correlations")[:MOST_ROWS]:
+        pair = [each.get("first"), each.get("second")]
+        if all(isinstance(value, Mapping) for value in pair):
+            rows.append([*(value_name(value) for value in pair), plain(each.get("correlation"))])
+    note = (
+        "correlation of the errors of two values: near 1 or −1 the motion shows a combination of them better than each "
+        "alone"
+    )
+    return table("correlations", "Hard to tell apart", ["value", "and", "correlation"], rows, note)
+
+
+def value_name(value: Any) -> str:
+    """One fitted value of a summary."""
+    place, index = value.get("object"), value.get("index")
+    name = owned(place if isinstance(place, int) else None, str(value.get("name"))[:40])
+    if not isinstance(index, int):
+        return name
+    return f"{name} {'xyz'[index % 3]}" if place is None else f"{name} [{index}]"
+
+
+def side_by_side(truth: Scene, fitted: Scene, show: Shown, logs: Sequence[Log]) -> list[Table]:
+    """The motions of a page beside each other, where there are several: errors, and the median of each block."""
+    if not show.beside:
+        return []
+    blocks = [each for each in truth.blocks if each.count == 1 or each.kind.components == 1]
+    scenes = [(fitted.name, fitted, show.evaluation.fitted), *((b.name, b.scene, b.near) for b in show.beside)]
+    fits = [name for name, *_ in scenes if name != BEFORE]
+    known = dict(zip(fits, logs, strict=False))
+    rows: list[list[Cell]] = []
+    for name, scene, near in scenes:
+        far = ["diverges", "–", "–"] if near is None else [
+            [metres(near.rmse), near.rmse], [share(near.rmse, show), near.rmse / (show.residuals.travel or np.inf)],
+            [metres(near.max_error), near.max_error],
+        ]  # fmt: skip
+        medians = [figure(median(parameters(scene, flags=truth)[block.part])) for block in blocks]
+        took = plain(known[name].summary.get("seconds")) if name in known else "–"
+        rows.append([name, *far, *medians, took])
+    named = [f"{owned(b.cloth, b.kind.title)}{suffix(b)}" for b in blocks]
+    heads = ["motion", "RMSE", "of travel", "largest", *named, "seconds"]
+    return table("fits", "Side by side", heads, rows, "over the fitted frames")
+
+
+def suffix(block: Block) -> str:
+    """What a figure of a block is, after its name."""
+    kind = " factor" if block.factors is not None else ""
+    return f"{kind} (median)" if block.count > 1 else kind

@@ -105,6 +105,19 @@ def number(value: object) -> float | None:
     return found if math.isfinite(found) else None
 
 
+def entry(summary: Any, *keys: str) -> Any:
+    """What stands under nested keys of a summary, which is not checked; None where nothing does."""
+    for key in keys:
+        summary = summary.get(key) if isinstance(summary, Mapping) else None
+    return summary
+
+
+def records(summary: Any, *keys: str) -> list[Mapping[str, Any]]:
+    """The list of records under nested keys, as far as it is one."""
+    found = entry(summary, *keys)
+    return [each for each in found if isinstance(each, Mapping)] if isinstance(found, list) else []
+
+
 def thinned(points: list[Point]) -> list[Point]:
     """At most about `MOST_POINTS` of the points, evenly chosen, with the last one."""
     every = -(-len(points) // MOST_POINTS) or 1
@@ -126,12 +139,10 @@ def intervals(summary: Mapping[str, Any], place: int | None, name: str, mode: st
     """The 95 % intervals of a block of parameters, each [low, high] or None; None without such a block, or without the
     verdict on the model that they belong to.
     """
-    blocks = summary.get("parameters") if isinstance(summary.get("verdict"), Mapping) else None
-    for block in blocks if isinstance(blocks, list) else []:
-        if not isinstance(block, dict) or [block.get(key) for key in ("object", "name", "mode")] != [place, name, mode]:
-            continue
+    for block in records(summary, "parameters") if isinstance(summary.get("verdict"), Mapping) else []:
         ends = block.get("interval")
-        if isinstance(ends, list) and len(ends) == count:
+        same = [block.get(key) for key in ("object", "name", "mode")] == [place, name, mode]
+        if same and isinstance(ends, list) and len(ends) == count:
             return [pair(each) for each in ends]
     return None
 
@@ -140,10 +151,8 @@ def start_of(summary: Mapping[str, Any], scene: Scene) -> Scene | None:
     """The scene with the values with which a fit of it began; None where the summary does not say all of them, or of
     other values than the scene flags.
     """
-    given = summary.get("parameters")
-    blocks = [each for each in given if isinstance(each, Mapping)] if isinstance(given, list) else []
+    p, blocks = parameters(scene), records(summary, "parameters")
     starts = {tuple(str(each.get(key)) for key in ("object", "name", "mode")): each.get("start") for each in blocks}
-    p = parameters(scene)
     for block in scene.blocks:
         found = starts.get((str(block.cloth), block.name, block.mode))
         values = [number(value) for value in (found if isinstance(found, list) else [found] * block.count)]

@@ -80,3 +80,8 @@ def packed_errors(errors: Array) -> Record:
 def packed_flags(flags: Flags) -> Record:
     """The record of flags of any shape, 8 in a byte, the first in the lowest bit."""
     return {"shape": list(flags.shape), "data": deflated(np.packbits(flags, bitorder="little").tobytes())}
+
+
+def packed_gaps(seen: Flags) -> Record | None:
+    """The record of what was seen; None where all was."""
+    return None if seen.all() else packed_flags(seen)

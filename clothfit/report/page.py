@@ -76,8 +76,7 @@ def made(
 ) -> bytes:
     """The page of motions that are already simulated."""
     name = None if target is None else target.name
-    parts: dict[str, Any] = content(truth, fitted, show, log or Log(), name, others)
-    return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
+    return page(content(truth, fitted, show, log or Log(), name, others), commands, inputs)
 
 
 def control_page(
@@ -86,8 +85,7 @@ def control_page(
     """The page, HTML in UTF-8, that plays a controlled motion among its keys, with its forces. `commands` repeat it,
     `inputs` are name and SHA-256 of each file.
     """
-    parts = control_content(over, found)
-    return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
+    return page(control_content(over, found), commands, inputs)
 
 
 def subspace_page(
@@ -96,13 +94,12 @@ def subspace_page(
     """The page, HTML in UTF-8, that plays a motion on a subspace over the full one, and beside it. `model` is the name
     of its file; `commands` repeat it, `inputs` are name and SHA-256 of each file.
     """
-    parts = subspace_content(over, model)
-    return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
+    return page(subspace_content(over, model), commands, inputs)
 
 
-def page(shows: Mapping[str, Any]) -> bytes:
-    """The page that shows a content."""
-    text = script_text(shows)
+def page(shows: Mapping[str, Any], commands: Sequence[str], inputs: Sequence[tuple[str, str]]) -> bytes:
+    """The page that shows a content, with the commands that repeat it and its inputs."""
+    text = script_text({**shows, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
     modules = {path.stem: path.read_bytes() for path in sorted(WEB.glob("*.js"))}
     addresses = {"three": data_address((WEB / THREE).read_bytes())}
     addresses |= {f"clothfit/{name}": data_address(source, f"clothfit/{name}.js") for name, source in modules.items()}

@@ -17,23 +17,12 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.memory import check_memory
-from clothfit.evaluation.evaluate import (
-    HORIZON,
-    Distance,
-    Evaluation,
-    compared_cloths,
-    deviations,
-    distance,
-    finite_part,
-    last_place,
-    place_of,
-    states,
-)
+from clothfit.evaluation import evaluate
+from clothfit.evaluation.evaluate import HORIZON, Distance, Evaluation
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, check_counts, checked_motion
-from clothfit.motion.times import TIME_SLACK, frame_places, interpolated
+from clothfit.motion.times import TIME_SLACK
 from clothfit.objective.experiment import check_same_sizes
-from clothfit.pictures.overlay import compared_vertices, per_frame
 from clothfit.pictures.stage import FARTHEST_SHOWN
 from clothfit.scene.scene import Scene
 
@@ -100,11 +89,11 @@ def shown(
         notes.append(f"the horizon ends after {length} frames, as more would make this page large (--steps)")
     goal, own, faults = motions(truth, fitted, target, length)
     notes += [f"{fault}; the frames before are shown" for fault in faults]
-    compared = compared_cloths(truth)
+    compared = evaluate.compared_cloths(truth)
     evaluation = Evaluation(
-        distance(own, goal, fitted.delta, compared, place_of(truth.frames, truth, fitted)),
-        distance(own, goal, fitted.delta, compared, place_of(length, truth, fitted)),
-        deviations(truth, fitted),
+        evaluate.distance(own, goal, fitted.delta, compared, evaluate.place_of(truth.frames, truth, fitted)),
+        evaluate.distance(own, goal, fitted.delta, compared, evaluate.place_of(length, truth, fitted)),
+        evaluate.deviations(truth, fitted),
         faults[0] if faults else None,
     )
     show = pictured(truth, fitted.delta, own, goal, evaluation, notes, bool(faults), most // (2 + len(others)))
@@ -115,27 +104,26 @@ def beside(name: str, scene: Scene, truth: Scene, goal: Motion, show: Shown, len
     """The motion of another scene at the times of what is shown; adds a note where it diverges. `length` is as of the
     fitted one.
     """
-    compared, count = compared_cloths(truth), len(show.curve_times)
-    end = min(place_of(length, truth, scene), last_place(goal, scene.delta))
+    compared, count = evaluate.compared_cloths(truth), len(show.curve_times)
+    end = min(evaluate.place_of(length, truth, scene), evaluate.last_place(goal, scene.delta))
     positions = np.full((count, sum(scene.vertex_counts), 3), np.nan)
     near: Distance | None = None
     try:
-        own, fault = finite_part(scene, range(len(scene.cloths)), max(states(end), 2), 2)
+        own, fault = evaluate.finite_part(scene, range(len(scene.cloths)), max(evaluate.states(end), 2), 2)
     except Diverged as ended:
         fault = str(ended)
     else:
-        step, fraction = frame_places(goal, scene.delta)
-        known = min(int(np.searchsorted(step + fraction, len(own.positions) - 1, side="right")), count)
-        positions[:known] = interpolated(own.positions, step[:known], fraction[:known])
-        positions[near_enough(positions[:known]) :] = np.nan
-        fitted_end = place_of(truth.frames, truth, scene)
-        if states(min(fitted_end, end)) <= len(own.positions):
-            near = distance(own, goal, scene.delta, compared, fitted_end)
+        reached = evaluate.at_frames(own, goal, scene.delta)[:count]
+        positions[: len(reached)] = reached
+        positions[near_enough(reached) :] = np.nan
+        fitted_end = evaluate.place_of(truth.frames, truth, scene)
+        if evaluate.states(min(fitted_end, end)) <= len(own.positions):
+            near = evaluate.distance(own, goal, scene.delta, compared, fitted_end)
     if fault:
         show.notes.append(f"{name}: {fault}; the frames before are shown")
-    wanted = np.where(seen(goal)[:count, :, None], goal.positions[:count], np.nan)
+    wanted = seen(goal)[:count]
     gaps = np.sqrt(((positions - wanted) ** 2).sum(axis=2))
-    rmse, largest = per_frame(gaps[:, compared_vertices(truth)] ** 2)
+    rmse, largest = evaluate.per_frame(gaps[:, evaluate.compared_vertices(truth)] ** 2)
     return Beside(name, scene, positions[:: show.every], gaps[:: show.every], rmse, largest, near)
 
 
@@ -151,13 +139,13 @@ def motions(truth: Scene, fitted: Scene, target: Motion | None, length: int) -> 
     faults: list[str | None] = []
     if target is None:
         check_memory(length, sum(truth.vertex_counts), 1)
-        goal, fault = finite_part(truth, every, length, 2)
+        goal, fault = evaluate.finite_part(truth, every, length, 2)
         faults.append(fault)
     else:
         check_counts(target, truth)
         goal = checked_motion(target, truth)
-    end = min(place_of(length, truth, fitted), last_place(goal, fitted.delta))
-    own, fault = finite_part(fitted, every, max(states(end), 2), 2)
+    end = min(evaluate.place_of(length, truth, fitted), evaluate.last_place(goal, fitted.delta))
+    own, fault = evaluate.finite_part(fitted, every, max(evaluate.states(end), 2), 2)
     return goal, own, [text for text in (*faults, fault) if text]
 
 
@@ -168,32 +156,30 @@ def pictured(
     """Both motions at the times of the target, as far as both reach; of more than `most` positions of each every k-th
     frame. The fitted one, `own`, has steps of `delta`, s.
     """
-    step, fraction = frame_places(goal, delta)
-    places = step + fraction
-    count = int(np.searchsorted(places, len(own.positions) - 1, side="right"))
-    fitted = interpolated(own.positions, step[:count], fraction[:count])
-    wanted = np.where(seen(goal)[:count, :, None], goal.positions[:count], np.nan)
-    if diverged:
-        count = near_enough(fitted, wanted)
-        fitted, wanted = fitted[:count], wanted[:count]
+    fitted = evaluate.at_frames(own, goal, delta)
+    wanted = seen(goal)[: len(fitted)]
+    count = near_enough(fitted, wanted) if diverged else len(fitted)
+    fitted, wanted = fitted[:count], wanted[:count]
     error = np.sqrt(((fitted - wanted) ** 2).sum(axis=2))
     times = goal.times[:count]
     every = max(-(-fitted.shape[0] * fitted.shape[1] // max(most, 1)), 1)
     if every > 1:
         notes.append(f"one frame in {every} is shown, as all would make this page large; the charts know all")
-    part, until = compared_vertices(truth), float(truth.delta * (truth.frames - 1))
+    part, until = evaluate.compared_vertices(truth), float(truth.delta * (truth.frames - 1))
     start = np.concatenate([cloth.positions for cloth in truth.cloths])
     left = residuals(fitted, wanted, start, part, times <= until + TIME_SLACK * delta)
+    curves = evaluate.per_frame(error[:, part] ** 2)
     return Shown(
-        times[::every], fitted[::every], wanted[::every], error[::every], times, *per_frame(error[:, part] ** 2),
-        until, every, evaluation, left, notes, vertex_counts=goal.vertex_counts,
+        times[::every], fitted[::every], wanted[::every], error[::every], times, *curves, until, every,
+        evaluation, left, notes, vertex_counts=goal.vertex_counts,
         weights=None if goal.weights is None else goal.weights[:count:every],
     )  # fmt: skip
 
 
-def seen(motion: Motion) -> Flags:
-    """Which positions (frames, V) of a motion were observed."""
-    return np.concatenate([motion.seen(cloth) for cloth in range(len(motion.vertex_counts))], axis=1)
+def seen(motion: Motion) -> Array:
+    """The positions (frames, V, 3) of a motion, m; NaN where they were not observed."""
+    known = np.concatenate([motion.seen(cloth) for cloth in range(len(motion.vertex_counts))], axis=1)
+    return np.where(known[:, :, None], motion.positions, np.nan)
 
 
 def near_enough(*both: Array) -> int:

@@ -11,10 +11,9 @@ from typing import Any
 from clothfit.base.messages import metres
 from clothfit.evaluation.evaluate import Distance, Evaluation
 from clothfit.report.contents import cloth_row, content, vector_rows
-from clothfit.report.findings import GOOD, WARN
+from clothfit.report.findings import GOOD, WARN, Cell, table
 from clothfit.report.log import Log
 from clothfit.report.showing import MOST_POSITIONS, Beside, pictured
-from clothfit.report.tables import Cell, table
 from clothfit.subspace.judge import Compared
 
 FULL, BESIDE = "full simulation", "in full"

@@ -1,15 +1,14 @@
 """Substeps of XPBD with the changes of a state along many directions at once: the whole derivative of a motion.
 
 A direction is a relative change of values: of compliances, times of damping and rest lengths, of a mass, or of the
-damping of a vertex. The changes lie side by side, (n, 3, D), so that one
-pass over the constraints serves all of them. Of a constraint with the vertices' changes d, those p of the places before
-the substep, and ε of the multiplier, the correction changes by
+damping of a vertex. The changes lie side by side, (n, 3, D), so that one pass over the constraints serves all of them.
+Of a constraint with the vertices' changes d, those p of the places before the substep, and ε of the multiplier, the
+correction changes by
 
     dΔ = a·d + (γ/b) ∇C·p − (α̃/b) ε + (the values' own),   b the denominator of Δ,
     a = −((1 + γ) ∇C + γ H (x − p) + 2 (1 + γ) Δ H W ∇C)/b
 
-ω Δ by ω dΔ + dω Δ, and each vertex by wᵢ (ω Δ (H d)ᵢ + ∇ᵢC d(ω Δ)); see
-`projection`, whose derivative along one direction this is.
+ω Δ by ω dΔ + dω Δ, and each vertex by wᵢ (ω Δ (H d)ᵢ + ∇ᵢC d(ω Δ)); see `substep`, whose derivative this is.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import NO_NUMBERS, Array, Indices
 from clothfit.engine.forces import wind
 from clothfit.kernels.kernel import kernel
-from clothfit.simulators.projection import bend, factors, gap, parts, push_out, size_of
-from clothfit.simulators.substep import Model, Values, Work, finish, predict, set_world, workspace, zeros
+from clothfit.simulators import substep
+from clothfit.simulators.substep import Model, Work, workspace
 
 
 class Seeds(NamedTuple):
@@ -35,6 +34,13 @@ class Seeds(NamedTuple):
     damping: Indices  # (n,)
     relaxation: Indices  # (K,)
     drag: Indices  # (1,)
+
+
+class Air(NamedTuple):
+    """What the forces of the air take of a direction."""
+
+    drag: Array  # (1,), kg/(m⁶ s), of the faces
+    wind: Array = NO_NUMBERS  # never
 
 
 class Many(NamedTuple):
@@ -50,6 +56,7 @@ class Many(NamedTuple):
     one: Array  # (3, n, 3), the places, the velocities and the force along a single direction
     matrix: Array  # (12, 12)
     unit: Array  # (4, 3)
+    air: Air
 
 
 def many(model: Model, directions: int) -> Many:
@@ -58,7 +65,7 @@ def many(model: Model, directions: int) -> Many:
     x, v, start = np.zeros((3, n, 3, directions))
     return Many(x, v, start, np.zeros((count, directions)), np.zeros((spheres, n, directions)),
                 np.zeros((12, directions)), np.zeros(directions), np.zeros((3, n, 3)), np.zeros((12, 12)),
-                np.zeros((4, 3)))
+                np.zeros((4, 3)), Air(np.zeros(1)))
 
 
 def no_seeds(model: Model) -> Seeds:
@@ -74,27 +81,26 @@ class Sweep:
         self.model, self.seeds, self.many = model, seeds, many(model, directions)
         self.h, self.free = model.h, model.free
         self.dx, self.dv = self.many.x, self.many.v
-        self.still: Values = zeros(model)
         self.work: Work = workspace(model)
         self.x, self.v = model.x0.copy(), model.v0.copy()
 
     def advance(self, t: int) -> None:
         """Take step t."""
-        advance(self.model, self.seeds, self.still, t, self.x, self.v, self.many, self.work)
+        advance(self.model, self.seeds, t, self.x, self.v, self.many, self.work)
 
 
 @kernel
-def advance(model, seeds, still, t, x, v, many, work):
+def advance(model, seeds, t, x, v, many, work):
     """Take step t."""
     for s in range(model.substeps):
-        pushforward(model, seeds, still, t, s, x, v, many, work)
+        pushforward(model, seeds, t, s, x, v, many, work)
 
 
 @kernel
-def pushforward(model, seeds, still, t, s, x, v, many, work):
+def pushforward(model, seeds, t, s, x, v, many, work):
     """Take a substep, and turn the changes of the state before it into those after it."""
     h = model.h / model.substeps
-    push_predict(model, seeds, still, t, s, x, v, many, work)
+    push_predict(model, seeds, t, s, x, v, many, work)
     work.multiplier[:] = 0.0
     work.pressing[:] = 0.0
     many.multiplier[:] = 0.0
@@ -107,7 +113,7 @@ def pushforward(model, seeds, still, t, s, x, v, many, work):
             for i in range(len(x)):
                 if model.free[i]:
                     work.pressing[r, i] = touch(model, seeds, stiff, r, i, x, work.pressing[r, i], many, work)
-    finish(model, x, v, work)
+    substep.finish(model, x, v, work)
     for i in range(len(x)):
         for j in range(3):
             v_row, x_row, start = many.v[i, j], many.x[i, j], many.start[i, j]
@@ -116,14 +122,14 @@ def pushforward(model, seeds, still, t, s, x, v, many, work):
 
 
 @kernel
-def push_predict(model, seeds, still, t, s, x, v, many, work):
+def push_predict(model, seeds, t, s, x, v, many, work):
     """`predict`, and the changes of its results."""
-    set_world(model, t, s, work)
+    substep.set_world(model, t, s, work)
     h = model.h / model.substeps
     many.start[:] = many.x
     if len(model.faces.corners) > 0 and model.faces.drag > 0.0:
-        push_air(model, seeds, still, x, v, h, many, work)
-    predict(model, t, s, x, v, work)
+        push_air(model, seeds, x, v, h, many, work)
+    substep.predict(model, t, s, x, v, work)
     for i in range(len(x)):
         if not model.free[i]:
             continue
@@ -145,15 +151,15 @@ def push_predict(model, seeds, still, t, s, x, v, many, work):
 
 
 @kernel
-def push_air(model, seeds, still, x, v, h, many, work):
+def push_air(model, seeds, x, v, h, many, work):
     """Write w h df, the change of the air's forces, to `start`, whose places are not asked for until `add_air`."""
     dx, dv, force = many.one[0], many.one[1], many.one[2]
     for k in range(many.x.shape[2]):
         for i in range(len(x)):
             for j in range(3):
                 dx[i, j], dv[i, j], force[i, j] = many.x[i, j, k], many.v[i, j, k], 0.0
-        still.drag[0] = model.faces.drag if seeds.drag[0] == k else 0.0
-        wind.add_pushforward(model.faces, x, v, v, work.still, dx, dv, still, h, force)
+        many.air.drag[0] = model.faces.drag if seeds.drag[0] == k else 0.0
+        wind.add_pushforward(model.faces, x, v, v, work.still, dx, dv, many.air, h, force)
         wind.add_damping(model.faces, x, v, h, dv, force)
         for i in range(len(x)):
             for j in range(3):
@@ -174,11 +180,11 @@ def add_air(many, i, j):
 def project(model, seeds, c, h, x, p, multiplier, many, local):
     """Correct x by constraint c, and its changes; returns λ⁺."""
     g = local[0]
-    stiff, gamma = factors(model, c, h)
-    change, below, slide, weight = parts(model, c, h, x, p, multiplier, g)
+    stiff, gamma = substep.factors(model, c, h)
+    change, below, slide, weight = substep.parts(model, c, h, x, p, multiplier, g)
     if below == 0.0:
         return multiplier
-    count = size_of(model.members, c)
+    count = substep.size_of(model.members, c)
     turns(model, c, x, many.matrix, local[1], many.unit)
     row = local[2]  # a
     for k in range(count):
@@ -225,12 +231,12 @@ def relaxed(model, seeds, c, change, changes):
 @kernel
 def turns(model, c, x, matrix, out, unit):
     """Write H of constraint c to `matrix`."""
-    count = size_of(model.members, c)
+    count = substep.size_of(model.members, c)
     unit[:] = 0.0
     for k in range(count):
         for j in range(3):
             unit[k, j] = 1.0
-            bend(model.members, c, x, unit, out)
+            substep.bend(model.members, c, x, unit, out)
             unit[k, j] = 0.0
             for m in range(count):
                 for q in range(3):
@@ -279,14 +285,14 @@ def change_of(model, c, count, slip, keep, g, row, many):
 @kernel
 def own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, many):
     """Add what the values of constraint c and the masses of its vertices do to its correction by themselves."""
-    stiff, gamma = factors(model, c, h)
+    stiff, gamma = substep.factors(model, c, h)
     if seeds.compliance[c] >= 0:
         many.change[seeds.compliance[c]] -= stiff * (multiplier + change) / below
     if seeds.time[c] >= 0:
         many.change[seeds.time[c]] -= gamma * (slide + change * weight) / below
     if seeds.rest[c] >= 0:
         many.change[seeds.rest[c]] += model.rest[c] / below
-    for k in range(size_of(model.members, c)):
+    for k in range(substep.size_of(model.members, c)):
         i = model.members[c, k]
         if seeds.mass[i] >= 0:
             square = g[k, 0] * g[k, 0] + g[k, 1] * g[k, 1] + g[k, 2] * g[k, 2]
@@ -313,7 +319,7 @@ def spread_pair(model, c, g, change, many):
 @kernel
 def spread(model, c, g, change, many):
     """Change the vertices of constraint c."""
-    count = size_of(model.members, c)
+    count = substep.size_of(model.members, c)
     for r in range(3 * count):
         i = model.members[c, r // 3]
         w = model.inverse[i]
@@ -330,8 +336,8 @@ def spread(model, c, g, change, many):
 def touch(model, seeds, stiff, r, i, x, multiplier, many, work):
     """Correct vertex i by its contact with sphere r, and its changes; returns λ⁺."""
     w, n, own = model.inverse[i], work.normal, many.pressing[r, i]
-    depth, distance = gap(work.centre[r], model.radius[r], x, i, n)
-    change, presses = push_out(stiff, w, depth, multiplier)
+    depth, distance = substep.gap(work.centre[r], model.radius[r], x, i, n)
+    change, presses = substep.push_out(stiff, w, depth, multiplier)
     for q in range(len(own)):
         along = n[0] * many.x[i, 0, q] + n[1] * many.x[i, 1, q] + n[2] * many.x[i, 2, q]
         dw = -w if seeds.mass[i] == q else 0.0

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,9 +15,8 @@ from clothfit.motion.motion import Motion
 from clothfit.objective.experiment import experiments
 from clothfit.objective.target import Target, target
 from clothfit.scene.scene import Scene
-from clothfit.simulators import xpbd
-from clothfit.simulators.many_values import MOST, ManyFit
-from clothfit.simulators.values import Fit, Fitted
+from clothfit.simulators import blender, xpbd, xpbd_values
+from clothfit.simulators.values import MOST, Fit, Fitted, ManyFit
 
 SIMULATORS = ("xpbd", "blender")
 FEW, EACH = "G", "L"
@@ -41,34 +40,19 @@ def estimate(scene: Scene, motion: Motion | None, options: Options) -> list[Fitt
     if motion is None:
         motion = record_target(scene)
     motion = experiments(scene, motion)[0].motion
-    with opened(options) as more:
+    asked = options.simulator == "blender"
+    with blender.Blender(blender.program(options.blender)) if asked else nullcontext() as more:
         return [fitted(scene, index, motion, options, more) for index in range(len(scene.cloths))]
-
-
-@contextmanager
-def opened(options: Options) -> Iterator[Any]:
-    """What a tool needs beside the scene: a running Blender."""
-    if options.simulator != "blender":
-        yield None
-        return
-    from clothfit.simulators import blender
-
-    with blender.Blender(blender.program(options.blender)) as running:
-        yield running
 
 
 def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any) -> Fitted:
     """Fit one cloth."""
     if options.simulator == "xpbd":
-        from clothfit.simulators import xpbd_values
-
         if options.model == EACH:
             check_count(scene, index, options.settings)
         frames = scene.frames
         tool, every = xpbd_values.tool_of(scene, index, options.settings, frames), 1
     else:
-        from clothfit.simulators import blender
-
         every = blender.stride(scene)
         frames = (scene.frames - 1) // every + 1
         tool = blender.tool_of(scene, index, frames, more)
@@ -88,8 +72,6 @@ def each(
     scene: Scene, index: int, goal: Target, options: Options, few: Fitted, told: Callable[[float, int], None]
 ) -> Fitted:
     """Fit the values of each constraint and vertex of XPBD, from the few on."""
-    from clothfit.simulators import xpbd_values
-
     own = xpbd_values.each_of(scene, index, options.settings, scene.frames)
     begin = xpbd_values.as_few(own, xpbd_values.groups_of(scene, index), few.found)
     found = ManyFit(own.tool(scene.frames), goal, told, begin).run(options.most)
@@ -98,8 +80,6 @@ def each(
 
 def check_count(scene: Scene, index: int, settings: xpbd.Settings) -> None:
     """Raise InvalidInput where a cloth has more values of constraints and vertices than are fitted one by one."""
-    from clothfit.simulators import xpbd_values
-
     count = len(xpbd_values.each_of(scene, index, settings, 2).values)
     if count > MOST:
         raise InvalidInput(

@@ -1,13 +1,23 @@
-"""The few values of a tool that a fit may change, and the fit: Gauss–Newton on their logarithms in a trust region.
+"""The values of a tool that a fit may change, and the fits: of few by Gauss–Newton on their logarithms in a trust
+region, of many, some for each constraint and vertex, by Levenberg–Marquardt.
 
 A tool is a `Tool`: its values at the start, which a mapping gives, what its cloth does with others, and, where it has
-one, the derivative of that; else finite differences of the length `difference` take its place. For values of each
-constraint see `many_values`.
+one, the derivative of that; else finite differences of the length `difference` take its place.
+
+With the residuals r (`Fit.residuals`) and their derivative J by the logarithms of the values, a step d of many is the
+least of |J d + r|² + μ|d|². JᵀJ is added up frame by frame, with the changes of the state along all values side by side
+(`directions`).
+
+Far from the values that fit, the cost of a whole motion has many minima. So descents are nudged after a first one that
+is not: after each step the state goes a part of the way, one of PULLS after the other, to where the target is, so that
+an error counts for about 1/pull steps; see `strategy.first_windows`. They go on without a pull. One begins where the
+first does, one with the mapped values, and the last, of smaller parts, leaves the best minimum so far; the best end
+counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -189,3 +199,146 @@ class Fit:
 def rms(points: Array) -> float:
     """Root mean square of the lengths of (…, 3); 0 without any."""
     return float(np.sqrt((points**2).sum(axis=-1).mean())) if len(points) else 0.0
+
+
+MOST = 800
+"""The most values of a cloth that are fitted one by one: JᵀJ is made of them, and there is more than one descent."""
+
+PULLS, LEAVING, NUDGED = (0.5, 0.2, 0.05), (0.05, 0.01), 12
+"""Parts of the way to the target, those with which a minimum is left, and the most steps of the fit with each."""
+
+FIRST, LEAST, RISE, FALL = 1e-4, 1e-14, 4.0, 0.2
+"""μ at the start, its least value, both of the trace of JᵀJ, and what it is multiplied by after a step that fails, or
+does as was predicted.
+"""
+
+TRIES = 10
+"""Values of μ for a step, before the fit ends."""
+
+LONGEST = 1.0
+"""Change of a logarithm in a step."""
+
+ENOUGH, PASSING = 2e-3, 1e-2
+"""A descent ends where a step lowers the cost by less than this share of it; one that is nudged is only passed."""
+
+
+class Pull(NamedTuple):
+    """Where a target shows the ends of steps, 0 … T."""
+
+    place: Array  # (T + 1, n, 3), m
+    seen: Flags  # (T + 1, n)
+    way: Array  # (T + 1, n, 3), m, from the place one step before
+    goes: Flags  # (T + 1, n), where that is known
+
+
+def pull_of(goal: Target) -> Pull:
+    """The pull of a target."""
+    count, n = goal.last_step + 1, goal.positions.shape[1]
+    place, way = np.zeros((2, count, n, 3))
+    seen, goes = np.zeros((2, count, n), bool)
+    exact = np.flatnonzero(goal.fraction < 1e-6)
+    place[goal.step[exact]], seen[goal.step[exact]] = goal.positions[exact], goal.observed[exact]
+    goes[1:] = seen[1:] & seen[:-1]
+    way[1:] = np.where(goes[1:, :, None], place[1:] - place[:-1], 0.0)
+    return Pull(place, seen, way, goes)
+
+
+class ManyFit(Fit):
+    """A fit of a tool that has `sweep`; `begin` (V,) are the values that it begins with."""
+
+    def __init__(self, tool: Tool, goal: Target, report: Callable[[float, int], None] | None, begin: Array) -> None:
+        super().__init__(tool, goal, report)
+        self.begin = np.clip(np.log(begin), self.lower, self.upper)
+
+    def search(self, most: int) -> None:
+        """Levenberg–Marquardt, with at most so many steps of each descent."""
+        self.descend(self.begin, most)
+        for pulls, y in ((PULLS, self.begin), (PULLS, self.start), (LEAVING, None)):
+            if y is None:
+                y = self.begin if self.best is None else np.log(self.best[1])
+            for pull in pulls:
+                y = self.descend(y, min(most, NUDGED), pull)
+            self.descend(y, most)
+
+    def descend(self, y: Array, most: int, pull: float = 0.0) -> Array:
+        """Take steps from y, of motions that are pulled so far; returns the last logarithms."""
+        mu, r = FIRST, self.pulled(y, pull)
+        for _ in range(most):
+            steps, cost = self.by_normal_equations(y, r, pull, mu), float(r @ r)
+            for mu, step, predicted in steps:  # noqa: B007  the last one is kept
+                other = np.clip(y + step, self.lower, self.upper)
+                after = self.pulled(other, pull)
+                if after @ after < cost:
+                    break
+            else:
+                return y
+            gain = (cost - after @ after) / max(cost - predicted, 1e-300)
+            mu = max(FALL * mu, LEAST) if gain > 0.75 else RISE * mu if gain < 0.25 else mu
+            y, r = other, after
+            if after @ after > (1.0 - (PASSING if pull else ENOUGH)) * cost:
+                return y
+        return y
+
+    def pulled(self, y: Array, pull: float) -> Array:
+        """The residuals of a motion with a pull."""
+        if not pull:
+            return self.residuals(y)
+        found = [rows for rows, _ in self.frames(y, pull, along=False)]
+        apart = np.concatenate(found) if found else np.zeros(0)
+        if len(apart) < 3 * int(self.goal.observed.sum()):  # it ran away
+            apart = np.full(3 * int(self.goal.observed.sum()), FAR)
+        return np.concatenate([self.scale * apart, WEAK * (y - self.start)])
+
+    def frames(self, y: Array, pull: float, along: bool) -> Iterator[tuple[Array, Array]]:
+        """Of each frame of the target, in turn: the distances (3 s,) of the s vertices that it shows, and their change
+        (3 s, V) along each logarithm, or (3 s, 0). Ends early where the motion runs away.
+        """
+        assert self.tool.sweep is not None
+        interrupts.check()
+        goal, own = self.goal, self.tool.sweep(np.exp(y), along)
+        self.simulations += 1
+        pulls = pull_of(goal) if pull else None
+        x, dx, frame = own.x.copy(), own.dx.copy(), 0
+        for t in range(goal.last_step + 1):
+            while frame < len(goal.step) and goal.step[frame] + (goal.fraction[frame] > 0) == t:
+                part, seen = float(goal.fraction[frame]) or 1.0, goal.observed[frame]
+                place = (1.0 - part) * x[seen] + part * own.x[seen]
+                change = (1.0 - part) * dx[seen] + part * own.dx[seen]
+                yield (place - goal.positions[frame, seen]).reshape(-1), change.reshape(3 * int(seen.sum()), -1)
+                frame += 1
+            if t == goal.last_step or not np.isfinite(own.x).all():
+                return
+            if pulls is not None and t:
+                nudge(own, pulls, t, pull)
+            x, dx = own.x.copy(), own.dx.copy()
+            own.advance(t)
+
+    def by_normal_equations(self, y: Array, r: Array, pull: float, mu: float) -> Iterator[tuple[float, Array, float]]:
+        """Steps with growing μ: μ, the step, and the cost that is predicted after it."""
+        from scipy.linalg import cho_factor, cho_solve
+
+        size = len(y)
+        square, slope, cost, row = WEAK**2 * np.eye(size), WEAK**2 * (y - self.start), float(r @ r), 0
+        for apart, change in self.frames(y, pull, along=True):
+            square += self.scale**2 * (change.T @ change)
+            slope += self.scale * (change.T @ r[row : row + len(apart)])
+            row += len(apart)
+        unit = float(np.trace(square))
+        for _ in range(TRIES):
+            step = -cho_solve(cho_factor(square + (mu + LEAST) * unit * np.eye(size)), slope)
+            step = np.clip(step, -LONGEST, LONGEST)
+            yield mu, step, cost + float(2.0 * slope @ step + step @ (square @ step))
+            mu = max(RISE * mu, 1e-9)
+
+    @property
+    def scale(self) -> float:
+        """What a distance counts, 1/m."""
+        return float(1.0 / (self.travel * np.sqrt(max(int(self.goal.observed.sum()), 1))))
+
+def nudge(own: State, pulls: Pull, t: int, pull: float) -> None:
+    """Move the state after step t a part of the way to the target, and its changes with it."""
+    seen, goes = pulls.seen[t] & own.free, pulls.goes[t] & own.free
+    own.x[seen] += pull * (pulls.place[t, seen] - own.x[seen])
+    own.v[goes] += pull * (pulls.way[t, goes] / own.h - own.v[goes])
+    own.dx[seen] *= 1.0 - pull
+    own.dv[goes] *= 1.0 - pull

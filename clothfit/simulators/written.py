@@ -9,7 +9,6 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.export import blender as mapping
 from clothfit.export import obi
-from clothfit.export.blender import blender_files
 from clothfit.export.tools import json_text
 from clothfit.scene.scene import Scene
 from clothfit.simulators.estimate import Options
@@ -58,7 +57,7 @@ def files(scene: Scene, found: list[Fitted], options: Options) -> dict[str, byte
     made = {f"{options.simulator}-values.json": json_text(document, options.simulator).encode()}
     if options.simulator == "blender":
         return made | blender(scene, found)
-    return made | {"obi.json": compliances(scene, found, options.settings)}
+    return made | compliances(scene, found, options.settings)
 
 
 def blender(scene: Scene, found: list[Fitted]) -> dict[str, bytes]:
@@ -69,10 +68,10 @@ def blender(scene: Scene, found: list[Fitted]) -> dict[str, bytes]:
     for number, each in enumerate(found):
         base = mapping.one(number, scene.cloths[number], *mapping.steps_of(scene))
         objects.append(with_values(base, [value.name for value in each.tool.values], each.found))
-    return blender_files(scene, objects)
+    return mapping.files(scene, objects)
 
 
-def compliances(scene: Scene, found: list[Fitted], settings: Settings) -> bytes:
+def compliances(scene: Scene, found: list[Fitted], settings: Settings) -> dict[str, bytes]:
     """The file of the export to Obi, with the fitted compliances, and how its solver is set; bending is that of
     distances across edges.
     """
@@ -91,7 +90,7 @@ def compliances(scene: Scene, found: list[Fitted], settings: Settings) -> bytes:
         mean(one["actor"], "bendCompliance", one["bend"]["compliance"])
         one["solver"] = solver(each, settings)
         objects.append(one)
-    return obi.document(objects)
+    return obi.files(scene, objects)
 
 
 def solver(found: Fitted, settings: Settings) -> dict[str, Any]:

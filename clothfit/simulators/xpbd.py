@@ -104,7 +104,7 @@ def constraints(cloth: Cloth, bending: str) -> tuple[Indices, Array, Array]:
 
 
 def angles(members: Indices, x: Array) -> Array:
-    """The angles of hinges (H, 4) at x (n, 3), rad, as `constraint.angle` has them."""
+    """The angles of hinges (H, 4) at x (n, 3), rad, as `substep.angle` has them."""
     origin = x[members[:, 0]]
     e, a, b = (x[members[:, k]] - origin for k in (1, 2, 3))
     p, q = np.cross(e, a), np.cross(b, e)

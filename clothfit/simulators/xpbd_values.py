@@ -61,7 +61,8 @@ class Parts:
         for part, own in zip(self.parts, np.split(numbers, self.ends[:-1]), strict=True):
             rows, chosen = field(made, part.field).copy(), part.owner >= 0
             found = own[part.owner[chosen]]
-            rows[chosen] = rows[chosen] * found if part.kind == "times" else 1 / found if inverse(part) else found
+            found = 1 / found if part.kind == "inverse" else found
+            rows[chosen] = rows[chosen] * found if part.kind == "times" else found
             made = with_rows(made, part.field, rows)
         return made
 
@@ -70,7 +71,7 @@ class Parts:
         found = []
         for part in self.parts:
             own, chosen = np.empty(len(part.values)), part.owner >= 0
-            own[part.owner[chosen]] = field(made, part.field)[chosen] ** (-1.0 if inverse(part) else 1.0)
+            own[part.owner[chosen]] = field(made, part.field)[chosen] ** (-1.0 if part.kind == "inverse" else 1.0)
             found.append(own)
         return np.concatenate(found)
 
@@ -93,11 +94,6 @@ class Parts:
             return found
 
         return Tool("xpbd", self.values, motion, columns, sweep=sweep)
-
-
-def inverse(part: Part) -> bool:
-    """Whether rows are the inverse of values."""
-    return part.kind == "inverse"
 
 
 def field(model: Model, name: str) -> Array:

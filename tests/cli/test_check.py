@@ -97,7 +97,7 @@ def test_a_scene_that_flags_nothing_is_checked_by_masses_and_stiffnesses(path, c
 
 
 def test_a_large_cloth_is_looked_at_over_fewer_steps_and_that_is_said(path, capsys, monkeypatch):
-    monkeypatch.setattr("clothfit.inspection.gradient_check.CHECKED_VERTEX_STEPS", 90)
+    monkeypatch.setattr("clothfit.evaluation.gradient_check.CHECKED_VERTEX_STEPS", 90)
     code, _, err = said(capsys, path)
     assert code == 0
     assert "the first 10 of 29 steps; --steps checks others\n" in err

@@ -11,7 +11,7 @@ from helpers.scenes import even, trial, write_scene
 from clothfit.cli.common.console import COMPILING
 from clothfit.cli.program import run
 from clothfit.evaluation import work_precision as precision
-from clothfit.evaluation.trial import grid
+from clothfit.evaluation.work_precision import grid
 from clothfit.scene.scene import load
 
 pytestmark = [

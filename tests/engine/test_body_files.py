@@ -10,7 +10,7 @@ from helpers.surfaces import block, body, sphere, torus
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.inputs.body_files import body_of
 from clothfit.engine.inputs.sampling import arrays_from_files
-from clothfit.inspection.forecast import check, inputs_of
+from clothfit.evaluation.forecast import check, inputs_of
 from clothfit.optimise.checkpoint import identity
 from clothfit.scene.scene import load
 

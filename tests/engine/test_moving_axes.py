@@ -8,8 +8,8 @@ from helpers.scenes import document
 
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.engine.inputs.sampling import winds
+from clothfit.evaluation.forecast import inputs_of
 from clothfit.fit.estimate import estimate
-from clothfit.inspection.forecast import inputs_of
 from clothfit.motion.energy import energies
 from clothfit.motion.motion import in_scene, in_world
 from clothfit.motion.simulate import simulate

@@ -33,10 +33,14 @@ def test_the_order_of_runs_is_measured_and_their_distance_covers_the_error(order
 
 
 def test_runs_that_agree_have_no_order_and_two_have_none_either():
-    assert order_of(shifted(2.0)) is None
+    assert order_of(shifted(2.0)) is order_of(shifted(2.0, (0.3, 1))[:2]) is None
     assert agree(shifted(2.0), 0.0)
-    assert order_of(shifted(2.0, (0.3, 1))[:2]) is None
     assert not agree(shifted(2.0)[:1], 1.0)
+    gap = np.zeros((2, 2, 3))
+    gap[1, 0] = 3.0, 0.0, 4.0
+    np.testing.assert_allclose(per_frame(gap), [0, 5 / np.sqrt(2)])
+    assert root_mean_square(per_frame(gap)) == pytest.approx(2.5)  # √(25/4)
+    assert extent(gap) == 5.0
 
 
 def test_an_oscillator_comes_out_at_second_order_and_no_farther_off_than_it_says():
@@ -59,6 +63,8 @@ def test_a_free_fall_and_two_objects_in_file_order():
     assert np.abs(found.positions[:, 0, 1] - (2 - 9.81 * t**2 / 2)).max() <= found.errors.max()
     start = found.upto(3)
     assert (start.positions.shape, start.errors.shape, start.step) == ((3, 3, 3), (3,), found.step)
+    still = converged(scene(thing([(0, 0, 0), (1, 0, 0)], fixed=(0, 1))), 3)
+    assert (still.error, still.order, extent(still.positions), still.step) == (0.0, None, 1.0, 0.02 / 128)
 
 
 def test_a_fall_on_a_sphere_is_as_far_off_as_it_says():
@@ -83,23 +89,10 @@ def test_strong_damping_is_no_obstacle():
     assert gap <= 2 * found.errors.max() + 1e-12  # of 6e-8 m; what the first step of 3e-4 s leaves of 1e-7 s
 
 
-def test_what_stands_still_is_known_exactly():
-    found = converged(scene(thing([(0, 0, 0), (1, 0, 0)], fixed=(0, 1))), 3)
-    assert (found.error, found.order, extent(found.positions), found.step) == (0.0, None, 1.0, 0.02 / 128)
-
-
 def test_runs_that_diverge_do_not_count(monkeypatch):
     own = reference.moving
     monkeypatch.setattr(reference, "moving", lambda *given: None if given[2] < 64 else own(*given))
     assert converged(FALL, 3, error=1.0).step == 0.02 / 128
-
-
-def test_measures_of_a_motion():
-    gap = np.zeros((2, 2, 3))
-    gap[1, 0] = 3.0, 0.0, 4.0
-    np.testing.assert_allclose(per_frame(gap), [0, 5 / np.sqrt(2)])
-    assert root_mean_square(per_frame(gap)) == pytest.approx(2.5)  # √(25/4)
-    assert extent(gap) == 5.0
 
 
 def test_no_time_too_few_frames_and_too_many_are_refused():

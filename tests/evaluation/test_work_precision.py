@@ -1,5 +1,8 @@
-"""Speed against error: the table's marks, the recommendation, what is known and what is not, the known surprise."""
+"""Speed against error: the grid of settings and one run of each; the table's marks, the recommendation, what is known
+and what is not, the known surprise.
+"""
 
+import gc
 from dataclasses import replace
 
 import numpy as np
@@ -12,19 +15,26 @@ import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.reference import Reference, converged
-from clothfit.evaluation.trial import Setting, Trial, grid, judge, own
-from clothfit.evaluation.work_precision import WorkPrecision, front, known_frames, table, work_precision
+from clothfit.evaluation.work_precision import Setting, Trial, expected, grid, judge, own, table, work_precision
 from clothfit.motion.divergence import Diverged
 
-pytestmark = pytest.mark.slow  # compiles a fit
+slow = pytest.mark.slow  # compiles
 
 ONE = clothfit.load(document(cloth(), cloth(3, 2), optimizationIterations=11, forwardSubSteps=3))
+FALL = scene(thing([(0, 2, 0)]), thing([(0, 0, 0), (1, 0, 0)]), delta=0.1)
+POINT = thing([(0, 0, 0)])
 
 
 @pytest.fixture(scope="module")
 def found():
-    """Two cloths over 11 frames."""
-    return work_precision(ONE, seconds=3.0)
+    """Two cloths over 11 frames, and what was said meanwhile."""
+    told = []
+    made = work_precision(ONE, seconds=3.0, report=lambda seconds, what: told.append((seconds, what)))
+    return made, told
+
+
+def made(name, ratio, steps, *seconds, newton=None):
+    return Trial(Setting(name, ratio, None, newton), steps, "done", list(seconds))
 
 
 def reference(errors):
@@ -41,18 +51,142 @@ def done(squares, seconds=1.0, ratio=1.0, name="symplectic"):
     return Trial(Setting(name, ratio, None, None), steps, "done", [seconds], squares, np.sqrt(squares))
 
 
+# --- settings
+
+
+@pytest.mark.parametrize("method", [0, 1, 2, 3])
+@pytest.mark.parametrize(("newton", "tolerance"), [(1, 1e-5), (3, 1e-4), (3, 9.999999747378752e-06)])
+def test_the_scenes_own_is_in_the_grid_once(method, newton, tolerance):
+    one = scene(POINT, integrationMethod=method, forwardSubSteps=newton, tolerance=tolerance)
+    assert grid(one).count(own(one)) == 1
+    assert len(set(grid(one))) == len(grid(one))
+
+
+def test_the_grid_has_integrators_steps_tolerances_and_iterations():
+    found = grid(scene(POINT, tolerance=9.999999747378752e-06))  # 1e-5 as a float32
+    names = "explicit", "symplectic", "implicit", "bdf2"
+    kinds = {name: [s for s in found if s.integrator == name] for name in names}
+    assert sum(map(len, kinds.values())) == len(found)
+    assert {s.tolerance for s in found} == {None, 1e-3, 9.999999747378752e-06, 1e-8}
+    assert {s.newton for s in kinds["implicit"]} == {1, 2, 4}
+    assert {s.newton for s in kinds["bdf2"]} == {1}
+    assert {1.0, 0.5, 0.25, 0.125} <= {s.ratio for s in kinds["implicit"]} & {s.ratio for s in kinds["symplectic"]}
+    implicit, second = ({(s.ratio, s.tolerance) for s in kinds[name]} for name in ("implicit", "bdf2"))
+    assert implicit == second
+
+
+def test_applied_to_a_scene_a_setting_changes_what_it_says_and_nothing_else():
+    one = scene(POINT, delta=0.02)
+    made = Setting("symplectic", 0.25, None, None).applied(one)
+    assert (made.method, made.delta, made.newton_iterations) == (1, 0.005, 1)
+    assert made.cloths is one.cloths
+    assert Setting("implicit", 2.0, 1e-3, 4).applied(one).newton_iterations == 4
+    assert own(one).applied(one).delta == one.delta
+
+
+@pytest.mark.parametrize(("ratio", "steps", "name"), [(4, 3, "4 h"), (2, 5, "2 h"), (1, 10, "h"), (1 / 8, 80, "h/8")])
+def test_its_steps_reach_the_last_frame_and_frames_are_taken_at_their_times(ratio, steps, name):
+    setting = Setting("implicit", ratio, 1e-5, 1)
+    assert (setting.steps(11), setting.step_name) == (steps, name)
+    x = np.zeros((steps + 1, 2, 3))
+    x[:, 1, 2] = 5.0 + ratio * np.arange(steps + 1)  # one unit a frame
+    np.testing.assert_array_equal(precision.sampled(x, ratio, 11)[:, 1, 2], 5.0 + np.arange(11))
+    assert not precision.sampled(x, ratio, 11)[:, 0].any()
+
+
+# --- a run
+
+
+@slow
+@pytest.mark.parametrize(("name", "sign"), [("explicit", 1.0), ("symplectic", -1.0), ("implicit", -1.0)])
+@pytest.mark.parametrize("ratio", [1.0, 0.25])
+def test_in_free_fall_every_integrator_is_off_by_h_g_t_over_2(name, sign, ratio):
+    t = 0.1 * np.arange(11)
+    fallen = np.outer(9.81 * t**2 / 2, (0.0, 1.0, 0.0))[:, None]
+    exact = np.array([(0.0, 2.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]) - fallen
+    run_of = Trial(Setting(name, ratio, 1e-8, 1), Setting(name, ratio, 1e-8, 1).steps(11))
+    judge(FALL, run_of, exact)
+    gap = sign * 0.1 * ratio * 9.81 * t / 2
+    np.testing.assert_allclose(run_of.squares, gap**2, atol=1e-13)  # rounding of metres, times a gap of up to 1 m
+    np.testing.assert_allclose(run_of.largest, np.abs(gap), atol=1e-13)
+    assert (run_of.status, len(run_of.seconds)) == ("done", 1)
+
+
+@slow
+def test_all_integrators_approach_the_reference_at_order_1():
+    heavy = cloth(vertMass=[0.1] * 12, damping=0.4, dragCoefficient=0.2)
+    one = clothfit.load(document(heavy, delta=0.01, windVel={"x": 2.0, "y": 0.0, "z": 1.0}))
+    reference = converged(one, 31, error=1e-7)
+    for name, newton in (("explicit", None), ("symplectic", None), ("implicit", 1), ("implicit", 2)):
+        errors = []
+        for ratio in (1 / 8, 1 / 16, 1 / 32):
+            setting = Setting(name, ratio, 1e-10, newton)
+            run_of = Trial(setting, setting.steps(31))
+            judge(one, run_of, reference.positions)
+            errors.append(np.sqrt(run_of.squares.mean()))
+        # the next term is smaller by the factor h ω, 0.06 at the shortest steps (ω ≈ √(4 · 57/0.1)/s)
+        np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 1, atol=0.1, err_msg=name)
+        assert reference.error < 1e-3 * errors[-1]
+
+
+@slow
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid")  # as plain Python
+def test_what_diverges_says_so():
+    stiff = scene(thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], stiffness=1e7, fixed=(0,)), delta=0.1)
+    run_of = Trial(Setting("symplectic", 1.0, None, None), 30)
+    judge(stiff, run_of, np.zeros((31, 2, 3)))
+    assert (run_of.status, run_of.squares, run_of.seconds) == ("diverged", None, [])
+
+
+def test_what_a_run_will_take_is_known_by_its_kind():
+    before = [
+        made("implicit", 4.0, 10, 1.0, newton=1),
+        made("implicit", 2.0, 20, 1.6, 99.0, newton=1),
+        made("implicit", 4.0, 10, 5.0, newton=2),
+        made("explicit", 1.0, 40, 0.4),
+    ]
+    assert expected(made("implicit", 1.0, 40, newton=1), before) == pytest.approx(3.2)  # 0.08 s a step
+    assert expected(made("implicit", 4.0, 10, newton=4), before) == pytest.approx(5.0)  # as the dearest
+    assert expected(made("symplectic", 0.5, 80), before) == pytest.approx(0.8)  # as the cheapest
+    assert expected(made("symplectic", 0.5, 80), []) == 0.0
+    trials = [made("implicit", 1.0, 10, newton=4), made("implicit", 1.0, 10, newton=1), made("explicit", 0.5, 20)]
+    assert sorted(trials, key=lambda t: t.effort) == trials[::-1]
+    # 11 states of 2 vertices, each with a position and 4 velocities of 3 numbers
+    assert Trial(Setting("implicit", 1.0, 1e-5, 4), 10).needs(FALL) == 11 * 2 * 5 * 24
+
+
+def test_runs_go_round_until_each_has_its_number(monkeypatch):
+    order = []
+
+    def run(scene, setting, steps):
+        order.append(setting.integrator)
+        return 0.1, []
+
+    monkeypatch.setattr(precision, "run", run)
+    trials = [made("explicit", 1.0, 1, 0.1), made("implicit", 1.0, 1, 0.1, newton=1)]
+    for deadline in (np.inf, -np.inf):  # then no time is left for more
+        assert list(precision.rerun(FALL, trials, deadline)) == list(range(2, precision.TIMED_RUNS + 1))
+        assert order == ["explicit", "implicit"] * (precision.TIMED_RUNS - 1)
+        assert [len(t.seconds) for t in trials] == [precision.TIMED_RUNS, precision.TIMED_RUNS]
+
+
+def test_the_garbage_collector_is_off_and_on_again():
+    with pytest.raises(ZeroDivisionError), precision.undisturbed():
+        assert not gc.isenabled()
+        1 / 0  # noqa: B018
+    assert gc.isenabled()
+
+
 # --- a whole table
 
 
-def test_every_setting_has_its_row(found):
+@slow
+def test_every_setting_has_its_row_and_numbers_fit_together(found):
+    found, told = found
     assert [row.setting for row in found.rows] == grid(ONE)
     assert [row.own for row in found.rows].count(True) == 1
     assert found.own.setting == Setting("implicit", 1.0, 1e-5, 3)
-    assert (found.scene, found.delta, found.frames) == (ONE.name, 0.02, 11)
-    assert len(found.reference.positions) == 11
-
-
-def test_numbers_are_there_where_a_row_is_done_and_fit_together(found):
+    assert (found.scene, found.delta, found.frames, len(found.reference.positions)) == (ONE.name, 0.02, 11, 11)
     rows = [row for row in found.rows if row.status == "done"]
     assert len(rows) > 40
     assert all(0 < row.error <= row.max_error for row in rows)
@@ -61,23 +195,23 @@ def test_numbers_are_there_where_a_row_is_done_and_fit_together(found):
     assert costs == pytest.approx([row.ms_per_step for row in rows])
     rest = [row for row in found.rows if row.status != "done"]
     assert {(row.error, row.ms_per_step, row.runs, row.pareto) for row in rest} <= {(None, None, 0, False)}
-
-
-def test_the_error_of_the_own_row_is_the_distance_of_the_scenes_motion(found):
     gap = clothfit.simulate(ONE).positions - found.reference.positions
     assert found.own.error == pytest.approx(np.sqrt((gap**2).sum(axis=2).mean()), rel=1e-12)  # rounding
     assert found.own.max_error == pytest.approx(np.sqrt((gap**2).sum(axis=2)).max(), rel=1e-12)
+    seconds = [when for when, _ in told]
+    assert seconds == sorted(seconds)
+    assert told[0][1] == "reference motion"
+    assert f"setting 1 of {len(grid(ONE))}" in [what for _, what in told]
 
 
-def test_the_pareto_best_are_those_that_no_other_beats(found):
+@slow
+def test_the_pareto_best_are_those_that_no_other_beats_and_the_cheapest_near_enough_is_recommended(found):
+    found, _ = found
     points = [row.cost_and_error for row in found.rows]
     beaten = [any(c <= cost and e <= error and (c, e) != (cost, error) for c, e in points) for cost, error in points]
     assert [row.pareto for row in found.rows] == [
         not worse and row.status == "done" for worse, row in zip(beaten, found.rows, strict=True)
     ]
-
-
-def test_the_recommended_is_the_cheapest_that_is_near_enough(found):
     errors = sorted(row.error for row in found.rows if row.pareto)
     for wanted in (1.5 * errors[0], 1.5 * errors[len(errors) // 2]):
         row = found.recommended(wanted)
@@ -89,22 +223,7 @@ def test_the_recommended_is_the_cheapest_that_is_near_enough(found):
     assert found.nearest.error == errors[0]
 
 
-@pytest.mark.parametrize("error", [0.0, -1.0, np.nan, np.inf])
-def test_an_error_that_cannot_be_is_refused(found, error):
-    with pytest.raises(InvalidInput, match="must be above 0 and finite"):
-        found.recommended(error)
-
-
-def test_the_references_own_error_counts():
-    squares = np.full(3, 1e-4)
-    found = table(scene(thing([(0, 0, 0)])), [done(squares)], reference([0, 1e-3, 1e-3]))
-    (row,) = found.rows
-    assert row.error == pytest.approx(0.01)
-    assert found.reference.error == pytest.approx(np.sqrt(2 / 3) * 1e-3)
-    assert found.recommended(0.0105) is None
-    assert found.recommended(0.011) is row
-
-
+@slow
 def test_vertices_that_cannot_move_are_known_exactly():
     held = clothfit.load(document(cloth(vertIsFixed=[True] * 12), optimizationIterations=5))
     found = work_precision(held, seconds=1.0)
@@ -114,41 +233,31 @@ def test_vertices_that_cannot_move_are_known_exactly():
     assert found.recommended(1e-9) is best is min(rows, key=lambda row: row.seconds_per_second)
 
 
+@slow
 def test_explicit_scenes_have_an_explicit_own():
     explicit = clothfit.load(document(cloth(), optimizationIterations=5, integrationMethod=0, delta=0.001))
-    row = work_precision(explicit, seconds=1.0).own
+    row = work_precision(explicit, seconds=0.1).own
     assert (row.setting, row.status) == (Setting("explicit", 1.0, None, None), "done")
 
 
-def test_little_time_leaves_out_all_but_the_own():
+@slow
+def test_little_time_and_little_memory_leave_settings_out(monkeypatch):
     found = work_precision(ONE, 6, seconds=1e-9)
     assert found.own.status == "done"
     assert [row.status for row in found.rows].count("skipped") == len(found.rows) - 1
-
-
-def test_runs_that_would_take_too_much_memory_are_left_out(monkeypatch):
     monkeypatch.setattr(precision, "MOST_STATE_BYTES", 24 * 3 * 41 * 12)  # 40 steps of one velocity, 10 of four
     found = work_precision(ONE, seconds=1.0)
     kept = {row.setting.ratio for row in found.rows if row.status != "skipped" and row.setting.integrator != "implicit"}
     assert min(kept) == 1 / 4
 
 
-def test_progress_is_told():
-    told = []
-    work_precision(ONE, 4, 1.0, lambda seconds, what: told.append((seconds, what)))
-    seconds = [when for when, _ in told]
-    assert seconds == sorted(seconds)
-    assert told[0][1] == "reference motion"
-    assert f"setting 1 of {len(grid(ONE))}" in [what for _, what in told]
-
-
-@pytest.mark.parametrize("seconds", [0.0, -1.0, np.nan, np.inf])
-def test_a_time_that_cannot_be_is_refused(seconds):
-    with pytest.raises(InvalidInput, match="must be above 0 and finite"):
-        work_precision(ONE, seconds=seconds)
-
-
-def test_too_few_frames_and_no_reference_are_errors(monkeypatch):
+@slow
+def test_what_cannot_be_measured_is_refused(found, monkeypatch):
+    for value in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(InvalidInput, match="must be above 0 and finite"):
+            found[0].recommended(value)
+        with pytest.raises(InvalidInput, match="must be above 0 and finite"):
+            work_precision(ONE, seconds=value)
     with pytest.raises(InvalidInput, match="frames must be at least 2 to compare"):
         work_precision(ONE, 1)
     monkeypatch.setattr(precision, "REFERENCE_SECONDS", 0.0)
@@ -161,53 +270,49 @@ def test_too_few_frames_and_no_reference_are_errors(monkeypatch):
 
 def test_the_front_of_known_points():
     points = [(3.0, 1.0), (1.0, 5.0), (2.0, 5.0), (2.0, 2.0), (4.0, 1.0), (np.inf, np.inf), (2.0, 2.0)]
-    assert front(points).tolist() == [True, True, False, True, False, False, False]
-    assert front([]).tolist() == []
+    assert precision.front(points).tolist() == [True, True, False, True, False, False, False]
+    assert precision.front([]).tolist() == []
 
 
 def test_frames_count_as_long_as_the_reference_is_known_there():
     # errors of 1 m so far at the reference's 10 cm, then 1 m of its own: √(1/4) of it over four frames is above 1/5
-    trials = [done([0, 1, 1, 1, 1]), done([0, 4, 4, 4, 4], name="explicit")]
-    assert known_frames(trials, reference([0, 0.1, 0.1, 0.1, 0.1])) == 5
-    assert known_frames(trials, reference([0, 0.1, 0.1, 1.0, 0.1])) == 3
-    assert known_frames([Trial(Setting("explicit", 1.0, None, None), 4)], reference([0, 0.1, 1, 1, 1])) == 5
+    trials, known = [done([0, 1, 1, 1, 1]), done([0, 4, 4, 4, 4], name="explicit")], precision.known_frames
+    assert known(trials, reference([0, 0.1, 0.1, 0.1, 0.1])) == 5
+    assert known(trials, reference([0, 0.1, 0.1, 1.0, 0.1])) == 3
+    assert known([Trial(Setting("explicit", 1.0, None, None), 4)], reference([0, 0.1, 1, 1, 1])) == 5
     with pytest.raises(InvalidInput, match="not known well enough"):
-        known_frames(trials, reference([0, 0.9, 0.9, 0.9, 0.9]))
+        known(trials, reference([0, 0.9, 0.9, 0.9, 0.9]))
 
 
-def test_what_is_not_known_is_not_judged():
-    trial = done([0, 1e-4, 1e-4, 9.0, 9.0])
-    found = table(scene(thing([(0, 0, 0)]), delta=0.5), [trial], reference([0, 1e-4, 1e-4, 9.0, 9.0]))
+def test_what_is_not_known_is_not_judged_and_the_median_of_the_runs_counts():
+    trial = replace(done([0, 1e-4, 1e-4, 9.0, 9.0]), seconds=[5.0, 1.0, 0.9])
+    found = table(scene(POINT, delta=0.5), [trial], reference([0, 1e-4, 1e-4, 9.0, 9.0]))
     (row,) = found.rows
-    assert (found.frames, len(found.reference.positions)) == (5, 3)
+    assert (found.frames, len(found.reference.positions), row.runs) == (5, 3, 3)
     assert row.error == pytest.approx(np.sqrt(2 / 3) * 0.01)
     assert row.max_error == pytest.approx(0.01)
     assert row.ms_per_step == 250.0  # of all four steps, in 1 s
     assert row.seconds_per_second == pytest.approx(0.5)
-
-
-def test_the_median_of_the_runs_counts():
-    trial = replace(done([0, 1e-4]), seconds=[5.0, 1.0, 1.1])
-    (row,) = table(scene(thing([(0, 0, 0)]), delta=0.5), [trial], reference([0, 0])).rows
-    assert (row.runs, row.ms_per_step) == (3, 1100.0)
+    found = table(scene(POINT), [done(np.full(3, 1e-4))], reference([0, 1e-3, 1e-3]))
+    (row,) = found.rows
+    assert row.error == pytest.approx(0.01)
+    assert found.reference.error == pytest.approx(np.sqrt(2 / 3) * 1e-3)  # which counts
+    assert (found.recommended(0.0105), found.recommended(0.011)) == (None, row)
 
 
 def test_a_motion_that_left_the_scene_diverged_though_it_is_finite():
     trials = [done([0, 0.5, 0.5]), done([0, 1e6, 1e6], name="explicit")]
-    rows = table(scene(thing([(0, 0, 0)])), trials, reference([0, 0, 0])).rows
+    rows = table(scene(POINT), trials, reference([0, 0, 0])).rows
     assert [(row.status, row.error is None) for row in rows] == [("done", False), ("diverged", True)]
-
-
-def test_nothing_is_recommended_where_nothing_came_through():
     nothing = [Trial(Setting("implicit", 1.0, 1e-5, 1), 2, "diverged")]
-    found = table(scene(thing([(0, 0, 0)])), nothing, reference([0, 0, 0]))
-    assert isinstance(found, WorkPrecision)
+    found = table(scene(POINT), nothing, reference([0, 0, 0]))
     assert (found.nearest, found.recommended(1.0), found.own.status) == (None, None, "diverged")
 
 
 # --- the known surprise
 
 
+@slow
 @pytest.mark.skipif(not SIDE.is_file(), reason="the real export ../shared/scenes/side.txt is not here")
 def test_on_side_symplectic_quarter_steps_are_nearer_than_the_editors():
     side = clothfit.load(SIDE)

@@ -11,22 +11,8 @@ from helpers.paths import ROOT
 from helpers.scenes import cloth
 
 from clothfit import load
-from clothfit.export.blender import (
-    BENDING_LIMIT,
-    DAMPING_SPREAD,
-    FINER,
-    FOLD,
-    GRAVITY,
-    MOST_PARTS,
-    SLOW,
-    STIFFNESS_LIMIT,
-    TIME_UNIT,
-    bending_of,
-    damping_of,
-    painted,
-    slopes,
-    steps_of,
-)  # fmt: skip
+from clothfit.export import blender as mapping
+from clothfit.export.blender import FINER, SLOW, TIME_UNIT, bending_of, damping_of, painted, slopes, steps_of
 from clothfit.export.tools import exported
 from clothfit.export.topology import roles
 
@@ -143,73 +129,72 @@ def test_the_script_sets_what_the_file_says(scene, monkeypatch, number):
     assert set_.bending_damping == 0
 
 
-def test_the_script_keeps_a_modifier_that_is_there(scene, monkeypatch):
+def test_the_script_keeps_a_modifier_that_is_there_and_refuses_another_mesh(scene, monkeypatch):
     own = SimpleNamespace(type="CLOTH", settings=SimpleNamespace(use_pressure=True))
     active = Mesh(len(scene.cloths[0].mass), [SimpleNamespace(type="SUBSURF"), own])
     run_script(scene, active, monkeypatch)
     assert len(active.made) == 2
     assert own.settings.use_pressure
     assert own.settings.mass == blender(scene)[1]["mass"]
+    for active in (None, Mesh(5)):
+        with pytest.raises(RuntimeError, match="select the mesh of object 0: it has 36 vertices"):
+            run_script(scene, active, monkeypatch)
 
 
-@pytest.mark.parametrize("active", [None, Mesh(5)])
-def test_the_script_refuses_another_mesh(scene, monkeypatch, active):
-    with pytest.raises(RuntimeError, match="select the mesh of object 0: it has 36 vertices"):
-        run_script(scene, active, monkeypatch)
+def bending(mass):
+    """A cloth of some mass, its roles, ends and hinges of its bending springs, and 0.1 B ℓ/(3 τ²): what each of two
+    vertices feels for an angle, as `make blender` finds it in Blender.
+    """
+    (found,) = of(built(vertMass=[mass] * 36)).cloths
+    role = roles(found)
+    ends, hinges = found.springs[role.bending], role.hinges[role.bending]
+    length = np.linalg.norm(found.positions[hinges[:, 0]] - found.positions[hinges[:, 1]], axis=1)
+    return found, role, ends, hinges, bending_of(found, role, 0.02) * 0.1 * length / TIME_UNIT**2 / 3
 
 
 def test_bending_resists_as_the_spring_across_does_at_a_fold():
-    (found,) = of(built(vertMass=[10.0] * 36)).cloths  # heavy, so that nothing is reduced
-    role = roles(found)
-    stiffness = bending_of(found, role, 0.02)
-    ends, hinges = found.springs[role.bending], role.hinges[role.bending]
-    length = np.linalg.norm(found.positions[hinges[:, 0]] - found.positions[hinges[:, 1]], axis=1)
-    # each of the two feels a third of 0.1 B ℓ θ, which `make blender` finds in Blender, at its distance from the edge
-    away = (1 / slopes(found.positions, ends, hinges)[:, :2]).mean(axis=1)
-    torque = stiffness * 0.1 * length / TIME_UNIT**2 / 3 * away
+    found, role, ends, hinges, felt = bending(10.0)  # heavy, so that nothing is reduced
+    torque = felt * (1 / slopes(found.positions, ends, hinges)[:, :2]).mean(axis=1)  # at the distance from the edge
     k, across = found.stiffness[role.bending], found.rest[role.bending]
     # The energy of a spring between two equal sides is k/2 L² (1 − cos θ/2)²; its derivative differs from the third
     # order by θ²/16, 2 % at half a radian.
-    own = 0.5 * k * across**2 * (1 - np.cos(FOLD / 2)) * np.sin(FOLD / 2)
-    np.testing.assert_allclose(torque * FOLD, own, rtol=0.02)
+    own = 0.5 * k * across**2 * (1 - np.cos(mapping.FOLD / 2)) * np.sin(mapping.FOLD / 2)
+    np.testing.assert_allclose(torque * mapping.FOLD, own, rtol=0.02)
     assert len(ends) > 20
 
 
-def angle(points):
-    """The angle of the hinge between points 2 and 3, of the faces with the points 0 and 1."""
-    a, b, c, d = points
-    first, second = np.cross(d - c, a - c), np.cross(b - c, d - c)
-    sine = np.cross(first, second) @ (d - c) / np.linalg.norm(d - c)
-    return np.arctan2(sine, first @ second)
+def by_angle(flat, axis):
+    """The change of the angle of the hinge between points 2 and 3, of the faces with the points 0 and 1, by each of
+    the four along an axis; the quotient is odd in the step, so its error is of the order of 1e-8.
+    """
+
+    def angle(points):
+        a, b, c, d = points
+        first, second = np.cross(d - c, a - c), np.cross(b - c, d - c)
+        return np.arctan2(np.cross(first, second) @ (d - c) / np.linalg.norm(d - c), first @ second)
+
+    steps = 1e-4 * np.eye(4)[:, :, None] * np.eye(3)[axis]
+    return np.array([(angle(flat + step) - angle(flat - step)) / 2e-4 for step in steps])
 
 
-# A flat hinge moves out of its plane only; the quotient is odd in the step, so its error is of the order of 1e-8.
 def test_slopes_are_those_of_the_angle():
     rng = np.random.default_rng(5)
     for _ in range(5):
         flat = np.array([[0.3, 1, 0], [0.6, -1, 0], [0, 0, 0], [1, 0, 0]]) + 0.2 * rng.normal(size=(4, 3)) * [1, 1, 0]
         found = slopes(flat, np.array([[0, 1]]), np.array([[2, 3]]))[0]
-        steps = 1e-4 * np.eye(4)[:, :, None] * [0, 0, 1]
-        quotients = [(angle(flat + step) - angle(flat - step)) / 2e-4 for step in steps]
-        np.testing.assert_allclose(found, np.abs(quotients), rtol=1e-6)
+        np.testing.assert_allclose(found, np.abs(by_angle(flat, 2)), rtol=1e-6)  # it moves out of its plane only
 
 
 # The largest eigenvalue of the hinges' stiffness is that of the explicit step's frequency: 4 would not be stable.
 @pytest.mark.parametrize("mass", [1e-8, 1e-5, 1.0])
 def test_bending_is_stable_with_any_mass(mass):
-    (found,) = of(built(vertMass=[mass] * 36)).cloths
-    role, step = roles(found), 0.02
-    stiffness = bending_of(found, role, step)
-    assert (stiffness > 0).all()
-    ends, hinges = found.springs[role.bending], role.hinges[role.bending]
-    length = np.linalg.norm(found.positions[hinges[:, 0]] - found.positions[hinges[:, 1]], axis=1)
+    found, _, ends, hinges, felt = bending(mass)
+    assert (felt > 0).all()
     matrix = np.zeros((36, 36))
-    for four, value, ell in zip(np.hstack([ends, hinges]), stiffness, length, strict=True):
-        flat = found.positions[four]
-        steps = 1e-4 * np.eye(4)[:, :, None] * [0, 1, 0]
-        slope = np.array([(angle(flat + each) - angle(flat - each)) / 2e-4 for each in steps])
-        matrix[np.ix_(four, four)] += value * 0.1 * ell / TIME_UNIT**2 / 3 * np.outer(np.sign(slope), slope)
-    assert step**2 * np.abs(np.linalg.eigvals(matrix)).max() / mass <= BENDING_LIMIT
+    for four, value in zip(np.hstack([ends, hinges]), felt, strict=True):
+        slope = by_angle(found.positions[four], 1)
+        matrix[np.ix_(four, four)] += value * np.outer(np.sign(slope), slope)
+    assert 0.02**2 * np.abs(np.linalg.eigvals(matrix)).max() / mass <= mapping.BENDING_LIMIT
 
 
 def script():
@@ -220,16 +205,12 @@ def script():
     return names
 
 
-# Blender 4.2 takes 41 steps for a quality of 40 at 50 frames a second, and 12 for one of 12: it adds float32 numbers.
-def test_the_script_counts_blenders_steps():
-    scale = 1 / (50 * TIME_UNIT)
-    assert [script()["steps"](quality, scale) for quality in (1, 5, 12, 40)] == [1, 5, 12, 41]
-
-
 @pytest.mark.parametrize("rate", [24.0, 25.0, 30.0, 50.0, 60.0])
 @pytest.mark.parametrize(("step", "fewest"), [(0.1, 1), (0.005, 0), (1e-9, 80)])
 def test_the_quality_is_the_fewest_steps_without_one_too_many(rate, step, fewest):
     names, scale = script(), 1 / (rate * TIME_UNIT)
+    if rate == 50.0:  # Blender 4.2 takes 41 steps for a quality of 40, and 12 for one of 12: it adds float32 numbers
+        assert [names["steps"](quality, scale) for quality in (1, 5, 12, 40)] == [1, 5, 12, 41]
     names["DATA"]["step"] = step
     quality = names["quality_of"](rate, scale)
     assert fewest <= quality <= 80
@@ -241,11 +222,11 @@ def test_the_quality_is_the_fewest_steps_without_one_too_many(rate, step, fewest
 
 
 # Blender's step is the implicit one, so a scene with another gets shorter ones.
-def test_implicit_scenes_keep_their_step_and_others_get_a_finer_one():
-    scene = two()
-    assert content(scene.with_step(0.01, method="implicit"), "blender", "blender.json")["step"] == 0.01
-    for method in ("bdf2", "symplectic"):
-        assert content(scene.with_step(0.01, method=method), "blender", "blender.json")["step"] == 0.01 / FINER
+@pytest.mark.parametrize(("method", "step"), [("implicit", 0.01), ("bdf2", 0.01 / FINER), ("symplectic", 0.01 / FINER)])
+def test_implicit_scenes_keep_their_step_and_others_get_a_finer_one(scene, method, step):
+    assert content(scene.with_step(0.01, method=method), "blender", "blender.json")["step"] == step
+    stiff = of(cloth(4, 3, springStiffness=[1e12] * 23, vertMass=[0.02] * 12))  # of which there are no more parts
+    assert steps_of(stiff.with_step(0.01, method=method)) == (step / mapping.MOST_PARTS, mapping.MOST_PARTS)
 
 
 @pytest.mark.parametrize("stiffness", [1.0, 3e6, 1e7])
@@ -258,22 +239,17 @@ def test_a_stiff_cloth_gets_the_fewest_parts_of_a_step_that_the_solver_bears(sti
         return 12**0.5 * each**2 * stiffness / 0.02
 
     assert step * parts == pytest.approx(0.01, rel=1e-15)
-    assert hard(step) <= STIFFNESS_LIMIT
-    assert parts == 1 or hard(0.01 / (parts - 1)) > STIFFNESS_LIMIT
+    assert hard(step) <= mapping.STIFFNESS_LIMIT
+    assert parts == 1 or hard(0.01 / (parts - 1)) > mapping.STIFFNESS_LIMIT
     # implicit steps of h damp a long wave as springs of h k do: what shorter ones lose is added
     k = np.full(23, stiffness)
     assert damping_of(scene.cloths[0], k, step, parts) == pytest.approx((0.01 - step) * stiffness, rel=1e-12)
 
 
-def test_a_step_has_no_more_parts_however_stiff_a_cloth_is():
-    made = cloth(4, 3, springStiffness=[1e12] * 23, vertMass=[0.02] * 12)
-    assert steps_of(of(made).with_step(0.01, method="implicit")) == (0.01 / MOST_PARTS, MOST_PARTS)
-
-
 # A fall takes √(L/g); springs damped for as long as half of that slow it, and only they get more than h k.
 @pytest.mark.parametrize(("share", "times"), [(0.0, 0.75), (SLOW / 2, 1.75), (SLOW, 4.0), (9 * SLOW, 4.0)])
 def test_slow_cloths_get_more_damping_with_shorter_steps(share, times):
-    fall = (3.0 / GRAVITY) ** 0.5  # of a cloth of 3 m
+    fall = (3.0 / mapping.GRAVITY) ** 0.5  # of a cloth of 3 m
     own = of(cloth(4, 3, springStiffness=[1e9] * 23, vertMass=[1e-3] * 12, damping=2 * share * fall)).cloths[0]
     assert np.ptp(own.positions, axis=0).max() == 3.0
     h, k = 0.02, np.full(23, 1e9)
@@ -287,7 +263,7 @@ def test_damping_of_light_cloths_is_what_the_solver_bears():
     assert damping_of(small, k, h) == 2 * h * 1e5  # (α/2) k is 50 h k
     assert damping_of(large, k, h) == pytest.approx(h * 1e5, rel=1e-15)
     assert damping_of(large, k / 50, h) == pytest.approx(2 * h * 2e3, rel=1e-15)
-    assert h * 1e5 > DAMPING_SPREAD * 0.02 / 1200 / h > 2 * h * 2e3
+    assert h * 1e5 > mapping.DAMPING_SPREAD * 0.02 / 1200 / h > 2 * h * 2e3
 
 
 def test_the_page_tells_how_near_weights_come():

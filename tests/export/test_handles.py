@@ -8,7 +8,6 @@ import pytest
 from helpers.scenes import cloth, document, write_scene
 from scipy.spatial.transform import Rotation
 
-from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.engine.inputs.sampling import paths
 from clothfit.export.tools import exported
@@ -89,10 +88,8 @@ class Player:
         before = max(int(np.searchsorted(times, inside, side="right")) - 1, 0)
         after = min(before + 1, len(times) - 1)
         share = 0.0 if after == before or way == "STEP" else (inside - times[before]) / (times[after] - times[before])
-        if path == "rotation":
-            turn = values[before] + share * (values[after] - values[before])  # steps are short
-            return Rotation.from_quat(turn).as_matrix()
-        return values[before] + share * (values[after] - values[before])
+        found = values[before] + share * (values[after] - values[before])  # of turns, too: steps are short
+        return Rotation.from_quat(found).as_matrix() if path == "rotation" else found
 
 
 def test_a_gltf_player_moves_the_pins_as_the_scene_does(scene, truth):
@@ -103,16 +100,11 @@ def test_a_gltf_player_moves_the_pins_as_the_scene_does(scene, truth):
         for vertex in vertices:
             own = offset(scene, name, vertex)
             for k, time in enumerate(times):
-                place = player.at(name, "translation", time)
-                if (name, "rotation") in player.tracks:
-                    own = player.at(name, "rotation", time) @ offset(scene, name, vertex)
-                np.testing.assert_allclose(place + own, ways[vertex][k], atol=1e-6)  # of float32, in m
-
-
-def test_linear_keys_stay_the_keys_they_were(scene):
-    player = Player(exported(scene, "gltf")["handles.glb"])
+                turn = player.at(name, "rotation", time) if (name, "rotation") in player.tracks else np.eye(3)
+                place = player.at(name, "translation", time) + turn @ own
+                np.testing.assert_allclose(place, ways[vertex][k], atol=1e-6)  # of float32, in m
     times, _, way = player.tracks["object0_pin0", "translation"]
-    np.testing.assert_allclose(times, [0, 0.11, 0.31, 1.1, 1.2], rtol=1e-7)
+    np.testing.assert_allclose(times, [0, 0.11, 0.31, 1.1, 1.2], rtol=1e-7)  # linear keys stay the keys they were
     assert way == "LINEAR"
     assert player.tracks["object0_pin2", "translation"][2] == "STEP"
     assert len(player.tracks["object0_pin1", "translation"][0]) == scene.frames
@@ -149,19 +141,12 @@ def test_vertices_that_go_their_own_ways_have_a_node_each(tmp_path):
         np.testing.assert_allclose(player.at(node["name"], "translation", 0.25), places[0, j] * MIRROR, atol=1e-5)
 
 
-@pytest.mark.quick
-@pytest.mark.parametrize("tool", ["gltf", "usd"])
-def test_a_scene_without_pins_says_so(tool):
-    with pytest.raises(InvalidInput, match="has no pins; only their paths are exported"):
-        exported(load(document()), tool)
-
-
-def test_the_command_writes_them(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, text(), "a.json")
+def test_the_command_writes_them_and_a_scene_without_pins_is_refused(folder, capsys):
+    write_scene(folder, text(), "a.json")
     assert run(["export", "a.json", "--to", "gltf"]) == 0
     assert "a-gltf: handles.glb" in capsys.readouterr().err
-    assert (tmp_path / "a-gltf" / "handles.glb").read_bytes()[:4] == b"glTF"
-    write_scene(tmp_path, document(), "b.json")
-    assert run(["export", "b.json", "--to", "gltf"]) == 3
-    assert not (tmp_path / "b-gltf").exists()
+    assert (folder / "a-gltf" / "handles.glb").read_bytes()[:4] == b"glTF"
+    for tool in ("gltf", "usd"):
+        assert run(["export", "scene.json", "--to", tool]) == 3
+        assert "has no pins; only their paths are exported" in capsys.readouterr().err
+        assert not (folder / f"scene-{tool}").exists()

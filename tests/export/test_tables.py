@@ -15,6 +15,7 @@ from clothfit.cli.program import run
 from clothfit.export.tools import PATHS, TOOLS, exported
 from clothfit.export.topology import roles
 from clothfit.meshes import mesh
+from clothfit.pictures.camera import normals
 
 SMALL = trial("nG", 5)
 VALUES = [tool for tool in TOOLS if tool not in PATHS]
@@ -31,10 +32,7 @@ def scene():
 
 @pytest.mark.parametrize("divisions", [0, 1, 4])
 def test_springs_are_told_apart_as_the_front_end_made_them(divisions):
-    plane = mesh.plane(divisions, 1.0)
-    known = mesh.springs(plane, 50.0).bends
-    (found,) = of(built(divisions)).cloths
-    role = roles(found)
+    known, role = mesh.springs(mesh.plane(divisions, 1.0), 50.0).bends, roles(of(built(divisions)).cloths[0])
     assert (role.bending == known).all()
     assert (role.traction == ~known).all()
 
@@ -48,14 +46,10 @@ def test_a_bending_spring_goes_across_its_hinge(scene):
     assert (role.hinges[role.traction] == np.sort(found.springs[role.traction], axis=1)).all()
 
 
-def test_without_faces_nothing_is_told_apart():
-    (found,) = of(cloth(3, 3, triangles=[])).cloths
-    assert set(roles(found).names) == {"other"}
-
-
-def test_a_spring_between_far_vertices_is_neither():
-    (found,) = of(cloth(4, 4, springs=[0, 15, 0, 1], springStiffness=[1, 2])).cloths
-    assert roles(found).names == ["other", "traction"]
+def test_without_faces_nothing_is_told_apart_and_a_spring_between_far_vertices_is_neither():
+    bare, far = of(cloth(3, 3, triangles=[]), cloth(4, 4, springs=[0, 15, 0, 1], springStiffness=[1, 2])).cloths
+    assert set(roles(bare).names) == {"other"}
+    assert roles(far).names == ["other", "traction"]
 
 
 # --- tables
@@ -68,18 +62,17 @@ def test_the_tables_hold_every_number_as_it_is(scene):
         (str(len(c.mass)), str(len(c.springs))) for c in scene.cloths
     ]
     for number, found in enumerate(scene.cloths):
-        vertices = [row for row in tables["vertices.csv"] if row["object"] == str(number)]
-        springs = [row for row in tables["springs.csv"] if row["object"] == str(number)]
-        assert [float(row["mass"]) for row in vertices] == found.mass.tolist()
-        assert [[float(row[axis]) for axis in "xyz"] for row in vertices] == found.positions.tolist()
-        assert [row["fixed"] == "1" for row in vertices] == found.fixed.tolist()
-        assert [int(row["vertex"]) for row in vertices] == list(range(len(found.mass)))
-        assert [[int(row["a"]), int(row["b"])] for row in springs] == found.springs.tolist()
-        assert [float(row["stiffness"]) for row in springs] == found.stiffness.tolist()
-        assert [float(row["rest_length"]) for row in springs] == found.rest.tolist()
-        assert [row["kind"] for row in springs] == roles(found).names
-        damping = np.array([float(row["damping"]) for row in springs])
-        assert damping == pytest.approx(0.05 * found.stiffness, rel=ROUNDING)
+        of_vertices, of_springs = (
+            {key: [row[key] for row in tables[name] if row["object"] == str(number)] for key in tables[name][0]}
+            for name in ("vertices.csv", "springs.csv")
+        )
+        columns = [of_vertices[key] for key in ("mass", "x", "y", "z", "fixed", "vertex")]
+        columns += [of_springs[key] for key in ("a", "b", "stiffness", "rest_length")]
+        own = [found.mass, *found.positions.T, found.fixed, range(len(found.mass)), *found.springs.T, found.stiffness,
+               found.rest]  # fmt: skip
+        assert [[float(value) for value in column] for column in columns] == [list(values) for values in own]
+        assert of_springs["kind"] == roles(found).names
+        assert np.array(of_springs["damping"], float) == pytest.approx(0.05 * found.stiffness, rel=ROUNDING)
 
 
 # --- Obi
@@ -93,10 +86,7 @@ def test_every_spring_is_one_constraint_of_obi_with_the_inverse_of_its_stiffness
         assert 1 / compliance == pytest.approx(found.stiffness[springs], rel=ROUNDING)
         assert values["distance"]["particles"] + values["bend"]["particles"] == found.springs[springs].tolist()
         assert values["distance"]["restLength"] + values["bend"]["restLength"] == found.rest[springs].tolist()
-
-
-def test_particles_of_obi_carry_their_masses_and_fixed_ones_cannot_move(scene):
-    for found, values in zip(scene.cloths, content(scene, "obi", "obi.json")["objects"], strict=True):
+        # particles carry their masses, and fixed ones cannot move
         assert values["particles"]["mass"] == found.mass.tolist()
         inverse = np.array(values["particles"]["inverseMass"])
         assert (inverse[found.fixed] == 0).all()
@@ -109,9 +99,6 @@ def test_an_actor_of_obi_has_the_compliance_of_the_mean_stiffness(scene):
     assert 1 / values["actor"]["stretchCompliance"] == pytest.approx(found.stiffness[~bends].mean(), rel=ROUNDING)
     assert 1 / values["actor"]["bendCompliance"] == pytest.approx(found.stiffness[bends].mean(), rel=ROUNDING)
     assert content(scene, "obi", "obi.json")["objects"][1]["actor"]["bendCompliance"] is None
-
-
-def test_a_spring_without_stiffness_has_no_compliance():
     weak = of(cloth(2, 2, springStiffness=[0, 1, 2, 3, 4]))
     assert content(weak, "obi", "obi.json")["objects"][0]["distance"]["compliance"][0] is None
 
@@ -120,12 +107,8 @@ def test_a_spring_without_stiffness_has_no_compliance():
 
 
 @pytest.mark.parametrize("tool", VALUES)
-def test_the_same_scene_gives_the_same_bytes(scene, tool):
+def test_the_same_scene_gives_the_same_bytes_and_odd_objects_are_written_too(scene, tool):
     assert exported(scene, tool) == exported(scene, tool)
-
-
-@pytest.mark.parametrize("tool", VALUES)
-def test_odd_objects_are_written_too(tool):
     lone = cloth(2, 2, springs=[], springStiffness=[], triangles=[])
     held = cloth(2, 2, vertIsFixed=[True] * 4, damping=0, springStiffness=[0.0] * 5)
     made = exported(of(lone, held), tool)
@@ -134,30 +117,25 @@ def test_odd_objects_are_written_too(tool):
 
 
 @pytest.mark.parametrize("tool", VALUES)
-def test_the_command_writes_a_folder_and_says_so(tmp_path, monkeypatch, capsys, tool):
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, SMALL, "a.fitted.json")
-    assert run(["export", "a.fitted.json", "--to", tool, "--json"]) == 0
+def test_the_command_writes_a_folder_and_says_so(folder, capsys, tool):
+    assert run(["export", "scene.json", "--to", tool, "--json"]) == 0
     out, err = capsys.readouterr()
     values = json.loads(out)
-    assert (values["to"], values["output"]) == (tool, f"a.fitted-{tool}")
-    assert sorted(values["files"]) == sorted(path.name for path in (tmp_path / values["output"]).iterdir())
-    assert err.startswith("a.fitted.json: 1 object, 16 vertices, 33 springs → a.fitted-")
+    assert (values["to"], values["output"]) == (tool, f"scene-{tool}")
+    assert sorted(values["files"]) == sorted(path.name for path in (folder / values["output"]).iterdir())
+    assert err.startswith("scene.json: 1 object, 16 vertices, 33 springs → scene-")
     assert values["objects"][0]["springs"] == {"traction": 33, "bending": 0, "other": 0}
 
 
-def test_the_scene_itself_is_never_written_over(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    before = write_scene(tmp_path, SMALL, "obi.json")
-    text = (tmp_path / "obi.json").read_bytes()
-    assert run(["export", before, "--to", "obi", "-o", "."]) == 3
-    assert "it is an input, which is never written over" in capsys.readouterr().err
-    assert (tmp_path / "obi.json").read_bytes() == text
-
-
-def test_an_unknown_tool_is_named_with_those_there_are(tmp_path, capsys):
-    assert run(["export", write_scene(tmp_path, SMALL), "--to", "maya"]) == 3
-    assert "'maya' is not one of 'csv', 'obi', 'blender', 'vellum', 'gltf', 'usd'" in capsys.readouterr().err
+def test_the_scene_itself_is_never_written_over_and_an_unknown_tool_is_refused(folder, capsys):
+    text = (folder / "scene.json").rename("obi.json").read_bytes()
+    for options, message in (
+        (["obi", "-o", "."], "it is an input, which is never written over"),
+        (["maya"], "'maya' is not one of 'csv', 'obi', 'blender', 'vellum', 'gltf', 'usd'"),
+    ):
+        assert run(["export", "obi.json", "--to", *options]) == 3
+        assert message in capsys.readouterr().err
+    assert (folder / "obi.json").read_bytes() == text
 
 
 @pytest.mark.parametrize(
@@ -200,30 +178,21 @@ def geometry(data):
     return held["pointcount"], pairs(kind)["type"], np.reshape(corners, (count, sides)), attributes
 
 
-def test_the_constraints_of_vellum_are_the_springs(scene):
+def test_the_constraints_of_vellum_are_the_springs_and_its_mesh_is_right_handed(scene):
+    made, mirror = exported(scene, "vellum"), np.array([1.0, 1.0, -1.0])
     for number, found in enumerate(scene.cloths):
-        count, kind, ends, held = geometry(exported(scene, "vellum")[f"object{number}.constraints.geo"])
+        count, kind, ends, held = geometry(made[f"object{number}.constraints.geo"])
         assert (count, kind) == (len(found.mass), "PolygonCurve_run")
         assert (ends == found.springs).all()
-        assert held["primitiveattributes", "stiffness"] == found.stiffness.tolist()
-        assert held["primitiveattributes", "restlength"] == found.rest.tolist()
-        assert set(held["primitiveattributes", "type"]) == {"distance"}
-        assert held["primitiveattributes", "role"] == roles(found).names
-        mass = np.array(held["pointattributes", "mass"])
-        assert (mass == np.where(found.fixed, 0, found.mass)).all()
-
-
-def test_the_mesh_of_vellum_is_right_handed_and_faces_the_same_way(scene):
-    for number, found in enumerate(scene.cloths):
-        count, kind, corners, held = geometry(exported(scene, "vellum")[f"object{number}.cloth.geo"])
+        assert [held[PRIMITIVES, name] for name in ("stiffness", "restlength", "role", "type")] == [
+            found.stiffness.tolist(), found.rest.tolist(), roles(found).names, ["distance"] * len(ends)
+        ]  # fmt: skip
+        assert (np.array(held[POINTS, "mass"]) == np.where(found.fixed, 0, found.mass)).all()
+        count, kind, corners, held = geometry(made[f"object{number}.cloth.geo"])
         assert (count, kind) == (len(found.mass), "Polygon_run")
-        points, mirror = np.array(held["pointattributes", "P"]), np.array([1.0, 1.0, -1.0])
+        points = np.array(held[POINTS, "P"])
         assert (points * mirror == found.positions).all()
-        assert (np.array(held["pointattributes", "v"]) * mirror == found.velocity).all()
-
-        def normals(x, faces):
-            return np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
-
+        assert (np.array(held[POINTS, "v"]) * mirror == found.velocity).all()
         # the mirror image of a face's front is the front of its mirror image
         assert np.allclose(normals(points, corners), normals(found.positions, found.triangles) * mirror, atol=1e-15)
 

@@ -14,7 +14,7 @@ from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.posterior import half_width
 from clothfit.motion.degrade import degrade
 from clothfit.optimise import trajectory
-from clothfit.report.tables import by_samples
+from clothfit.report.findings import by_samples
 from clothfit.scene.scene import load
 
 pytestmark = FITS

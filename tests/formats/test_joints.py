@@ -10,9 +10,9 @@ from helpers.scenes import cloth, document
 
 from clothfit.base.errors import InvalidInput, InvalidMotion, InvalidScene
 from clothfit.engine.inputs.sampling import paths, poses
+from clothfit.evaluation.forecast import check, inputs_of
 from clothfit.formats import joints
 from clothfit.formats.axes import RIGHT, Axes
-from clothfit.inspection.forecast import check, inputs_of
 from clothfit.scene.scene import load
 
 FOLDER = Path(__file__).parent / "blender"

@@ -4,26 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from clothfit.pictures.camera import (
-    CLEARLY_MORE,
-    direction,
-    facing,
-    framed,
-    looking,
-    normals,
-    project,
-    shaped,
-    thinned,
-)
+from clothfit.pictures import camera
+from clothfit.pictures.camera import direction, framed, looking, normals, project, shaped, thinned
 
 ROUNDING = 1e-14  # of a few products of numbers up to 1
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])  # upright, in the plane z = 0
 HALVES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-
-
-def straight(points=SQUARE):
-    """A camera that looks along +z."""
-    return framed(looking(0.0, 0.0), points)
 
 
 @pytest.mark.parametrize(("yaw", "pitch"), [(0, 0), (30, 24), (-60, 80), (123, -45)])
@@ -35,11 +21,8 @@ def test_the_axes_of_a_camera_are_orthonormal(yaw, pitch):
     assert_allclose(np.cross((0.0, 1.0, 0.0), forward) / np.cos(np.radians(pitch)), right, atol=ROUNDING)
 
 
-def test_looking_along_z_has_x_to_the_right_and_y_up_as_the_editor_has():
+def test_along_z_x_is_to_the_right_and_y_up_as_in_the_editor_and_from_above_what_is_far_is_higher_up():
     assert_allclose(np.stack(looking(0.0, 0.0)), np.eye(3), atol=ROUNDING)
-
-
-def test_a_camera_that_looks_down_sees_what_is_far_higher_up():
     seen = framed(looking(0.0, 30.0), np.zeros((1, 3)))
     _, up, depth = project(seen, np.array([0.0, 0.0, 2.0]))
     assert_allclose((up, depth), (2 * np.sin(np.radians(30)), 2 * np.cos(np.radians(30))), atol=ROUNDING)
@@ -64,7 +47,7 @@ def test_all_of_a_motion_is_in_the_picture():
 
 @pytest.mark.parametrize(("least", "most", "aspect"), [(0.1, 0.5, 0.5), (2.0, 3.0, 2.0), (0.5, 2.0, 1.0)])
 def test_a_picture_has_a_shape_within_bounds_and_shows_no_less(least, most, aspect):
-    seen = straight()
+    seen = framed(looking(0.0, 0.0), SQUARE)  # along +z
     wider = shaped(seen, least, most)
     assert_allclose(wider.aspect, aspect, rtol=1e-14)
     assert (wider.low <= seen.low).all()
@@ -80,7 +63,7 @@ def test_a_direction_is_the_first_unless_another_shows_much_more():
         assert chosen >= first
     sideways = np.array([SQUARE @ np.stack(looking(-60.0, 0.0))])  # faces a camera of yaw −60
     best, first = (abs(area(sideways[0], axes)) for axes in (direction(sideways, HALVES), looking(30.0, 24.0)))
-    assert best > CLEARLY_MORE * first
+    assert best > camera.CLEARLY_MORE * first
 
 
 def area(x, axes):
@@ -91,7 +74,7 @@ def area(x, axes):
 @pytest.mark.parametrize("turned", [np.eye(3), np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]])])
 def test_a_map_is_seen_from_where_it_is_flat(turned):
     x = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0), [0.0]), axis=-1).reshape(-1, 3) @ turned
-    flat = project(facing(x), x)
+    flat = project(camera.facing(x), x)
     assert_allclose(flat[:, 2], flat[0, 2], atol=1e-13)
     assert_allclose(np.sort(np.ptp(flat[:, :2], axis=0)), [3, 4], atol=1e-13)
 

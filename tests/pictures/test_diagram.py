@@ -10,14 +10,14 @@ from helpers.physics import scene, thing
 
 from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.reference import Reference
-from clothfit.evaluation.trial import Setting, Trial, grid
-from clothfit.evaluation.work_precision import table
+from clothfit.evaluation.work_precision import Setting, Trial, grid, table
 from clothfit.pictures.diagram import draw, save_diagram
+from clothfit.pictures.picture_file import GIF, check
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
 
 POINT = scene(thing([(0, 0, 0)]))
-STARTS = {"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF"}
+STARTS = {"a.PNG": b"\x89PNG\r\n\x1a\n", "a.svg": b"<?xml", "b.svg": b"<?xml", "a.pdf": b"%PDF"}
 
 
 def measured(own_error=1e-6, scale=0.01, settings=None):
@@ -45,21 +45,15 @@ def words(figure):
     return [text.get_text() for text in figure.axes[0].texts]
 
 
-@pytest.mark.parametrize("kind", STARTS)
-def test_a_picture_is_of_the_kind_its_name_says(tmp_path, kind):
-    path = tmp_path / f"speed.{kind.upper()}"
-    save_diagram(FOUND, path, 0.005)
-    assert path.read_bytes().startswith(STARTS[kind])
-    assert [p.name for p in tmp_path.iterdir()] == [path.name]
-
-
-def test_the_same_table_is_the_same_picture(tmp_path):
-    for name in ("a.svg", "b.svg"):
-        save_diagram(FOUND, tmp_path / name)
+def test_a_picture_is_of_the_kind_its_name_says_and_the_same_each_time(tmp_path):
+    for name, begins in STARTS.items():
+        save_diagram(FOUND, tmp_path / name, 0.005)
+        assert (tmp_path / name).read_bytes().startswith(begins)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(STARTS)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
-def test_it_has_axes_with_units_and_a_line_per_integrator():
+def test_it_has_axes_with_units_and_a_line_per_integrator_whose_points_are_the_rows():
     figure = draw(FOUND, 0.005)
     (axes,) = figure.axes
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
@@ -69,18 +63,10 @@ def test_it_has_axes_with_units_and_a_line_per_integrator():
             "Pareto-best", "asked for: 5 mm"} <= set(labels(figure))  # fmt: skip
     assert "the scene's own" in words(figure)
     assert "↓ the reference's own error: 1 µm" in words(figure)
-
-
-def test_its_lines_are_the_rows():
-    (axes,) = draw(FOUND).axes
+    assert "the reference's own error: 30 µm" in labels(draw(measured(own_error=3e-5)))  # hardly better: it has a line
     (line,) = (line for line in axes.get_lines() if line.get_label() == "symplectic")
     rows = [row for row in FOUND.rows if row.setting.integrator == "symplectic"]
     np.testing.assert_array_equal(line.get_xydata(), [row.cost_and_error for row in rows])
-
-
-def test_a_reference_that_is_hardly_better_has_a_line():
-    figure = draw(measured(own_error=3e-5))
-    assert "the reference's own error: 30 µm" in labels(figure)
 
 
 def test_errors_of_0_are_drawn(tmp_path):
@@ -92,33 +78,23 @@ def test_errors_of_0_are_drawn(tmp_path):
     save_diagram(found, tmp_path / "zero.png")
 
 
-def test_rows_without_numbers_are_left_out(tmp_path):
+def test_rows_without_numbers_are_left_out_and_iterations_may_be_more_than_colours(tmp_path):
     rows = [replace(row, status="diverged", error=None, seconds_per_second=None, pareto=False) for row in FOUND.rows]
     found = replace(FOUND, rows=rows)
     assert labels(draw(found)) == ["faint: other tolerances", "the reference's own error: 1 µm"]
     save_diagram(found, tmp_path / "none.png")
-
-
-def test_more_iterations_than_colours():
     settings = [Setting("implicit", 1.0, 1e-5, newton) for newton in range(1, 8)]
     assert len([name for name in labels(draw(measured(settings=settings))) if name.startswith("implicit")]) == 7
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("speed.jpg", "ends in .png, .svg or .pdf"),
-        ("speed", "ends in .png, .svg or .pdf"),
-        ("absent/speed.png", "does not exist"),
-    ],
-)
-def test_what_cannot_be_written_is_refused(tmp_path, name, message):
-    with pytest.raises(InvalidInput, match=message):
-        save_diagram(FOUND, tmp_path / name)
+def test_what_cannot_be_drawn_or_written_is_refused(tmp_path, monkeypatch):
+    kinds = "ends in .png, .svg or .pdf"
+    for name, message in (("speed.jpg", kinds), ("speed", kinds), ("absent/speed.png", "does not exist")):
+        with pytest.raises(InvalidInput, match=message):
+            save_diagram(FOUND, tmp_path / name)
+    with pytest.raises(InvalidInput, match=r"ends in \.gif$"):
+        check(tmp_path / "x.png", GIF)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_without_matplotlib_it_says_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InvalidInput, match="a picture needs matplotlib; install it with: pip install"):
         save_diagram(FOUND, tmp_path / "speed.png")

@@ -34,7 +34,7 @@ def read(*given, width=160):
         return np.array(frames), durations, image.info
 
 
-def test_it_loops_at_the_speed_of_the_clock():
+def test_it_loops_at_the_speed_of_the_clock_and_shows_a_cloth_that_moves():
     scene, times, x = motion()
     frames, durations, info = read(scene, times, x)
     assert info["loop"] == 0
@@ -43,11 +43,6 @@ def test_it_loops_at_the_speed_of_the_clock():
     assert len(frames) == 13  # of 26 frames at 20 ms every second, as two hundredths are too short for many viewers
     assert durations[:-1] == [40] * 12
     assert sum(durations) == pytest.approx(1000 * (times[24] + gif.LAST_FRAME_PAUSE), abs=5)  # to a hundredth
-
-
-def test_it_shows_a_cloth_that_moves():
-    scene, times, x = motion()
-    frames, _, _ = read(scene, times, x)
     filled = (np.abs(frames[0].astype(int) - ImageColor.getrgb(gif.GROUND)).max(axis=2) > 40).mean()
     assert 0.1 < filled < 0.9
     changes = [(np.abs(a.astype(int) - b) > 40).any(axis=2).mean() for a, b in pairwise(frames)]
@@ -82,13 +77,10 @@ def test_frames_are_thinned_to_what_can_be_seen(count, step, every):
     assert between == pytest.approx(1000 * step * film.frames[-1], abs=5)
 
 
-def test_a_motion_too_short_to_be_seen_is_slowed_down():
+def test_a_motion_too_short_to_be_seen_is_slowed_down_and_one_that_diverges_is_drawn_as_far_as_it_is_good():
     film = gif.film(1e-4 * np.arange(101))
     assert film.speed == pytest.approx(0.01 / gif.SLOWED_TO)
     assert sum(film.durations[:-1]) == pytest.approx(1000 * gif.SLOWED_TO, abs=50)
-
-
-def test_a_motion_that_diverges_is_drawn_as_far_as_it_is_good():
     scene, times, x = motion()
     wild = x.copy()
     wild[13:] *= 1e9

@@ -11,8 +11,8 @@ from clothfit.control.control import course
 from clothfit.control.keyframes import Key
 from clothfit.motion.simulate import simulate
 from clothfit.pictures import gif
-from clothfit.pictures.filmstrip import chosen
 from clothfit.pictures.marks import LONGEST, MOST_ARROWS, arrows, marks
+from clothfit.pictures.plots import chosen
 from clothfit.pictures.stage import stage
 from clothfit.scene.forces import Forces
 
@@ -53,7 +53,7 @@ def test_the_course_beside_its_keys(own):
     assert np.abs(found.free[1:] - x[1:]).max() > 1e-4
 
 
-def test_the_marks_of_each_frame(own):
+def test_the_marks_of_each_frame_are_within_the_picture(own):
     found, x, _ = own
     made = marks(found)
     size = np.linalg.norm(np.ptp(x[0], axis=0))
@@ -65,32 +65,24 @@ def test_the_marks_of_each_frame(own):
     np.testing.assert_array_equal(made.keys[9], found.poses[1])
     assert [len(each) for each in made.dots] == [1] * 9 + [0] * 12
     assert made.largest == pytest.approx(0.2)
+    on = stage(found.scene, [x, *made.seen(x)], 100, times=found.times)
+    for frame in range(STEPS):
+        for ends in arrows(on, frame, x[frame], made):
+            assert ((ends > on.camera.low) & (ends < on.camera.high)).all()
 
 
-def test_no_more_arrows_than_can_be_told_apart():
+def test_no_more_arrows_than_can_be_told_apart_and_none_without_forces():
     many = scene(chain(3 * MOST_ARROWS, "nn"), delta=H, optimizationIterations=2)
     pushed = many.with_forces(Forces(np.zeros(1), np.ones((1, 3 * MOST_ARROWS, 3))))
     x = many.cloths[0].positions
     keys = [Key(1, 0, np.arange(len(x), dtype=np.int32), x)]
     made = marks(course(many, pushed, keys, simulate(pushed)))
     assert 0.5 * MOST_ARROWS < made.arrows[0].any(axis=1).sum() <= MOST_ARROWS
-
-
-def test_a_scene_without_forces_has_no_arrows():
     still = scene(thing([(0, 0, 0)]), delta=H, optimizationIterations=3, gravity=xyz((0, 0, 0)))
     motion = simulate(still)
     made = marks(course(still, still, [Key(2, 0, np.zeros(1, np.int32), np.ones((1, 3)))], motion))
     assert not made.arrows.any()
     assert [name for name, _ in made.legend] == ["key", "cloth"]
-
-
-def test_arrows_are_within_the_picture(own):
-    found, x, _ = own
-    made = marks(found)
-    on = stage(found.scene, [x, *made.seen(x)], 100, times=found.times)
-    for frame in range(STEPS):
-        for ends in arrows(on, frame, x[frame], made):
-            assert ((ends > on.camera.low) & (ends < on.camera.high)).all()
 
 
 def test_a_film_holds_the_keys(own):

@@ -14,7 +14,7 @@ PACKAGE = ROOT / "clothfit"
 
 FOLDERS = [
     "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise",
-    "registration", "strategy", "fit", "control", "evaluation", "inspection", "many", "subspace", "pictures", "report",
+    "registration", "strategy", "fit", "control", "evaluation", "many", "subspace", "pictures", "report",
     "export", "simulators", "live", "cli",
 ]  # fmt: skip
 """From the bottom to the top: the path of the data."""

@@ -10,7 +10,7 @@ from helpers.paths import EXAMPLES
 import clothfit
 from clothfit.engine.forces.touch import depths
 from clothfit.engine.system import at_rest
-from clothfit.inspection.forecast import inputs_of
+from clothfit.evaluation.forecast import inputs_of
 
 WORLD = EXAMPLES / "world"
 SHORT = 25

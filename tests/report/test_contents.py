@@ -9,11 +9,11 @@ from helpers.unpacking import content_of
 
 from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate
-from clothfit.report.findings import GOOD, PLAIN, WARN, headline, judged
+from clothfit.report import findings
+from clothfit.report.findings import GOOD, PLAIN, WARN
 from clothfit.report.log import Log, start_of
 from clothfit.report.page import WEB, report_page
 from clothfit.report.showing import BEFORE, residuals, shown
-from clothfit.report.tables import correlations, figure, ladder, median, steps, value_name
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
@@ -27,7 +27,7 @@ PAIR = {"first": {"object": 0, "name": "stiffness", "index": 3}, "second": {"obj
 # --- residuals
 
 
-def test_residuals_in_time_and_over_the_cloth():
+def test_residuals_in_time_and_over_the_cloth_where_something_is_seen_and_compared():
     wanted = np.zeros((3, 2, 3))
     wanted[:, 1, 0] = [0.0, 3.0, 4.0]
     x = wanted + [0.0, 0.25, 0.0]  # a lag of 0.25 m upwards
@@ -37,9 +37,6 @@ def test_residuals_in_time_and_over_the_cloth():
     assert found.mean[0].tolist() == [0.0, 0.25, 0.0]
     assert found.of_vertices.tolist() == [0.25, 0.25]
     assert found.travel == pytest.approx(np.sqrt(9.0 / 4.0))  # of 2 vertices in 2 frames
-
-
-def test_what_nobody_saw_and_what_is_not_compared_has_no_residual():
     wanted = np.full((2, 3, 3), np.nan)
     wanted[:, 0] = 1.0
     found = residuals(wanted + 1.0, wanted, np.ones((3, 3)), np.array([True, True, False]), np.ones(2, bool))
@@ -52,24 +49,21 @@ def test_what_nobody_saw_and_what_is_not_compared_has_no_residual():
 
 
 def test_the_models_the_steps_and_the_correlations_are_tables():
-    (models,) = ladder({"ladder": LADDER})
+    (models,) = findings.ladder({"ladder": LADDER})
     assert models["heads"] == ["model", "values", "error", "held-out error", "seconds"]
     assert models["rows"][0] == ["F one factor", ["1", 1.0], ["20 mm", 0.02], ["30 mm", 0.03], ["0.5", 0.5]]
     assert models["rows"][1][3] == "–"
-    (tried,) = steps({"step": STEPS})
+    (tried,) = findings.steps({"step": STEPS})
     assert tried["rows"] == [[["2", 2.0], "bdf2", ["20 mm", 0.02], ["1", 1.0]]]
-    (pairs,) = correlations({"correlations": [PAIR]})
+    (pairs,) = findings.correlations({"correlations": [PAIR]})
     assert pairs["rows"] == [["objects[0] stiffness [3]", "scene wind z", ["-0.98", -0.98]]]
 
 
 @pytest.mark.parametrize("bad", [None, 3, "x", [], [3], [[]], {"tried": 1}, [{"first": 1, "second": {}}]])
 def test_a_summary_that_cannot_be_read_gives_no_table(bad):
     summary = {"ladder": bad, "step": bad, "correlations": bad}
-    assert ladder(summary) + steps(summary) + correlations(summary) == []
-
-
-def test_values_have_names_whatever_a_log_says():
-    assert value_name({"object": "x", "name": 5, "index": None}) == "scene 5"
+    assert findings.ladder(summary) + findings.steps(summary) + findings.correlations(summary) == []
+    assert findings.value_name({"object": "x", "name": 5, "index": None}) == "scene 5"
 
 
 @pytest.mark.parametrize(
@@ -81,7 +75,7 @@ def test_values_have_names_whatever_a_log_says():
     ],
 )  # fmt: skip
 def test_the_verdict_is_a_level_and_a_sentence(verdict, level, words):
-    found, text = judged({"verdict": verdict})
+    found, text = findings.judged({"verdict": verdict})
     assert found == level
     assert words in text
 
@@ -89,7 +83,7 @@ def test_the_verdict_is_a_level_and_a_sentence(verdict, level, words):
 # --- the start of a fit, from a log
 
 
-def test_the_start_of_a_fit_comes_from_its_summary():
+def test_the_start_of_a_fit_comes_from_its_summary_and_values_too_large_for_their_median_are_text():
     scene = load(even("LG", 4))
     count = len(scene.cloths[0].mass)
     masses = np.linspace(0.1, 0.2, count).tolist()
@@ -101,11 +95,8 @@ def test_the_start_of_a_fit_comes_from_its_summary():
     assert start_of({"parameters": [blocks[0], {**blocks[1], "start": [7.0, 8.0]}]}, scene) is None
     assert start_of({"parameters": [blocks[0], {**blocks[1], "start": -7.0}]}, scene) is None  # no stiffness
     assert start_of({"parameters": [[]]}, scene) is None
-
-
-def test_values_that_are_too_large_for_their_median_are_text():
-    assert figure(median(np.full(2, 1.5e308))) == "inf"  # a page is JSON, which has no such number
-    assert figure(2.5) == ["2.5", 2.5]
+    assert findings.figure(findings.median(np.full(2, 1.5e308))) == "inf"  # a page is JSON, which has no such number
+    assert findings.figure(2.5) == ["2.5", 2.5]
 
 
 # --- the motions beside the fitted one
@@ -129,7 +120,7 @@ def test_the_motion_before_the_fit_stands_beside_it(three):
     assert before.near.rmse == pytest.approx(np.sqrt(gap.mean()), rel=1e-9)
     assert before.rmse[1:] == pytest.approx(np.sqrt(gap.mean(axis=1))[1:], rel=1e-9)
     assert before.near.rmse > 5 * show.evaluation.fitted.rmse
-    text = headline(Log(start=start), show)["text"]
+    text = findings.headline(Log(start=start), show)["text"]
     percent = 100 * before.near.rmse / np.sqrt(((target.positions - target.positions[0]) ** 2).sum(axis=2).mean())
     assert f"before the fit {1000 * before.near.rmse:.3g} mm, {percent:.2g} %" in text
 
@@ -144,14 +135,9 @@ def test_several_fits_of_a_target_stand_side_by_side(three):
     errors = [row[1][1] for row in table["rows"]]
     assert errors[2] < errors[0] < errors[1]
     assert [each["name"] for each in content["beside"]] == [BEFORE, truth.name]
-
-
-@pytest.mark.slow
-def test_a_motion_beside_it_that_diverges_is_a_note(three):
-    truth, _, fitted = three
     wild = load(even("nG", 12, integrationMethod=0, springStiffness=[5e5] * 33))
     target = as_motion(truth, simulate(truth, 12, 1e-10).positions)
-    show = shown(truth, fitted, target, others=[("wild.json", wild)])
+    show = shown(truth, fitted, target, others=[("wild.json", wild)])  # which diverges
     assert show.beside[0].near is None
     assert any("wild.json" in note and "diverged" in note for note in show.notes)
     assert len(report_page(truth, fitted, target, others=[(wild, Log())])) > 500_000

@@ -71,7 +71,7 @@ def test_what_the_page_tells(found):
     assert curve[10] == 0.0
 
 
-def test_frames_of_keys_are_shown_however_few_frames_are(found, monkeypatch):
+def test_frames_of_keys_are_shown_however_few_frames_are_and_forces_where_there_are_some(found, monkeypatch):
     over, ended = found
     monkeypatch.setattr(control_contents, "MOST_POSITIONS", 3 * 12 * 5)
     shows = content_of(control_page(over, ended))
@@ -80,10 +80,6 @@ def test_frames_of_keys_are_shown_however_few_frames_are(found, monkeypatch):
     assert [times[frame] for frame in shows["control"]["due"]] == pytest.approx([0.2, 0.48])
     assert "not every frame is shown" in " ".join(shows["notes"])
     assert len(shows["control"]["chart"]["times"]) == STEPS + 1
-
-
-def test_without_forces_nothing_is_said_of_them(found):
-    over, ended = found
     still = replace(over, forces=np.zeros_like(over.forces), effort=np.zeros_like(over.effort))
     shows = content_of(control_page(still, ended))
     assert "forces" not in dict(shows["facts"])

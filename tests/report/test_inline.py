@@ -1,7 +1,6 @@
 """What notebooks show: frames that play without a network, of scenes, motions and fits."""
 
 import html
-import json
 import re
 import subprocess
 import sys
@@ -20,7 +19,7 @@ pytestmark = pytest.mark.slow  # compiles a fit, and starts processes
 
 
 def scene():
-    return load(json.loads(json.dumps(even("nF", 12, title="</script><script>alert(1)</script>"))))
+    return load(even("nF", 12, title="</script><script>alert(1)</script>"))
 
 
 def page_of(shown):

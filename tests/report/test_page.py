@@ -12,19 +12,12 @@ from helpers.unpacking import content_of, unpacked, unpacked_positions
 from clothfit import report_page
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
-from clothfit.evaluation.evaluate import evaluate
+from clothfit.evaluation.evaluate import evaluate, per_frame
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion, save_motion
 from clothfit.motion.simulate import simulate
-from clothfit.pictures.overlay import per_frame
-from clothfit.report.log import intervals, read_log
-from clothfit.report.packing import (
-    box,
-    packed,
-    packed_errors,
-    packed_flags,
-    packed_positions,
-)
+from clothfit.report.log import Log, intervals, read_log
+from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
 from clothfit.report.page import WEB, page
 from clothfit.report.showing import default_length, shown
 from clothfit.scene.scene import load
@@ -57,73 +50,40 @@ def waving(frames, vertices, seed=0):
     return np.sin(0.1 * np.arange(frames)[:, None, None] * pace + phase) * [3.0, 0.1, 1e-6] + [0.0, -50.0, 7.0]
 
 
-def test_a_page_shows_finer_steps_at_the_frames_of_the_true_scene():
-    truth = load(even("nG", 8))
-    fine = truth.with_step(truth.delta / 2, 15)
-    show = shown(truth, fine, frames=12)
-    own = simulate(fine, 23, 1e-10).positions[::2]
-    assert np.allclose(show.fitted, own, atol=1e-12)  # the same steps
-    assert (show.evaluation.fitted.frames, show.evaluation.horizon.frames) == (8, 12)
-    assert show.evaluation == evaluate(truth, fine, horizon=12)
-
-
 # --- packing
 
 
-def test_positions_come_back_within_half_a_step_of_the_grid():
+def test_positions_come_back_within_half_a_step_of_the_grid_and_what_was_not_seen_stays_where_it_was():
     x = waving(40, 30)
+    x[2:4, 1] = np.nan
     low, step = box(x)
     back = unpacked_positions(packed_positions(x, low, step))
-    gap = np.abs(back - x).max(axis=(0, 1))
+    gap = np.nanmax(np.abs(back - x), axis=(0, 1))
     assert (gap <= 0.5 * step * (1 + 1e-6) + 1e-14).all()  # rounding of q, and of the sum at 50 m
     assert step[0] == pytest.approx(6.0 / 65535, rel=1e-2)  # the finest of 16 bits
+    assert (back[2:4, 1] == back[1, 1]).all()
+    large = waving(100, 2000)  # a fifteenth of 5,000 × 300 of two motions
+    assert len(packed_positions(large, *box(large))["data"]) * 15 < 25e6
 
 
-def test_any_whole_numbers_of_16_bits_come_back():
+def test_any_whole_numbers_of_16_bits_come_back_and_a_motion_without_a_box():
     x = np.random.default_rng(1).integers(0, 65536, (20, 7, 3)).astype(float)
     x[0, 0], x[0, 1] = 0.0, 65535.0
-    assert np.array_equal(unpacked_positions(packed_positions(x, *box(x))), x)
+    for motion in (x, np.full((3, 2, 3), 4.5)):
+        assert np.array_equal(unpacked_positions(packed_positions(motion, *box(motion))), motion)
 
 
-def test_what_was_not_seen_stays_where_it_was():
-    x = waving(6, 4)
-    gone = x.copy()
-    gone[2:4, 1] = np.nan
-    low, step = box(gone)
-    back = unpacked_positions(packed_positions(gone, low, step))
-    assert np.array_equal(back[2, 1], back[1, 1])
-    assert np.array_equal(back[3, 1], back[1, 1])
-    assert np.allclose(back[4, 1], x[4, 1], rtol=0, atol=step.max())
-
-
-def test_a_motion_that_stands_still_has_no_box_and_comes_back():
-    x = np.full((3, 2, 3), 4.5)
-    assert np.array_equal(unpacked_positions(packed_positions(x, *box(x))), x)
-
-
-@pytest.mark.parametrize("array", [np.linspace(0, 1, 7), np.arange(6).reshape(2, 3), np.array([True, False])])
-def test_arrays_come_back(array):
-    back = unpacked(packed(array))
-    assert back.shape == array.shape
-    assert np.allclose(back, array, rtol=1e-7)  # float32
-
-
-def test_errors_have_grades_by_their_roots():
+def test_arrays_errors_and_flags_come_back():
+    for array in (np.linspace(0, 1, 7), np.arange(6).reshape(2, 3), np.array([True, False])):
+        back = unpacked(packed(array))
+        assert back.shape == array.shape
+        assert np.allclose(back, array, rtol=1e-7)  # float32
     record = packed_errors(np.array([[0.0, 4.0, np.nan, 1e-4]]))
-    grades = unpacked({**record, "type": "uint8"})
     assert record["most"] == 4.0
-    assert grades.tolist() == [[0, 255, 0, 1]]  # 255 √(1e-4 / 4) = 1.3
+    assert unpacked({**record, "type": "uint8"}).tolist() == [[0, 255, 0, 1]]  # 255 √(1e-4 / 4) = 1.3
     assert packed_errors(np.zeros((2, 2)))["most"] == 0.0
-
-
-def test_flags_take_a_bit_each():
     record = packed_flags(np.array([[True, False, False], [True, True, False]]))
     assert unpacked({**record, "type": "uint8", "shape": [1]}).tolist() == [0b11001]
-
-
-def test_a_large_motion_stays_small():
-    x = waving(100, 2000)  # a fifteenth of 5,000 × 300 of two motions
-    assert len(packed_positions(x, *box(x))["data"]) * 15 < 25e6
 
 
 # --- what is shown
@@ -150,20 +110,21 @@ def test_a_target_gives_the_times_and_its_gaps(both):
     assert show.evaluation == evaluate(*both, target=target)
 
 
-def test_frames_between_steps_lie_on_the_straight_line(both):
+def test_frames_between_steps_lie_on_the_straight_line_and_finer_steps_at_those_of_the_true_scene(both):
     x = simulate(both[1], 5, 1e-10).positions
     target = as_motion(both[0], x[:2], times=np.array([0.01, 0.05]))
     assert np.allclose(shown(*both, target).fitted[1], (x[2] + x[3]) / 2, rtol=0, atol=1e-12)
+    fine = both[1].with_step(both[1].delta / 2, 23)
+    show = shown(both[0], fine, frames=15)
+    assert np.allclose(show.fitted, simulate(fine, 29, 1e-10).positions[::2], atol=1e-12)  # the same steps
+    assert (show.evaluation.fitted.frames, show.evaluation.horizon.frames) == (12, 15)
+    assert show.evaluation == evaluate(both[0], fine, horizon=15)
 
 
-def test_too_many_frames_are_thinned_and_the_curves_are_not(both):
+def test_too_many_frames_are_thinned_and_the_curves_are_not_and_the_horizon_is_shorter(both):
     show = shown(*both, frames=30, most=2 * 16 * 12)
-    assert len(show.times) == 10
-    assert len(show.rmse) == 30
+    assert (len(show.times), len(show.rmse)) == (10, 30)
     assert "one frame in 3 is shown" in show.notes[0]
-
-
-def test_the_horizon_of_large_scenes_is_shorter_and_that_is_said(both):
     assert default_length(both[0], 10**9) == 500
     show = shown(*both, most=2 * 16 * 40)
     assert len(show.times) == 40
@@ -226,37 +187,31 @@ def test_lines_that_say_nothing_are_left_out(tmp_path, line):
     assert any("ends early" in text for text in log.warnings)
 
 
-@pytest.mark.parametrize(
-    "interval", [None, [[1.0]], [[2.0, 1.0]], [["1", "2"]], [[1.0, 1e999]], "ab", [[1.0, 2.0]] * 2, [None]]
-)
-def test_intervals_that_cannot_be_are_none(interval):
-    summary = {**SUMMARY, "parameters": [3, {**SUMMARY["parameters"][0], "interval": interval}]}
-    assert intervals(summary, 0, "stiffness", "G", 1) in (None, [None])
+def test_intervals_that_cannot_be_are_none_and_those_without_the_verdict_are_not_read():
+    for interval in (None, [[1.0]], [[2.0, 1.0]], [["1", "2"]], [[1.0, 1e999]], "ab", [[1.0, 2.0]] * 2, [None]):
+        summary = {**SUMMARY, "parameters": [3, {**SUMMARY["parameters"][0], "interval": interval}]}
+        assert intervals(summary, 0, "stiffness", "G", 1) in (None, [None])
+    for verdict in (None, "adequate", 1):
+        assert intervals({**SUMMARY, "verdict": verdict}, 0, "stiffness", "G", 1) is None
 
 
-@pytest.mark.parametrize("verdict", [None, "adequate", 1])
-def test_intervals_without_the_verdict_are_not_read(verdict):
-    assert intervals({**SUMMARY, "verdict": verdict}, 0, "stiffness", "G", 1) is None
-
-
-def test_a_long_log_is_thinned_and_keeps_its_end(tmp_path):
+def test_a_long_log_is_thinned_and_keeps_its_end_and_what_is_none_is_refused(tmp_path):
     log = read_log(log_file(tmp_path, *(point(i + 1) for i in range(9000))))
     assert len(log.points) <= 2001
     assert (log.points[0].evaluations, log.points[-1].evaluations) == (1, 9000)
-
-
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"{}\n[]"])
-def test_what_is_no_log_is_refused(tmp_path, content):
-    with pytest.raises(InvalidInput, match="no line of it"):
-        read_log(log_file(tmp_path, content))
+    for content in (b"", b"PK\x03\x04", b"{}\n[]"):
+        with pytest.raises(InvalidInput, match="no line of it"):
+            read_log(log_file(tmp_path, content))
 
 
 # --- the page
 
 
-def test_a_page_stands_alone_and_tells_all(both):
+def test_a_page_stands_alone_with_every_module_and_tells_all(both):
     target = degrade(simulate(both[0]), noise=0.001)
-    html = report_page(*both, target, commands=["clothfit report a 'b c'"], inputs=[("a", "0123")])
+    masses = {"object": 0, "name": "mass", "mode": "L", "interval": [[0.1, 0.3]] * 16}
+    log = Log(summary={**SUMMARY, "parameters": [masses]})
+    html = report_page(*both, target, log=log, commands=["clothfit report a 'b c'"], inputs=[("a", "0123")])
     text = html.decode()
     assert not re.search(r"(src|href)=|@import|url\(", text.split('id="content"')[0])
     assert text.count("<script") == 3  # data, imports, start
@@ -265,6 +220,14 @@ def test_a_page_stands_alone_and_tells_all(both):
     assert content["commands"] == ["clothfit report a 'b c'"]
     assert [block["title"] for block in content["blocks"]] == ["Mass"]  # one value for all is a row of a table
     assert row_of(content, "values", "objects[0] stiffness")["fitted"] == "33"
+    assert row_of(content, "values", "objects[0] mass, median of 16")["95 % interval"] == "± 0.1"
+    (text,) = re.findall(r'<script type="importmap" nonce="\w+">(.*?)</script>', text)
+    names = {f"clothfit/{path.stem}" for path in WEB.glob("*.js")}
+    assert set(json.loads(text)["imports"]) == names | {"three"}
+    used = {name for path in WEB.glob("*.js") for name in re.findall(r'from "([\w/]+)";', path.read_text("utf-8"))}
+    assert used | {"clothfit/main"} == names | {"three"}
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        page({"title": "t", "x": float("nan")}, [], [])
 
 
 def test_titles_and_names_cannot_leave_their_place(both):
@@ -276,15 +239,6 @@ def test_titles_and_names_cannot_leave_their_place(both):
     assert html.count('type="importmap"') == 1
 
 
-def test_every_module_of_the_page_is_in_it(both):
-    html = report_page(*both, frames=12).decode()
-    (text,) = re.findall(r'<script type="importmap" nonce="\w+">(.*?)</script>', html)
-    names = {f"clothfit/{path.stem}" for path in WEB.glob("*.js")}
-    assert set(json.loads(text)["imports"]) == names | {"three"}
-    used = {name for path in WEB.glob("*.js") for name in re.findall(r'from "([\w/]+)";', path.read_text("utf-8"))}
-    assert used | {"clothfit/main"} == names | {"three"}
-
-
 def test_what_the_modules_take_from_three_is_what_is_kept_of_it():
     kept = json.loads((WEB / "three" / "version.json").read_text("utf-8"))
     found = " ".join(re.findall(r'import \{([^}]*)\} from "three"', "".join(p.read_text() for p in WEB.glob("*.js"))))
@@ -293,25 +247,11 @@ def test_what_the_modules_take_from_three_is_what_is_kept_of_it():
     assert "MIT License" in (WEB / "three" / "LICENSE").read_text("utf-8")
 
 
-def test_a_page_has_no_number_that_json_has_not():
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        page({"title": "t", "x": float("nan")})
-
-
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"triangles": []}, {"colliders": [sphere(0.3)]}, {"windVel": {"x": 1.0, "y": 0.0, "z": 0.0}},
-        {"vertIsFixed": [False] * 16}, {"fit": {"windVel": "G"}},
-    ],
-    ids=str,
-)  # fmt: skip
-def test_every_kind_of_scene_has_a_page(fields):
-    scene = load(trial("nG", 4, **fields))
-    assert len(content_of(report_page(scene, scene, frames=5))["motion"]["times"]) == 5
-
-
-def test_every_kind_of_parameter_has_a_card():
+def test_every_kind_of_scene_has_a_page_and_every_kind_of_parameter_a_card():
+    wind = {"x": 1.0, "y": 0.0, "z": 0.0}
+    for fields in ({"triangles": []}, {"colliders": [sphere(0.3)]}, {"windVel": wind}, {"vertIsFixed": [False] * 16}):
+        scene = load(trial("nG", 4, fit={"windVel": "G"}, **fields))
+        assert len(content_of(report_page(scene, scene, frames=5))["motion"]["times"]) == 5
     fits = {"vertVel": "L", "springRestLength": "L", "damping": "G", "dragCoefficient": "G"}
     own = cloth(optimizationSettings="LG", fit=fits, vertVel=[{"x": 3.0, "y": 4.0, "z": 0.0}] * 12)
     scene = load(document(cloth(), own, fit={"gravity": "G"}, optimizationIterations=4))
@@ -373,8 +313,8 @@ def test_a_motion_that_diverges_ends_with_code_4_and_a_page(paths, capsys):
 
 
 def test_a_fit_makes_its_page(paths, capsys):
-    arguments = ["estimate", "scene.json", "--target", "target.npz", "--start", "9", "--report", "{stem}.html"]
-    assert run([*arguments, "--method", "l-bfgs-b", "-o", "my fit.json"]) == 0
+    fit = ["estimate", "scene.json", "--target", "target.npz", "--start", "9", "--method", "l-bfgs-b"]
+    assert run([*fit, "--report", "{stem}.html", "-o", "my fit.json"]) == 0
     assert "→ scene.html" in capsys.readouterr().err
     content = content_of((paths / "scene.html").read_bytes())
     assert content["names"] == {"scene": "scene.json", "fitted": "my fit.json", "target": "target.npz"}
@@ -393,14 +333,11 @@ def test_a_fit_makes_its_page(paths, capsys):
     assert content["cost_unit"] == "m²"
 
 
-def test_a_fits_page_does_not_go_where_the_scene_may_go(paths, capsys):
+def test_the_page_is_not_written_over_an_input_nor_where_the_scene_may_go(paths, capsys):
     assert run(["estimate", "scene.json", "-o", "-", "--report", "-"]) == 3
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith("error: --report must be a file of its own, not -")
-
-
-def test_the_page_is_not_written_over_an_input_nor_the_result(paths, capsys):
     for taken in ("scene.json", "target.npz", "fitted.json"):
         assert run(["estimate", "scene.json", "--target", "target.npz", "-o", "fitted.json", "--report", taken]) == 3
         assert f"cannot write {taken}: it is an input" in capsys.readouterr().err

@@ -12,10 +12,10 @@ from clothfit.export.topology import roles
 from clothfit.meshes.mesh import plane
 from clothfit.motion.motion import Motion
 from clothfit.objective.target import target
-from clothfit.simulators import many_values, substep, xpbd, xpbd_values
+from clothfit.simulators import substep, values, xpbd, xpbd_values
 from clothfit.simulators.blender import left_out, program, values_of, with_values
 from clothfit.simulators.estimate import Options, estimate
-from clothfit.simulators.many_values import ManyFit
+from clothfit.simulators.values import ManyFit
 
 pytestmark = pytest.mark.slow  # compiles
 
@@ -33,11 +33,24 @@ def scene():
     )
 
 
+@pytest.fixture
+def folder(scene, tmp_path, monkeypatch):
+    """A folder to work in, with the scene."""
+    monkeypatch.chdir(tmp_path)
+    clothfit.save(scene, "sheet.json")
+    return tmp_path
+
+
+def moved(scene, tool, factors):
+    """The motion of a tool with its values at the start times some factors; and these values."""
+    truth = np.array([value.start for value in tool.values]) * factors
+    return Motion(tool.motion(truth), scene.delta * np.arange(FRAMES), scene.vertex_counts, None, "xpbd"), truth
+
+
 def test_xpbd_finds_the_values_that_a_cloth_of_xpbd_moved_with(scene):
     settings = xpbd.Settings(2, 3)
     tool = xpbd_values.tool_of(scene, 0, settings, FRAMES)
-    truth = np.array([value.start for value in tool.values]) * [1.6, 0.7, 1.3, 2.0, 0.5, 0.8, 1.2, 0.9, 1.5, 0.6]
-    motion = Motion(tool.motion(truth), scene.delta * np.arange(FRAMES), scene.vertex_counts, None, "xpbd")
+    motion, truth = moved(scene, tool, [1.6, 0.7, 1.3, 2.0, 0.5, 0.8, 1.2, 0.9, 1.5, 0.6])
     (found,) = estimate(scene, motion, Options("xpbd", settings))
     assert found.mapped_rmse > 1e-3 * found.travel
     # what is left is the weak pull to the mapping, a hundred-thousandth of the way for a factor e
@@ -66,22 +79,23 @@ def test_a_fit_is_never_worse_than_the_mapping(scene):
         assert found.mapped_rmse == pytest.approx(np.sqrt((gaps**2).mean()), rel=1e-9)
 
 
-def test_the_command_writes_the_values(scene, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    clothfit.save(scene, "sheet.json")
-    assert run(["estimate", "sheet.json", "--simulator", "xpbd", "--iterations", "3", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    (one,) = told["objects"]
-    assert one["rmse"] <= one["mapped_rmse"]
-    kept = json.loads((tmp_path / "sheet-xpbd" / "xpbd-values.json").read_text())
+def command(folder, capsys, *options):
+    """What a fit of the scene in XPBD says and writes of its object: the summary, and what Obi is given."""
+    assert run(["estimate", "sheet.json", "--simulator", "xpbd", *options, "--json"]) == 0
+    (one,) = json.loads(capsys.readouterr().out)["objects"]
+    kept, obi = (json.loads((folder / "sheet-xpbd" / name).read_text()) for name in ("xpbd-values.json", "obi.json"))
     assert kept["objects"] == [one]
-    document = json.loads((tmp_path / "sheet-xpbd" / "obi.json").read_text())
-    obi, solver = document["objects"][0], document["objects"][0]["solver"]
-    assert solver["substeps"] == 1
+    return one, obi["objects"][0]
+
+
+def test_the_command_writes_the_values(scene, folder, capsys):
+    one, obi = command(folder, capsys, "--iterations", "3")
+    assert one["rmse"] <= one["mapped_rmse"]
+    assert obi["solver"]["substeps"] == 1
     factors = {value["name"]: value["fitted"] for value in one["values"]}
     (own,) = scene.cloths
-    for kind, name in (("distance", "distance"), ("bending", "bending")):
-        assert solver[kind] == {"iterations": 3, "SORFactor": factors[f"{name} relaxation"]}
+    for kind in ("distance", "bending"):
+        assert obi["solver"][kind] == {"iterations": 3, "SORFactor": factors[f"{kind} relaxation"]}
     bent = obi["bend"]["spring"]
     wanted = factors["bending compliance"] / own.stiffness[bent]
     assert obi["bend"]["compliance"] == pytest.approx(wanted, rel=1e-12)
@@ -90,9 +104,7 @@ def test_the_command_writes_the_values(scene, tmp_path, monkeypatch, capsys):
 def test_xpbd_finds_the_values_of_each_constraint(scene):
     settings, rng = xpbd.Settings(1, 4), np.random.default_rng(2)
     tool = xpbd_values.each_of(scene, 0, settings, FRAMES).tool(FRAMES)
-    truth = np.array([value.start for value in tool.values])
-    truth *= np.exp(0.1 * rng.normal(size=len(truth)))
-    motion = Motion(tool.motion(truth), scene.delta * np.arange(FRAMES), scene.vertex_counts, None, "xpbd")
+    motion, _ = moved(scene, tool, np.exp(0.1 * rng.normal(size=len(tool.values))))
     (found,) = estimate(scene, motion, Options("xpbd", settings, most=6, model="L"))
     # the few values cannot make it; with each, what is left falls with every step
     assert found.rmse < 0.1 * found.few.rmse < 0.1 * found.few.mapped_rmse
@@ -100,40 +112,37 @@ def test_xpbd_finds_the_values_of_each_constraint(scene):
     assert found.rmse == pytest.approx(np.sqrt((again**2).mean()), rel=1e-6)
 
 
+def along(scene, motion, pull):
+    """A fit of each value from the mapped ones to a motion that is pulled so far, the distances of its frames, and
+    their changes along a direction: those that it has, and central differences, whose error is of order 1e-10.
+    """
+    tool = xpbd_values.each_of(scene, 0, xpbd.Settings(1, 2), FRAMES).tool(FRAMES)
+    goal = target(motion, 0, scene.delta, FRAMES - 1)
+    fit, e = ManyFit(tool, goal, None, np.array([value.start for value in tool.values])), 1e-5
+    d = np.random.default_rng(5).normal(size=len(fit.start))
+    rows, columns = (fit.scale * np.concatenate(each) for each in zip(*fit.frames(fit.start, pull, along=True),
+                                                                      strict=True))  # fmt: skip
+    up, down = (fit.pulled(fit.start + s * e * d, pull)[: -len(d)] for s in (1, -1))
+    assert columns @ d == pytest.approx((up - down) / (2 * e), rel=1e-6, abs=1e-9)
+    return fit, rows
+
+
 def test_the_derivative_between_frames_is_that_of_the_samples(scene):
     """A target whose clock is not that of the steps."""
     motion = clothfit.simulate(scene)
     slower = Motion(motion.positions[::2], 0.83 * motion.times[::2], scene.vertex_counts, None, "slow")
-    goal = target(slower, 0, scene.delta, FRAMES - 1)
-    assert (goal.fraction > 0.01).any()
-    fit, e = many_fit(scene, goal), 1e-5
-    d = np.random.default_rng(5).normal(size=len(fit.start))
-    rows, columns = zip(*fit.frames(fit.start, 0.0, along=True), strict=True)
-    up, down = (fit.residuals(fit.start + s * e * d)[: -len(d)] for s in (1, -1))
-    assert fit.scale * np.concatenate(columns) @ d == pytest.approx((up - down) / (2 * e), rel=1e-6, abs=1e-9)  # e²
-    assert fit.scale * np.concatenate(rows) == pytest.approx(fit.residuals(fit.start)[: -len(d)], rel=1e-12)
-
-
-def many_fit(scene, goal):
-    """A fit of each value, from the mapped ones."""
-    tool = xpbd_values.each_of(scene, 0, xpbd.Settings(1, 2), FRAMES).tool(FRAMES)
-    return ManyFit(tool, goal, None, np.array([value.start for value in tool.values]))
+    fit, rows = along(scene, slower, 0.0)
+    assert (fit.goal.fraction > 0.01).any()
+    assert rows == pytest.approx(fit.residuals(fit.start)[: len(rows)], rel=1e-12)
 
 
 def test_the_changes_of_a_nudged_motion_are_those_of_its_distances(scene):
-    goal = target(clothfit.simulate(scene), 0, scene.delta, FRAMES - 1)
-    fit, e = many_fit(scene, goal), 1e-5
-    d = np.random.default_rng(6).normal(size=len(fit.start))
-    found = np.concatenate([columns @ d for _, columns in fit.frames(fit.start, 0.3, along=True)])
-    up, down = (fit.pulled(fit.start + s * e * d, 0.3)[: len(found)] for s in (1, -1))
-    assert found * fit.scale == pytest.approx((up - down) / (2 * e), rel=1e-6, abs=1e-9)  # of order e²
+    fit, _ = along(scene, clothfit.simulate(scene), 0.3)
     # an error lasts for a few steps only: the nudged motion is nearer
     assert np.linalg.norm(fit.pulled(fit.start, 0.9)) < 0.5 * np.linalg.norm(fit.pulled(fit.start, 0.0))
 
 
-def test_more_values_than_are_fitted_one_by_one_are_refused_before_any_fit(scene, tmp_path, monkeypatch, capsys):
-    clothfit.save(scene, tmp_path / "sheet.json")
-    monkeypatch.chdir(tmp_path)
+def test_more_values_than_are_fitted_one_by_one_are_refused_before_any_fit(folder, monkeypatch, capsys):
     monkeypatch.setattr("clothfit.simulators.estimate.MOST", 150)
     monkeypatch.delattr("clothfit.simulators.estimate.Fit")
     assert run(["estimate", "sheet.json", "--simulator", "xpbd", "--model", "L"]) == 3
@@ -150,26 +159,19 @@ def test_rest_lengths_are_those_of_distances(scene, bending):
     assert (lengths == own.rest[distances]).all()
 
 
-def test_the_command_writes_the_values_of_each(scene, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(many_values, "PULLS", ())
-    monkeypatch.setattr(many_values, "LEAVING", ())
-    clothfit.save(scene, "sheet.json")
-    options = ["--simulator", "xpbd", "--iterations", "2", "--model", "L", "--json"]
-    assert run(["estimate", "sheet.json", *options]) == 0
-    (one,) = json.loads(capsys.readouterr().out)["objects"]
+def test_the_command_writes_the_values_of_each(scene, folder, monkeypatch, capsys):
+    monkeypatch.setattr(values, "PULLS", ())
+    monkeypatch.setattr(values, "LEAVING", ())
+    one, obi = command(folder, capsys, "--iterations", "2", "--model", "L")
     assert one["rmse"] <= one["few_rmse"] <= one["mapped_rmse"]
     (own,) = scene.cloths
     assert [len(one["each"][name]["fitted"]) for name in ("compliance", "damping", "mass")] == [
         len(own.springs), len(own.springs), int((~own.fixed).sum())
     ]  # fmt: skip
-    obi = json.loads((tmp_path / "sheet-xpbd" / "obi.json").read_text())["objects"][0]
-    compliance = np.array(one["each"]["compliance"]["fitted"])
-    assert obi["distance"]["compliance"] == pytest.approx(compliance[obi["distance"]["spring"]], rel=1e-12)
-    masses = np.array(obi["particles"]["mass"])[~own.fixed]
-    rests = np.array(one["each"]["rest length"]["fitted"])
-    assert obi["distance"]["restLength"] == pytest.approx(rests[obi["distance"]["spring"]], rel=1e-12)
-    assert masses == pytest.approx(np.array(one["each"]["mass"]["fitted"]), rel=1e-12)
+    fitted = {name: np.array(each["fitted"]) for name, each in one["each"].items()}
+    for name, key in (("compliance", "compliance"), ("rest length", "restLength")):
+        assert obi["distance"][key] == pytest.approx(fitted[name][obi["distance"]["spring"]], rel=1e-12)
+    assert np.array(obi["particles"]["mass"])[~own.fixed] == pytest.approx(fitted["mass"], rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -185,10 +187,8 @@ def test_the_command_writes_the_values_of_each(scene, tmp_path, monkeypatch, cap
         (["--simulator", "blender", "--blender", "/no/such/python"], 3, "no such program"),
     ],
 )
-def test_what_cannot_be_is_refused(scene, tmp_path, capsys, options, code, words):
-    path = tmp_path / "sheet.json"
-    clothfit.save(scene, path)
-    assert run(["estimate", str(path), *options]) == code
+def test_what_cannot_be_is_refused(folder, capsys, options, code, words):
+    assert run(["estimate", "sheet.json", *options]) == code
     assert words in capsys.readouterr().err
 
 

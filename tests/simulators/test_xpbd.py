@@ -12,7 +12,7 @@ from clothfit.export.blender import FOLD
 from clothfit.meshes.mesh import plane
 from clothfit.scene.keys import Keys, Pin
 from clothfit.simulators import directions, substep, xpbd
-from clothfit.simulators.projection import bend, measure
+from clothfit.simulators.substep import bend, measure
 
 pytestmark = pytest.mark.slow  # compiles
 
@@ -47,31 +47,21 @@ def moved(model, change, step):
     """The model with other values, by a change of their logarithms, field by field."""
     own = {name: getattr(model, name) * np.exp(step * change[name]) for name in change if name != "drag"}
     own["inverse"] = model.inverse * np.exp(-step * change["inverse"])
-    return model._replace(**own, faces=model.faces._replace(drag=model.faces.drag * np.exp(step * change["drag"])))
-
-
-def relaxed(model):
-    """The model with a relaxation of each constraint, below and above 1."""
-    return model._replace(relaxation=np.linspace(0.6, 1.6, len(model.rest)))
+    drag = model.faces.drag * float(np.exp(step * np.sum(change["drag"])))
+    return model._replace(**own, faces=model.faces._replace(drag=drag))
 
 
 @pytest.mark.parametrize("members", [np.array([[0, 2, -1, -1]], np.int32), HINGE])
 def test_a_constraints_derivatives_are_those_of_its_value(members):
-    rng, rest, g, h = np.random.default_rng(0), np.zeros(1), np.zeros((4, 3)), 1e-6
-    d, out, other = rng.normal(size=(4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
-    used = members[0][members[0] >= 0]
-    own = np.zeros((4, 3))
+    rest, (g, up, down, out, own), h = np.zeros(1), np.zeros((5, 4, 3)), 1e-6
+    d, used = np.random.default_rng(0).normal(size=(4, 3)), members[0][members[0] >= 0]
     own[used] = d[: len(used)]
     measure(members, rest, 0, FOLDED, g)
-    up, down = (measure(members, rest, 0, FOLDED + s * h * own, other) for s in (1, -1))
+    above, below = (measure(members, rest, 0, FOLDED + s * h * own, each) for s, each in ((1, up), (-1, down)))
     # central differences: h² and rounding over h, both below 1e-9
-    assert (up - down) / (2 * h) == pytest.approx((g * d)[: len(used)].sum(), rel=1e-7)
-    grads = []
-    for s in (1, -1):
-        measure(members, rest, 0, FOLDED + s * h * own, other)
-        grads.append(other.copy())
+    assert (above - below) / (2 * h) == pytest.approx((g * d)[: len(used)].sum(), rel=1e-7)
     bend(members, 0, FOLDED, d, out)
-    assert np.allclose(((grads[0] - grads[1]) / (2 * h))[: len(used)], out[: len(used)], atol=1e-7)
+    assert np.allclose(((up - down) / (2 * h))[: len(used)], out[: len(used)], atol=1e-7)
 
 
 def test_an_angle_is_that_between_the_faces():
@@ -89,29 +79,24 @@ def test_an_angle_is_that_between_the_faces():
 @pytest.mark.parametrize("bending", xpbd.BENDING)
 def test_the_changes_along_all_directions_are_those_of_the_motion(bending):
     """In wind, over a sphere, with a pin that moves; each kind of values by itself, with a lane of each value."""
-    model = relaxed(xpbd.model_of(sheet(), 0, xpbd.Settings(3, 2, bending), FRAMES))
+    model = xpbd.model_of(sheet(), 0, xpbd.Settings(3, 2, bending), FRAMES)
+    model = model._replace(relaxation=np.linspace(0.6, 1.6, len(model.rest)))  # below and above 1
     x, _ = substep.simulate(model, FRAMES)
     assert (np.linalg.norm(x - model.centre[0, 0], axis=2) < model.radius[0]).any()  # it touches
-    count, free = len(model.rest), np.flatnonzero(model.free)
-    lane, mass = np.arange(count, dtype=np.int32), np.full(len(model.x0), -1, np.int32)
-    mass[free] = 3 * count + np.arange(len(free))
-    damping = np.where(mass < 0, -1, mass + len(free)).astype(np.int32)
-    many = 4 * count + 2 * len(free) + 1
-    own = (lane + k * np.int32(count) for k in range(3))
-    relaxation, drag = lane + np.int32(many - count - 1), np.array([many - 1], np.int32)
-    sweep = directions.Sweep(model, directions.Seeds(*own, mass, damping, relaxation, drag), many)
+    some = {"inverse": model.free, "damping": model.free, "drag": np.ones(1, bool)}
+    names = "compliance", "time", "rest", "inverse", "damping", "relaxation", "drag"
+    chosen = [some.get(name, np.ones(len(model.rest), bool)) for name in names]
+    ends = np.cumsum([0, *map(np.sum, chosen)])
+    lanes = (np.where(own, end + np.cumsum(own) - 1, -1) for own, end in zip(chosen, ends[:-1], strict=True))
+    seeds = directions.Seeds(*(lane.astype(np.int32) for lane in lanes))
+    sweep = directions.Sweep(model, seeds, int(ends[-1]))
     for t in range(FRAMES - 1):
         sweep.advance(t)
     assert (sweep.x == x[-1]).all()
-    d, e = np.random.default_rng(3).normal(size=many), 1e-5
-    ends = np.cumsum([0, count, count, count, len(free), len(free), count, 1])
-    names = "compliance", "time", "rest", "inverse", "damping", "relaxation", "drag"
-    for name, start, end in zip(names, ends[:-1], ends[1:], strict=True):
-        change = dict.fromkeys(names, 0.0)
-        change[name] = d[start] if name == "drag" else d[start:end]
-        if name in ("inverse", "damping"):
-            change[name] = np.zeros(len(model.x0))
-            change[name][free] = d[start:end]
+    d, e = np.random.default_rng(3).normal(size=ends[-1]), 1e-5
+    for k, (name, start, end) in enumerate(zip(names, ends[:-1], ends[1:], strict=True)):
+        change = dict.fromkeys(names, 0.0) | {name: np.zeros(len(chosen[k]))}
+        change[name][chosen[k]] = d[start:end]
         up, down = (substep.simulate(moved(model, change, s * e), FRAMES)[0][-1] for s in (1, -1))
         wanted = (up - down) / (2 * e)
         # the error of central differences is of order e², and rounding

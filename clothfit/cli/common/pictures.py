@@ -17,13 +17,12 @@ from clothfit.optimise.status import Status
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
     from clothfit.control.control import Course
-    from clothfit.evaluation.evaluate import Evaluation
+    from clothfit.evaluation.evaluate import Evaluation, Overlay
     from clothfit.fit.result import Fit
     from clothfit.motion.energy import Energy
     from clothfit.motion.motion import Motion
     from clothfit.optimise.progress import Progress
     from clothfit.pictures.marks import Marks
-    from clothfit.pictures.overlay import Overlay
     from clothfit.scene.scene import Scene
 
 Goal: TypeAlias = "Motion | tuple[Motion, Scene]"
@@ -113,7 +112,7 @@ class Pictures:
         """Draw a fitted scene beside the true one."""
         if not any(self.files):
             return
-        from clothfit.pictures.overlay import overlaid
+        from clothfit.evaluation.evaluate import overlaid
 
         over = overlaid(truth, fitted, target, max(truth.frames, horizon))
         if self.plot is not None:
@@ -146,8 +145,8 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
     """The motion of a fit over its target, which may have a scene of its own."""
     import numpy as np
 
+    from clothfit.evaluation.evaluate import overlaid
     from clothfit.objective.experiment import flagged_as
-    from clothfit.pictures.overlay import overlaid
     from clothfit.scene.fit_vector import parameters, with_parameters
     from clothfit.strategy.time_step import with_interval
 

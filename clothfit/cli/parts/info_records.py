@@ -10,8 +10,8 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common.scenes import vector
+from clothfit.evaluation.overview import doubts, extent
 from clothfit.formats.axes import Reading
-from clothfit.inspection.overview import doubts, extent
 
 
 def motion(path: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from helpers.paths import EXAMPLES
 from helpers.scenes import cloth, document, trial
 
 from clothfit import Diverged, Objective, load, simulate
-from clothfit.inspection.forecast import forecast
+from clothfit.evaluation.forecast import forecast
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -20,9 +20,6 @@ def test_the_memory_of_a_fit_is_what_the_fit_foresees(name):
     motion = simulate(scene)
     assert forecast(scene).motion == motion.positions.nbytes
     assert forecast(scene).fit == pytest.approx(Objective(scene, motion).needs.foreseen, rel=0.05)  # small arrays
-
-
-def test_nothing_to_fit_takes_nothing():
     assert forecast(load(trial("nn", 5))).fit is None
 
 

@@ -7,17 +7,9 @@ import pytest
 from helpers.paths import EXAMPLES
 from helpers.scenes import cloth, document, sphere, trial
 
-from clothfit import load
-from clothfit.inspection.overview import (
-    Flagged,
-    beyond_bounds,
-    facts,
-    flagged,
-    misspelt_fields,
-    spread,
-    spring_kinds,
-    unknown_fields,
-)
+from clothfit import load, parameters
+from clothfit.evaluation import overview
+from clothfit.evaluation.overview import Flagged, beyond_bounds, facts, flagged, spring_kinds
 from clothfit.meshes import mesh
 from clothfit.meshes.new_scene import new_scene
 
@@ -54,17 +46,20 @@ def test_springs_are_told_apart_as_they_were_made(sheet):
     np.testing.assert_array_equal(edge, ~made.bends)
 
 
-def test_of_a_tetrahedron_every_pair_is_an_edge_and_opposite_one():
+def test_of_a_tetrahedron_every_pair_is_an_edge_and_opposite_one_and_a_diagonal_is_neither():
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], np.int32)
     made = mesh.springs(mesh.Mesh(np.random.default_rng(0).normal(size=(4, 3)), faces), 1.0)
     edge, bends = spring_kinds(made.ends, faces)
     assert (edge.sum(), bends.sum()) == (6, 6)
+    edge, bends = spring_kinds(np.array([[0, 15], [0, 1]], np.int32), mesh.plane(2, 1.0).triangles)
+    assert (edge.tolist(), bends.tolist()) == ([False, True], [False, False])  # a spring of neither kind
 
 
-def test_springs_of_neither_kind_are_neither():
-    sheet = mesh.plane(2, 1.0)
-    edge, bends = spring_kinds(np.array([[0, 15], [0, 1]], np.int32), sheet.triangles)
-    assert (edge.tolist(), bends.tolist()) == ([False, True], [False, False])
+def test_an_object_of_one_vertex_and_nothing_else():
+    point = {"vertPos": [{"x": 0, "y": 0, "z": 0}], "vertIsFixed": [False], "vertMass": [1.0], "springs": [],
+             "springStiffness": []}  # fmt: skip
+    own = facts(load(document(point)).cloths[0])
+    assert (own.parts, own.loose, own.triangles, own.rest.least) == ((), 1, 0, None)
 
 
 def test_parts_and_what_no_spring_holds():
@@ -81,17 +76,6 @@ def test_parts_and_what_no_spring_holds():
     assert (own.parts, own.loose) == ((6, 2), 1)
 
 
-def test_nothing_spreads_nowhere():
-    assert spread(np.zeros(0)).least is None
-
-
-def test_an_object_of_one_vertex_and_nothing_else():
-    point = {"vertPos": [{"x": 0, "y": 0, "z": 0}], "vertIsFixed": [False], "vertMass": [1.0], "springs": [],
-             "springStiffness": []}  # fmt: skip
-    own = facts(load(document(point)).cloths[0])
-    assert (own.parts, own.loose, own.triangles, own.rest.least) == ((), 1, 0, None)
-
-
 def test_what_is_flagged_is_in_the_order_of_the_fit_vector():
     kinds = {"damping": "G", "vertVel": "L", "springRestLength": "G"}
     objects = cloth(3, 3, optimizationSettings="Ln", fit=kinds), cloth(2, 2, optimizationSettings="nG")
@@ -100,8 +84,6 @@ def test_what_is_flagged_is_in_the_order_of_the_fit_vector():
         Flagged(0, "mass", "L", 9), Flagged(0, "damping", "G", 1), Flagged(0, "velocity", "L", 27),
         Flagged(0, "rest", "G", 1), Flagged(1, "stiffness", "G", 1), Flagged(None, "wind", "G", 3),
     ]  # fmt: skip
-    from clothfit import parameters
-
     assert sum(each.count for each in flagged(scene)) == len(parameters(scene))
 
 
@@ -122,19 +104,19 @@ def test_values_beyond_a_fits_bounds_are_told():
 def test_fields_that_nobody_knows_are_named_once():
     objects = cloth(2, 2, useBendingSprings=True), cloth(2, 2, useBendingSprings=True, meshVertices=[0, 1, 2, 3])
     scene = load(document(*objects, colliders=[sphere(name="ball")], **{"my field": 1}))
-    assert unknown_fields(scene) == ['"my field"', "colliders[0].name", "objects[0].useBendingSprings"]
-    assert unknown_fields(load(trial("nG", 5))) == []
+    assert overview.unknown_fields(scene) == ['"my field"', "colliders[0].name", "objects[0].useBendingSprings"]
+    assert overview.unknown_fields(load(trial("nG", 5))) == []
 
 
 def test_a_field_that_is_nearly_a_known_one_is_asked_about():
     made = trial("nG", 5, selfColision={}, windvelkeys={}, wind=3, colliders=[{**sphere(), "posKey": {}, "colour": 1}])
     made["objects"][0] |= {"vertNormals": [], "pins": [], "warpp": 0}
     made["windVelKeys"] = {"times": [0], "values": [{"x": 0, "y": 0, "z": 0}], "interpolatoin": "hold"}
-    assert misspelt_fields(load(made)) == [
+    assert overview.misspelt_fields(load(made)) == [
         f"{where}: the program knows no such field, and keeps it; did you mean {meant}?" for where, meant in (
             ("colliders[0].posKey", "posKeys"), ("objects[0].warpp", "warp"), ("selfColision", "selfCollision"),
             ("windVelKeys.interpolatoin", "interpolation"),
         )
     ]  # fmt: skip
     del made["windVelKeys"]
-    assert any("windvelkeys: " in each for each in misspelt_fields(load(made)))
+    assert any("windvelkeys: " in each for each in overview.misspelt_fields(load(made)))
