@@ -39,8 +39,7 @@ from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, summed
-from clothfit.registration.search import Stage, Wanted, trust_in
-from clothfit.registration.unknowns import Unknowns
+from clothfit.registration.search import Stage, Unknowns, Wanted, trust_in
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy import smooth_balances

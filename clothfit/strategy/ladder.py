@@ -26,9 +26,10 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
-from clothfit.strategy import first_windows, gravity_direction, signals, step_forms
+from clothfit.strategy import first_windows, gravity_direction, step_forms
 from clothfit.strategy.few_values import FEW_VALUES, beyond_steps, in_a_round, settled, to_the_minimum
 from clothfit.strategy.first_windows import through_windows, touches
+from clothfit.strategy.start import is_steady, steadied, values_by
 from clothfit.strategy.wide_search import is_quick, widely, work_left
 
 STARTED = 2.0
@@ -182,7 +183,7 @@ def by_wide_search(search: Search, model: str) -> None:
         return
     before, began = search.best.cost, search.progress.computing
     part.longest = np.inf
-    known = signals.values(best, flags=part.objective.scene)
+    known = values_by(best, flags=part.objective.scene)
 
     def method(own: Search) -> None:
         own.visit(known)
@@ -201,11 +202,11 @@ def through_windows_to_the_minimum(own: Search) -> None:
 
 
 def steady_wind(search: Search, model: str) -> None:
-    """Fit one steady wind before its keys, where all of them have the same value (`signals`). Raises Stop."""
+    """Fit one steady wind before its keys, where all of them have the same value (`start`). Raises Stop."""
     whole = search.objective
     if any(each.scene is not whole.scene for each in whole.experiments):
         return
-    if signals.is_steady(with_parameters(whole.scene, search.best.p)):
+    if is_steady(with_parameters(whole.scene, search.best.p)):
         carried(search, part_of(search, model, search.best.p, steady=True), through_windows)
         carried(search, part_of(search, model, search.best.p, steady=True), settled)
 
@@ -223,12 +224,12 @@ def turning_pays(search: Search) -> bool:
 
 def part_of(search: Search, model: str, p: Array, turned: bool = False, steady: bool = False) -> Search:
     """A search by the parameters of a model, from the values p (P,) of the whole search; gravity keeps its direction
-    unless it may be `turned`; the wind may be `steady` (`signals`).
+    unless it may be `turned`; the wind may be `steady` (`start`).
     """
     whole = search.objective
     scene = as_model(with_parameters(whole.scene, p), model)
     tolerance = whole.tolerance if touches(whole) else max(STAGE_TOLERANCE, whole.tolerance)
-    objective = whole.flagging(signals.steadied(scene) if steady else scene, tolerance)
+    objective = whole.flagging(steadied(scene) if steady else scene, tolerance)
     scene = objective.scene
     part = search.beside(objective, parameters(scene), search.best.cost if p is search.best.p else np.inf)
     if not turned:
@@ -279,4 +280,4 @@ def found(own: Search, scene: Scene) -> Array:
 
 def as_whole(own: Search, p: Array, scene: Scene) -> Array:
     """The values p (P′,) of a search as parameters (P,) of another scene's flags."""
-    return signals.values(with_parameters(own.objective.scene, p), flags=scene)
+    return values_by(with_parameters(own.objective.scene, p), flags=scene)

@@ -12,6 +12,10 @@ Cloths do not touch, so each has a grid of its own: the decades within the bound
 then steps of half, a quarter and an eighth of a decade around the best. Only the first frames are compared: near the
 start the cost is smooth in the parameters, later a windy cloth is chaotic. The other kinds are not searched: they keep
 the values that are given.
+
+Values over time go from coarse to fine. The first frames of a motion show a steady wind and its drag in few
+simulations, also from still air, in which the cost hardly depends on what the wind does later. So where all keys have
+the same value at the start, the wind is fitted as one value of the whole motion first, and the keys go on from it.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from typing import NamedTuple
@@ -41,7 +46,7 @@ from clothfit.scene.factors import geometric_mean
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
-from clothfit.strategy import signals, smooth_balances
+from clothfit.strategy import smooth_balances
 
 COARSE_FRAMES = 30  # that are compared, the one before the first that shows anything included
 COARSE_TOLERANCE = 1e-4  # of the linear solver: far below the differences between grid points
@@ -184,11 +189,11 @@ def with_air(objective: Objective, p: Array) -> Array:
     cost less over the first part of the frames: from a wrong drag no wind pays, and from no wind no drag does.
     """
     now = with_parameters(objective.scene, p)
-    if signals.is_steady(now) and all(each.scene is objective.scene for each in objective.experiments):
-        own = objective.flagging(signals.steadied(now))
+    if is_steady(now) and all(each.scene is objective.scene for each in objective.experiments):
+        own = objective.flagging(steadied(now))
         before = parameters(own.scene)
         after = with_air(own, before)
-        return p if after is before else signals.values(with_parameters(own.scene, after), flags=objective.scene)
+        return p if after is before else values_by(with_parameters(own.scene, after), flags=objective.scene)
     if not any(block.name in ("wind", "drag") for block in objective.blocks):
         return p
     found = smooth_balances.values(objective, p)
@@ -359,3 +364,34 @@ def outside_bounds(objective: Objective, p: Array) -> list[str]:
 def between(block: Block) -> str:
     """The bounds of a block's values, as text."""
     return f"{block.ends[0]:g} … {block.ends[1]:g}"
+
+
+def is_steady(scene: Scene) -> bool:
+    """Whether keys of the wind are fitted, and all have the same value."""
+    keys = scene.gusts
+    return scene.mode("gusts") != "n" and len(keys) > 1 and bool((keys == keys[0]).all())
+
+
+def steadied(scene: Scene) -> Scene:
+    """The scene of a steady wind, which is fitted as one value in place of its keys."""
+    keys = scene.gusts
+    flags = {**{name: mode for name, mode in scene.fits.items() if name != "gusts"}, "wind": "G"}
+    made = scene.with_values(
+        [cloth.mass for cloth in scene.cloths], [cloth.stiffness for cloth in scene.cloths],
+        wind=scene.wind + keys[0], gusts=np.zeros_like(keys),
+    )  # fmt: skip
+    return replace(made, fits=flags)
+
+
+def values_by(scene: Scene, flags: Scene) -> Array:
+    """The parameters (P,) of a scene by the flags of another one; of a scene that was `steadied` for it, the keys have
+    the steady wind.
+    """
+    if scene.mode("gusts") != "n" or flags.mode("gusts") == "n":
+        return parameters(scene, flags=flags)
+    steady = scene.wind if flags.mode("wind") != "n" else flags.wind
+    made = scene.with_values(
+        [cloth.mass for cloth in scene.cloths], [cloth.stiffness for cloth in scene.cloths],
+        wind=steady, gusts=np.broadcast_to(scene.wind - steady, scene.gusts.shape),
+    )  # fmt: skip
+    return np.asarray(np.clip(parameters(made, flags=flags), *bounds(flags)))

@@ -1,12 +1,11 @@
 """Confidence: the textbook's intervals, directions that the motion does not show, coverage, every method."""
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers.marks import FITS
-from helpers.scenes import cloth, document, even, load_text, trial
+from helpers.scenes import cloth, document, even, trial
 from scipy import stats
 
 from clothfit.fit import posterior
@@ -21,12 +20,9 @@ from clothfit.optimise import trajectory
 from clothfit.optimise.scipy_methods import METHODS
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.kinds import KIND
+from clothfit.scene.scene import load
 
 pytestmark = FITS
-
-
-def load(made):
-    return load_text(json.dumps(made))
 
 
 def chain(ends, fixed, settings="nL", **fields):
@@ -249,6 +245,7 @@ def test_at_a_bound_the_interval_goes_inwards(true, bound):
     found = estimate(scene, start=10.0)
     ((low, high),) = intervals(found)
     assert found.parameters[0].at_bound == [0]
+    assert parameters(found.scene) == pytest.approx(bound, rel=1e-9)  # rounding of log and exp
     assert LOWER <= low < high <= UPPER
     assert bound == pytest.approx(low if bound == LOWER else high, rel=1e-9)  # rounding of exp and log
 

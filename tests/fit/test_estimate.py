@@ -64,14 +64,9 @@ def test_the_hidden_truth_is_found(settings, make):
     # Independent of the fit's own bookkeeping; 1e-7: the scene's motion is solved to 1e-10 relative, of metres.
     gap = simulate(found.scene, tolerance=1e-10).positions - simulate(scene, tolerance=1e-10).positions
     assert np.sqrt((gap**2).sum(axis=2).mean()) < 1e-7
-
-
-@pytest.mark.parametrize(("settings", "make"), [("Ln", trial), ("Gn", even), ("nG", even)])
-def test_the_parameters_themselves_are_found(settings, make):
-    scene = load(make(settings))
     kept = identifiable(scene)
     # 1e-4: what the worst seen parameter moves the cloth by at 1e-8 m, 20 frames of metres and a sensitivity of 1e-3.
-    np.testing.assert_allclose(parameters(estimate(scene).scene)[kept], parameters(scene)[kept], rtol=1e-4)
+    np.testing.assert_allclose(parameters(found.scene)[kept], parameters(scene)[kept], rtol=1e-4)
 
 
 def test_both_flagged_objects_are_found_each_by_its_own():
@@ -231,14 +226,6 @@ def test_a_cloth_that_cannot_move_has_nothing_to_find(settings):
     assert found.cost == 0.0
 
 
-@pytest.mark.parametrize(("true", "bound"), [(3e4, UPPER), (1e-6, LOWER)])
-def test_a_value_at_a_bound_is_reported(true, bound):
-    scene = load(even("nG", springStiffness=[true] * 33, damping=0.5, fit=BOUNDED))
-    found = estimate(scene, start=10.0)
-    assert found.parameters[0].at_bound == [0]
-    assert parameters(found.scene) == pytest.approx(bound, rel=1e-9)  # rounding of log and exp
-
-
 def test_what_is_not_flagged_stays_bit_for_bit():
     scene = load(trial("nL", springStiffness=[0.1 + s / 3 for s in range(33)], vertMass=[0.1 / 3] * 16))
     found = estimate(scene, start=5.0, max_evaluations=5)
@@ -273,12 +260,9 @@ def test_the_result_is_the_best_point_that_was_evaluated(costs, method):
 def test_an_interrupt_gives_the_best_so_far(costs, method):
     def interrupt(progress):
         assert progress.evaluations <= 4
-        raise_at[progress.evaluations]()
+        if progress.evaluations == 4:
+            raise KeyboardInterrupt
 
-    def stop():
-        raise KeyboardInterrupt
-
-    raise_at = {1: int, 2: int, 3: int, 4: stop}
     found = estimate(load(even("GG", 10, 3, 3)), start=3.0, method=method, on_progress=interrupt)
     assert (found.status, found.evaluations) == ("interrupted", 4)
     assert found.cost == min(costs) < costs[0]
@@ -402,10 +386,7 @@ def test_nothing_flagged_and_unknown_methods_are_refused():
         estimate(load(even("nn")))
     with pytest.raises(InvalidInput, match="there is no 'newton'; use auto, momentum, gauss-newton, l-bfgs-b"):
         estimate(load(even("nG")), method="newton")
-
-
-def test_a_budget_of_nothing_is_refused():
-    with pytest.raises(InvalidInput):
+    with pytest.raises(InvalidInput, match="max_evaluations: 0 evaluations are too few"):
         estimate(load(even("nG")), max_evaluations=0)
 
 
@@ -443,10 +424,11 @@ def test_starting_values_outside_of_the_bounds_are_named():
     assert warning.startswith("objects[0] stiffness: 1 of 1 starting values lie outside the bounds 0.0001 … 10000")
 
 
-def test_an_interrupt_before_there_is_a_result_passes_on(monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
+def interrupted(*_):
+    raise KeyboardInterrupt
 
+
+def test_an_interrupt_before_there_is_a_result_passes_on(monkeypatch):
     monkeypatch.setattr(Objective, "cost_or_infinity", interrupted)
     for method in ("l-bfgs-b", "auto"):
         with pytest.raises(KeyboardInterrupt):
@@ -454,9 +436,6 @@ def test_an_interrupt_before_there_is_a_result_passes_on(monkeypatch):
 
 
 def test_an_interrupt_where_only_the_start_is_known_gives_the_start(monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
     monkeypatch.setattr(Objective, "cost_and_gradient", interrupted)
     scene = load(even("nG"))
     found = estimate(scene, record_target(scene), start=20.0, method="l-bfgs-b")

@@ -1,11 +1,10 @@
 """What is kept out of a fit: it does not touch the fit, and the error over it is that of an evaluation."""
 
-import json
 
 import numpy as np
 import pytest
 from helpers.marks import compiled
-from helpers.scenes import even, load_text, trial
+from helpers.scenes import even, trial
 
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
@@ -15,13 +14,10 @@ from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.scene.fit_vector import parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
-
-
-def load(made):
-    return load_text(json.dumps(made))
 
 
 SCENE = load(trial("Ln", 20))

@@ -1,23 +1,19 @@
 """Covariances from blocks: what they come to where the textbook knows, and fits whose model differs or is chaotic."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers.marks import FITS
-from helpers.scenes import even, load_text, trial
+from helpers.scenes import even, trial
 
 from clothfit.fit import posterior
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.posterior import Kept
 from clothfit.motion.degrade import degrade
+from clothfit.scene.scene import load
 
 pytestmark = FITS
-
-
-def load(made):
-    return load_text(json.dumps(made))
 
 
 def kept(J, r):

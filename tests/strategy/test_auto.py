@@ -80,11 +80,9 @@ def ended(search, start, tau=np.inf, others=None):
     ("settings", "make", "change"),
     [
         ("Ln", trial, {"every": 2}),
-        ("nL", trial, {}),
         ("nL", trial, {"observed": 0.6}),
         ("LL", trial, {"observed": 0.6}),
         ("LL", trial, {"every": 2}),
-        ("Gn", even, {}),
         ("GG", even, {"every": 2}),
     ],
 )

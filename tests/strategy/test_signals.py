@@ -12,8 +12,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.keys import Keys
-from clothfit.strategy import signals
-from clothfit.strategy.start import with_air
+from clothfit.strategy.start import is_steady, steadied, values_by, with_air
 
 
 def gusty(values, flags=None, **fields):
@@ -27,23 +26,23 @@ STEADY, SWINGING = np.tile([1.0, 2.0, 3.0], (3, 1)), [(0, 0, 0), (1, -1, 2), (0,
 
 
 def test_steady_is_where_keys_that_are_fitted_have_one_value():
-    assert signals.is_steady(gusty(STEADY))
-    assert not signals.is_steady(gusty(SWINGING))
-    assert not signals.is_steady(gusty(STEADY, flags={"wind": "G"}))
-    assert not signals.is_steady(gusty(STEADY[:1]))
-    assert not signals.is_steady(windy())
+    assert is_steady(gusty(STEADY))
+    assert not is_steady(gusty(SWINGING))
+    assert not is_steady(gusty(STEADY, flags={"wind": "G"}))
+    assert not is_steady(gusty(STEADY[:1]))
+    assert not is_steady(windy())
 
 
 @pytest.mark.parametrize("flags", [{"gusts": "L"}, {"gusts": "L", "wind": "G"}])
 def test_a_steady_wind_gives_the_same_motion_and_goes_back_to_the_keys(flags):
     scene = gusty(STEADY, flags, frames=12)
-    steady = signals.steadied(scene)
+    steady = steadied(scene)
     assert steady.fits == {"wind": "G"}
     np.testing.assert_allclose(steady.wind, np.add(WIND, STEADY[0]), rtol=1e-15)
     np.testing.assert_allclose(simulate(steady).positions, simulate(scene).positions, atol=1e-15)
-    p = signals.values(steady, scene)
+    p = values_by(steady, scene)
     np.testing.assert_allclose(simulate(with_parameters(scene, p)).positions, simulate(scene).positions, atol=1e-15)
-    p = signals.values(with_parameters(steady, 2.0 * parameters(steady)), scene)
+    p = values_by(with_parameters(steady, 2.0 * parameters(steady)), scene)
     at = with_parameters(scene, p)
     np.testing.assert_allclose(at.wind + at.gusts, np.tile(2.0 * steady.wind, (3, 1)), rtol=1e-15)
     assert "wind" in flags or np.array_equal(at.wind, WIND)
@@ -51,7 +50,7 @@ def test_a_steady_wind_gives_the_same_motion_and_goes_back_to_the_keys(flags):
 
 def test_parameters_by_the_same_flags_are_taken_as_they_are():
     scene = gusty(SWINGING)
-    np.testing.assert_array_equal(signals.values(scene, scene), parameters(scene))
+    np.testing.assert_array_equal(values_by(scene, scene), parameters(scene))
 
 
 @compiled

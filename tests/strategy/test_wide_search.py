@@ -68,16 +68,17 @@ def test_a_damping_of_nothing_has_a_place_beside_others(windy):
     assert wide.parameters(wide.x(p))[part["damping"]] < 1e-5  # FLOOR of what is typical
 
 
-def test_it_comes_nearer_from_far_off_and_never_ends_farther(windy):
+def test_it_comes_nearer_from_far_off_and_never_ends_farther(windy, monkeypatch):
     objective, truth = windy
+    monkeypatch.setattr(wide_search, "WORK", wide_search.WORK // 100)
     part, p = blocks(objective), truth.copy()
     p[part["stiffness"]] *= 8.0
     p[part["wind"]] = [1.0, -4.0, -9.0]  # from the other side
     search = searched(objective, p)
     before = search.best.cost
     widely(search)
-    # its 900 points lead other draws to errors of 1 to 13 % of this one; 10 % shows that it found the wind's side
-    assert search.best.cost < 0.1**2 * before
+    # its 600 points lead to an error of 1e-5 of this one, half as many to 8 %
+    assert search.best.cost < 1e-3**2 * before
     assert search.best.cost == objective.cost(search.best.p)
 
 
