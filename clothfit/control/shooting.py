@@ -303,7 +303,7 @@ def columns(system: System, directions: Sequence[tuple[str, int, Array]], width:
     led = [(q, zeros(system)._replace(**{kind: change})) for kind, q, change in directions if kind in LEADING]
     wind = [(q, zeros(system)._replace(gusts=change)) for kind, q, change in directions if kind == "gusts"]
     start = [(q, change) for kind, q, change in directions if kind == "velocity"]
-    nothing = sensitivity.none(len(system.x0)), fitted.none(len(system.springs.rest)), fitted.none(0)
+    nothing = sensitivity.none(len(system.x0)), sensitivity.none(len(system.springs.rest)), sensitivity.none(0)
     return Columns(width, *nothing, tuple(wind), tuple(led), tuple(start))
 
 

@@ -19,7 +19,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.fit.posterior import CHAOS, half_width
 from clothfit.optimise.evidence import variance
-from clothfit.optimise.products import Products, Sampling
+from clothfit.optimise.matrix_free import Products, Sampling
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds

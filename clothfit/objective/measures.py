@@ -46,27 +46,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.engine.system import System
-from clothfit.objective.target import Target
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-from typing import TYPE_CHECKING
-
 from clothfit.base.errors import InvalidMotion
+from clothfit.engine.system import System
 from clothfit.motion.times import TIME_SLACK
+from clothfit.objective.target import Target
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

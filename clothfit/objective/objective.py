@@ -30,7 +30,7 @@ from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import in_world
 from clothfit.objective import memory_needs as storage
-from clothfit.objective.comparison import OWN, Comparison, Loss, loss_named, objective_weights
+from clothfit.objective.comparison import OWN, Comparison, loss_named, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.memory_needs import Needs
@@ -91,7 +91,9 @@ class Objective:
         self.own = objective if callable(objective) else None
         self.weights = {OWN: 1.0} if callable(objective) else objective_weights(objective)
         self.loss = loss_named(loss, loss_scale)
-        self.experiments = experiments(scene, seen_by(self.own, scene, motion, self.loss))
+        if self.own and not self.loss.is_linear:
+            raise InvalidInput("loss: a cost of one's own has its own; leave this out")
+        self.experiments = experiments(scene, unseen(scene) if motion is None else motion)
         self.wholes: dict[int, Whole] = {}  # of each target, where the cost is one's own
         self._ends = list(frames) if isinstance(frames, Sequence) else [frames] * len(self.experiments)
         self.runs = tuple(
@@ -399,13 +401,6 @@ class Objective:
 def keep(x: Array, chunk: Rollout) -> None:
     """Copy the states after the steps of a chunk into those of the whole motion (T + 1, n, 3)."""
     x[chunk.first + 1 : chunk.first + 1 + chunk.steps] = chunk.x[1:]
-
-
-def seen_by(own: OwnCost | None, scene: Scene, motion: Targets | None, loss: Loss) -> Targets:
-    """The targets of an objective; without any, the frames of the scene with nothing observed. Raises InvalidInput."""
-    if own is not None and not loss.is_linear:
-        raise InvalidInput("loss: a cost of one's own has its own; leave this out")
-    return unseen(scene) if motion is None else motion
 
 
 def unweighted(run: Run) -> SquaredDistances:

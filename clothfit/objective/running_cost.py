@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,21 +34,6 @@ from clothfit.objective.target import Frames, Target, accumulate, sample
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-class Residuals(Protocol):
-    """The residuals of a motion of T steps, from its first chunk to the last."""
-
-    steps: int  # T
-
-    def update(self, chunk: Rollout) -> None:
-        """Take the next chunk of the motion."""
-
-    def rows(self, sensitivity: Array, first: int, end: int) -> tuple[Array, Array]:
-        """J (R, Q) and r (R,) of the residuals that are known after step `end` and not after `first`, once.
-
-        `sensitivity` ((end − first + 1) · 3 f, Q) is the derivative of the free coordinates after steps `first` to
-        `end` by Q parameters.
-        """
-
 
 def movable(goal: Target, free: Flags) -> Flags:
     """Which positions (F, n) of a target a parameter can change: of the vertices that are `free` (n,), after the start.
@@ -57,7 +42,7 @@ def movable(goal: Target, free: Flags) -> Flags:
 
 
 class DistanceResiduals:
-    """The residuals of `scale` times the squared distances."""
+    """The residuals of `scale` times the squared distances, from the first chunk of a motion to the last."""
 
     def __init__(self, goal: Target, free: Flags, scale: float) -> None:
         """`free` (n,): which vertices can move."""
@@ -72,7 +57,11 @@ class DistanceResiduals:
         self.gaps.update(enumerate(sample(goal, chunk.x) - goal.positions, start=frames.start))
 
     def rows(self, sensitivity: Array, first: int, end: int) -> tuple[Array, Array]:
-        """See `Residuals`."""
+        """J (R, Q) and r (R,) of the residuals that are known after step `end` and not after `first`, once.
+
+        `sensitivity` ((end − first + 1) · 3 f, Q) is the derivative of the free coordinates after steps `first` to
+        `end` by Q parameters.
+        """
         by_position, r = self.linearised(first, end)
         return by_position @ sensitivity, r
 
@@ -112,7 +101,7 @@ class MatrixResiduals:
         """Nothing: the motion is known."""
 
     def rows(self, sensitivity: Array, first: int, end: int) -> tuple[Array, Array]:
-        """See `Residuals`."""
+        """See `DistanceResiduals`."""
         part = self.columns[:, first * self.wide : end * self.wide].tocsr()
         touched = np.union1d(self.open, np.flatnonzero(np.diff(part.indptr)))
         block = part[touched] @ sensitivity[self.wide :]
@@ -120,6 +109,9 @@ class MatrixResiduals:
         done = self.last[touched] < end
         self.open, self.block = touched[~done], block[~done]
         return block if done.all() else block[done], self.r[touched[done]]
+
+
+Residuals: TypeAlias = DistanceResiduals | MatrixResiduals
 
 
 def last_step(by_position: csr_array, wide: int) -> Indices:
@@ -143,44 +135,16 @@ STATE_COPIES = 6
 """Arrays (F, n, 3) that a cost works with beside the target, where it is not a sum of squared distances."""
 
 
-class RunningCost(Protocol):
-    """The cost of one motion of one cloth."""
-
-    bytes: int  # what it works with beside the target
-    residual_bytes: int  # what its residuals keep
-
-    @property
-    def value(self) -> float:
-        """G, once the whole motion has passed."""
-
-    def value_over(self, shorter: Comparison) -> float:
-        """G over the first frames alone, once they have passed and no others; `shorter` compares these."""
-
-    def update(self, chunk: Rollout) -> None:
-        """Take the next chunk of the motion."""
-
-    def derivative(self, chunk: Rollout) -> Array:
-        """∂G/∂x (at least T + 1, n, 3) at the states of a chunk, from the last chunk to the first; the first entry, of
-        the state before the chunk, is not complete.
-        """
-
-    def residuals(self, free: Flags) -> Residuals:
-        """The residuals of the motion that has passed, as it passes again, where the vertices `free` (n,) can move."""
-
-    def squares(self, free: Flags, show: Callable[[Observer], object]) -> tuple[float, int]:
-        """Sum of squares and number of these residuals, for the motion that `show` shows to an observer."""
-
-
-def running_cost(comparison: Comparison) -> RunningCost:
+def running_cost(comparison: Comparison) -> SquaredDistances | KeptStates:
     """The cost of a comparison, for one motion."""
     scale = comparison.distance_scale
     return KeptStates(comparison) if scale is None else SquaredDistances(comparison.goal, scale)
 
 
 class SquaredDistances:
-    """`scale` times the sum of squared distances, m²."""
+    """The cost of one motion of one cloth as `scale` times the sum of squared distances, m²."""
 
-    bytes = residual_bytes = 0
+    bytes = residual_bytes = 0  # what it works with beside the target, and what its residuals keep
 
     def __init__(self, goal: Target, scale: float = 1.0) -> None:
         self.frames, self.scale, self.total = Frames(goal), scale, 0.0
@@ -192,7 +156,7 @@ class SquaredDistances:
         return self.scale * self.total
 
     def value_over(self, shorter: Comparison) -> float:
-        """See `RunningCost`."""
+        """G over the first frames alone, once they have passed and no others; `shorter` compares these."""
         return self.value
 
     def update(self, chunk: Rollout) -> None:
@@ -201,7 +165,9 @@ class SquaredDistances:
         self.total = float(accumulate(chunk.x, goal, NO_DERIVATIVE, self.total))
 
     def derivative(self, chunk: Rollout) -> Array:
-        """See `RunningCost`."""
+        """∂G/∂x (at least T + 1, n, 3) at the states of a chunk, from the last chunk to the first; the first entry, of
+        the state before the chunk, is not complete.
+        """
         frames, beyond = self.frames.around(chunk)
         x = np.concatenate([chunk.x, self.after]) if beyond else chunk.x
         found = np.zeros_like(x)
@@ -209,12 +175,12 @@ class SquaredDistances:
         self.after[0] = chunk.x[1]
         return found if self.scale == 1.0 else self.scale * found
 
-    def residuals(self, free: Flags) -> Residuals:
-        """See `RunningCost`."""
+    def residuals(self, free: Flags) -> DistanceResiduals:
+        """The residuals of the motion that has passed, as it passes again, where the vertices `free` (n,) can move."""
         return DistanceResiduals(self.frames.goal, free, self.scale)
 
     def squares(self, free: Flags, show: Callable[[Observer], object]) -> tuple[float, int]:
-        """See `RunningCost`."""
+        """Sum of squares and number of these residuals, for the motion that `show` shows to an observer."""
         observed = movable(self.frames.goal, free)
         cost = SquaredDistances(self.frames.goal._replace(observed=observed), self.scale)
         show(cost.update)
@@ -222,7 +188,7 @@ class SquaredDistances:
 
 
 class KeptStates:
-    """Any comparison: it keeps the states at the times of the frames."""
+    """The cost by any comparison: it keeps the states at the times of the frames."""
 
     def __init__(self, comparison: Comparison) -> None:
         self.comparison, self.frames = comparison, Frames(comparison.goal)
@@ -235,7 +201,7 @@ class KeptStates:
         return self.comparison.cost_of(self.states)
 
     def value_over(self, shorter: Comparison) -> float:
-        """See `RunningCost`."""
+        """See `SquaredDistances`."""
         return shorter.cost_of(self.states[: len(shorter.goal.step)])
 
     def update(self, chunk: Rollout) -> None:
@@ -249,7 +215,7 @@ class KeptStates:
         return self.comparison.derivative_of(self.states)
 
     def derivative(self, chunk: Rollout) -> Array:
-        """See `RunningCost`."""
+        """See `SquaredDistances`."""
         frames, beyond = self.frames.around(chunk)
         goal = self.frames.cut(frames, chunk)
         states = len(chunk.x) + beyond
@@ -259,14 +225,17 @@ class KeptStates:
         return np.ascontiguousarray(found).reshape(states, *chunk.x.shape[1:])
 
     def residuals(self, free: Flags) -> MatrixResiduals:
-        """See `RunningCost`."""
+        """See `SquaredDistances`."""
         columns = free_columns(free, self.comparison.last_step)
         by_position = self.comparison.jacobian_of(self.states)[:, columns]
         return MatrixResiduals(by_position, self.comparison.residual_of(self.states), 3 * int(free.sum()))
 
     def squares(self, free: Flags, show: Callable[[Observer], object]) -> tuple[float, int]:
-        """See `RunningCost`."""
+        """See `SquaredDistances`."""
         show(self.update)
         residuals = self.residuals(free)
         changing = residuals.r[residuals.last >= 0]
         return float((changing**2).sum()), len(changing)
+
+
+RunningCost: TypeAlias = SquaredDistances | KeptStates

@@ -15,7 +15,7 @@ that a spring joins in place of each frame.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -116,12 +116,9 @@ class Series:
         self.beside += (left * right).sum(axis=1)
         self.first += (left * left).sum(axis=1)
         self.second += (right * right).sum(axis=1)
-        self.past = [*self.past[1:], self._latest(values, seen)]
-
-    def _latest(self, values: Array, seen: Flags) -> tuple[Array, Flags]:
-        """The residuals that were last seen, this frame included."""
-        before, known = self.past[-1]
-        return np.where(seen[:, None], values, np.broadcast_to(before, values.shape)), seen | known
+        last, known = self.past[-1]  # the residuals that were last seen
+        latest = np.where(seen[:, None], values, np.broadcast_to(last, values.shape)), seen | known
+        self.past = [*self.past[1:], latest]
 
     def in_time(self) -> Sums:
         """The sums of successive frames."""
@@ -133,28 +130,19 @@ class Series:
         return Sums(self.beside, np.sqrt(self.first * self.second))
 
 
-@dataclass
 class Watch:
     """An observer of one run, which takes what is left of each frame."""
 
-    run: Run
-    loss: Loss
-    velocities: bool = False  # whether velocities are compared, not positions
-    edges: bool = False  # whether lengths of springs are
-    residuals: Series = field(init=False)
-    motion: Series = field(init=False)
-    before: Array | None = field(init=False, default=None)  # (n, 3) gaps and states of the frame before
-    state: Array | None = field(init=False, default=None)
-
-    def __post_init__(self) -> None:
-        self.frames = Frames(self.run.comparison.goal)
-        self.free = mobile(self.run.system)
-        self.shown = movable(self.run.comparison.goal, self.free)
-        ends = np.asarray(self.run.system.springs.ends)
-        none = np.zeros((0, 2), np.int32)
-        count = len(ends) if self.edges else len(self.free)
-        self.residuals = Series(count, none if self.edges else ends, lag=2 if self.velocities else 1)
+    def __init__(self, run: Run, loss: Loss, velocities: bool = False, edges: bool = False) -> None:
+        """`velocities`, `edges`: whether these are compared, velocities or lengths of springs, not positions."""
+        self.goal, self.loss, self.velocities, self.edges = run.comparison.goal, loss, velocities, edges
+        self.frames, self.free, self.ends = Frames(self.goal), mobile(run.system), np.asarray(run.system.springs.ends)
+        self.shown, none = movable(self.goal, self.free), np.zeros((0, 2), np.int32)
+        count = len(self.ends) if edges else len(self.free)
+        self.residuals = Series(count, none if edges else self.ends, lag=2 if velocities else 1)
         self.motion = Series(len(self.free), none)
+        self.before: Array | None = None  # (n, 3) gaps and states of the frame before
+        self.state: Array | None = None
 
     def update(self, chunk: Rollout) -> None:
         """Take the next chunk of a motion."""
@@ -166,13 +154,12 @@ class Watch:
     def _take(self, s: Array, target: Array, seen: Flags, frame: int) -> None:
         gap = np.where(seen[:, None], s - np.where(seen[:, None], target, 0.0), 0.0)
         if self.edges:
-            ends = np.asarray(self.run.system.springs.ends)
-            both = np.asarray(seen[ends].all(axis=1))
-            lengths = [np.linalg.norm(x[ends[:, 0]] - x[ends[:, 1]], axis=1) for x in (s, s - gap)]
+            both = np.asarray(seen[self.ends].all(axis=1))
+            lengths = [np.linalg.norm(x[self.ends[:, 0]] - x[self.ends[:, 1]], axis=1) for x in (s, s - gap)]
             self.residuals.add((lengths[0] - lengths[1])[:, None], both)
         elif not self.velocities:
             factor = np.sqrt(self.loss.derivative((gap * gap).sum(axis=1)))
-            if len(weights := self.run.comparison.goal.weights):
+            if len(weights := self.goal.weights):
                 factor = factor * np.sqrt(np.where(seen, weights[frame], 0.0))
             self.residuals.add(factor[:, None] * gap, seen)
         elif self.before is not None:

@@ -139,7 +139,10 @@ def minimise(
         step, radius, new = descend(total, value, near, radius)
         if new is None:
             return model, prior, ended(saving <= patience.flat * model.cost)
-        foretold = problem.least > 0 and near.is_whole(step) and is_foretold(problem, near, step, value, new)
+        # where a whole step has led nearly to the minimum of its model, a new model would save too little to be asked
+        # for: it differs from this one by about as much as the cost from what was foretold
+        foretold = problem.least > 0 and step is near.whole
+        foretold = foretold and abs(value - near.reduction(step) - new) <= problem.least * new
         y = model.y + step
         model = replace(model, y=y, cost=new - prior.value(y, sigma2)) if foretold else problem.model(y)
         if accepted:
@@ -160,23 +163,13 @@ def quadratic(problem: Problem, model: Model, prior: Prior, sigma2: float) -> Qu
 def is_small(
     problem: Problem, model: Model, near: Quadratic, sigma2: float, saving: float, last: tuple[float, float]
 ) -> bool:
-    """Whether what a step would save says nothing; `last`: what the one before would have saved, and its cost."""
+    """Whether what a step would save says nothing, beside the noise where residuals are that; `last`: what the one
+    before would have saved, and its cost.
+    """
     twice = max(saving / model.cost, last[0] / last[1]) if model.cost > 0 and last[1] < np.inf else np.inf
     if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
         return True
-    return saving <= MOST * model.cost and within_noise(problem, model, near, sigma2, saving)
-
-
-def is_foretold(problem: Problem, near: Quadratic, step: Array, value: float, new: float) -> bool:
-    """Whether a whole step has led from a `value` so nearly to where its model has the minimum that a new model would
-    save too little to be asked for: it differs from this one by about as much as the cost from what was foretold.
-    """
-    return abs(value - near.reduction(step) - new) <= problem.least * new
-
-
-def within_noise(problem: Problem, model: Model, near: Quadratic, sigma2: float, saving: float) -> bool:
-    """Whether what a step would save says nothing beside the noise."""
-    if problem.is_noise is None or not EACH * len(model.y) * sigma2 >= saving:
+    if problem.is_noise is None or not saving <= min(MOST * model.cost, EACH * len(model.y) * sigma2):
         return False
     determined = float((model.H * inverse(near.H)).sum())
     return saving <= EACH * determined * sigma2 and problem.is_noise(model.y)
@@ -233,10 +226,6 @@ class Quadratic:
     def length(self, step: Array) -> float:
         """How long a step is."""
         return float(np.linalg.norm(step if self.scale is None else self.scale * step))
-
-    def is_whole(self, step: Array) -> bool:
-        """Whether a step is that to the minimum."""
-        return step is self.whole
 
     def reduction(self, step: Array) -> float:
         """By how much a step lowers the model."""

@@ -23,7 +23,7 @@ from clothfit.engine.rollout import Rollout
 from clothfit.engine.tape import Plan, Tape
 from clothfit.objective.comparison import Comparison
 from clothfit.objective.objective import Objective
-from clothfit.objective.running_cost import RunningCost, running_cost
+from clothfit.objective.running_cost import running_cost
 from clothfit.scene.block import Block
 from clothfit.scene.kinds import LETTERED
 
@@ -75,7 +75,8 @@ def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
     blocks the value between those on the grid.
     """
     own = scannable(objective, cloth)
-    axes = [axis_of(block, p[block.start], len(own), is_large(objective, cloth)) for block in own]
+    large = is_large(objective, cloth)
+    axes = [axis_of(block, p[block.start], len(own), large) for block in own]
     places = [block.start for block in own]
 
     def at(point: Point) -> Array:
@@ -84,10 +85,9 @@ def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
         return q
 
     lengths = [len(axis) for axis in axes]
-    if is_large(objective, cloth):
-        costs, most = costs_at(Course(beginning(objective), cloth), at, grid(lengths), CLOSE), FEW
-    elif len(own) > 1:
-        costs, most = costs_at(Course(objective, cloth), at, grid(lengths), CLOSE), KEPT
+    if large or len(own) > 1:
+        course = Course(beginning(objective) if large else objective, cloth)
+        costs, most = costs_at(course, at, grid(lengths), CLOSE), FEW if large else KEPT
     else:
         costs, most = around_likely(objective, cloth, at, lengths), KEPT
     return [[brackets(axis, i) for axis, i in zip(axes, point, strict=True)] for point in minima(costs, CLOSE)[:most]]
@@ -101,8 +101,8 @@ def around_likely(
     """
     points = grid(lengths, SECOND)
     if "spectrum" not in objective.weights:  # whose beginning says nothing of the whole
-        early = costs_at(Course(objective.until(early_frames(objective)), cloth), at, grid(lengths, FIRST), LIKELY)
-        likely = within(early, LIKELY)
+        first = objective.until(objective.first_step + max(EARLY, round(SHARE * objective.steps)))
+        likely = within(costs_at(Course(first, cloth), at, grid(lengths, FIRST), LIKELY), LIKELY)
         points = [point for point in points if any(is_beside(point, other, FIRST) for other in likely)]
     course = Course(objective, cloth)
     costs = costs_at(course, at, points, LIKELY)
@@ -142,11 +142,6 @@ def minima(costs: Mapping[Point, float], factor: float, step: int = 1) -> list[P
 def is_beside(point: Point, other: Point, reach: int) -> bool:
     """Whether a point is within `reach` of another along each axis."""
     return all(abs(i - j) <= reach for i, j in zip(point, other, strict=True))
-
-
-def early_frames(objective: Objective) -> int:
-    """Frames that are looked at first."""
-    return objective.first_step + max(EARLY, round(SHARE * objective.steps))
 
 
 def is_large(objective: Objective, cloth: int) -> bool:
@@ -207,7 +202,7 @@ class Course:
             for part in pieces(tape, shorter):
                 cost.update(part)
                 step = part.first + part.steps
-                if step < run.steps and costs_more(shorter, step, cost, most - total):
+                if step < run.steps and step in shorter and cost.value_over(shorter[step]) > most - total:
                     return np.inf
             if tape.good < tape.steps:
                 return np.inf
@@ -222,11 +217,6 @@ def pieces(tape: Tape, ends: Mapping[int, Comparison]) -> Iterator[Rollout]:
         cuts = [part.first, *(end for end in sorted(ends) if part.first < end < last), last]
         for begin, end in pairwise(cuts):
             yield part.part(begin - part.first, end - part.first)
-
-
-def costs_more(shorter: Mapping[int, Comparison], step: int, cost: RunningCost, most: float) -> bool:
-    """Whether the motion up to a step costs more than `most` in the comparison of so many steps."""
-    return step in shorter and cost.value_over(shorter[step]) > most
 
 
 def is_minimum(costs: Mapping[Point, float], point: Point, step: int = 1) -> bool:

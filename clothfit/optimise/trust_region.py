@@ -28,26 +28,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.eigen import eigen
+from clothfit.base.graph import independent
+from clothfit.kernels import lapack
+from clothfit.kernels.parallel import together
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     Matrix = Array | csr_array
     """Symmetric (Q, Q), dense or sparse."""
-from functools import cached_property, partial
-from typing import TypeVar
-
-from clothfit.base.arrays import Array
-from clothfit.base.eigen import eigen
-from clothfit.base.graph import independent
-from clothfit.kernels import lapack
-from clothfit.kernels.parallel import together
 
 T = TypeVar("T")
 
@@ -137,9 +134,8 @@ def within(of: Quadratic, radius: float = np.inf, ridge: float = 0.0, shift: flo
 
 def within_singular(of: Quadratic, radius: float) -> Array:
     """As `within`, for an H that does not determine everything: by its eigenvalues, without those that are rounding."""
-    found = of.each(eigen)
-    known = [each for each in found if each is not None]
-    if not len(of.g) or len(known) < len(found):
+    known = [each for each in of.each(eigen) if each is not None]
+    if not len(of.g) or len(known) < len(of.blocks):
         return np.zeros(len(of.g))
     largest = max(values[-1] for values, _ in known)
     seen = [values > SINGULAR * largest for values, _ in known]

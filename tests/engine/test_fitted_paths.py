@@ -13,7 +13,7 @@ from clothfit.fit.estimate import estimate
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import target
-from clothfit.optimise.balances.balances import balances, track
+from clothfit.optimise.balances import balances, track
 from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit

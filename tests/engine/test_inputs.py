@@ -15,7 +15,7 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT, from_scene
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
-from clothfit.optimise.balances.balances import Track, balances
+from clothfit.optimise.balances import Track, balances
 from clothfit.scene.keys import Keys
 from clothfit.scene.scene import load, save
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.optimise.products import BlockGradients
+from clothfit.optimise.matrix_free import BlockGradients
 
 
 def problem(size, count, seed=0, spread=1e4):

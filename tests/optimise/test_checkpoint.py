@@ -1,5 +1,6 @@
 """Checkpoints: the file, what is in it, and fits that go on to the same minimum, wherever they were ended."""
 
+import functools
 import json
 import os
 import signal
@@ -10,7 +11,7 @@ import time
 import numpy as np
 import pytest
 from helpers.marks import compiled
-from helpers.scenes import environment, even, load_text, needs_full_disk, started, trial, write_scene
+from helpers.scenes import environment, even, load_text, needs_full_disk, trial, write_scene
 
 from clothfit.base import checkpoint as module
 from clothfit.base.errors import InvalidInput
@@ -244,6 +245,7 @@ CASES = {
 }
 
 
+@functools.cache
 def arguments(case):
     """Scene, target, start and method of a case."""
     settings, method, frames, start, noise = CASES[case]
@@ -267,6 +269,12 @@ SAME_COST, SAME_FLOOR = 1e-3, 0.25
 
 ENOUGH = 1000
 """Evaluations that end none of these fits, resumed or not."""
+
+
+@functools.cache
+def whole_of(case):
+    """The fit of a case that nothing interrupts, computed once."""
+    return estimate(*arguments(case), max_evaluations=ENOUGH)
 
 
 def same_minimum(found, whole):
@@ -293,10 +301,8 @@ def in_pieces(limits, *given, **options):
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("limits", [(2,), (5, 3), (9, 2, 4)])
 def test_a_fit_that_is_interrupted_comes_to_the_same_minimum(tmp_path, case, limits):
-    given = arguments(case)
-    whole = estimate(*given, max_evaluations=ENOUGH)
-    found = in_pieces(limits, *given, max_evaluations=ENOUGH, checkpoint=tmp_path / "c")
-    same_minimum(found, whole)
+    found = in_pieces(limits, *arguments(case), max_evaluations=ENOUGH, checkpoint=tmp_path / "c")
+    same_minimum(found, whole_of(case))
     assert found.evaluations >= limits[0]
     assert found.seconds > 0
 
@@ -315,9 +321,9 @@ def test_every_file_that_a_kill_could_leave_leads_to_the_same_minimum(tmp_path, 
         patch.setattr(module, "EVERY", 0.0)  # at every report
         patch.setattr(module, "WRITING_SHARE", 0.0)
         whole = estimate(*given, max_evaluations=ENOUGH, checkpoint=tmp_path / "c")
-    equal(whole, estimate(*given, max_evaluations=ENOUGH))  # keeping it changes nothing
+    equal(whole, whole_of(case))  # keeping it changes nothing
     assert len(kept) > 5
-    for data in [*kept[:: max(1, len(kept) // 8)], *kept[-4:]]:
+    for data in [*kept[:: max(1, len(kept) // 4)], *kept[-2:]]:
         (tmp_path / "c").write_bytes(data)
         same_minimum(estimate(*given, max_evaluations=ENOUGH, checkpoint=tmp_path / "c", resume=True), whole)
 
@@ -326,10 +332,10 @@ def test_every_file_that_a_kill_could_leave_leads_to_the_same_minimum(tmp_path, 
 @pytest.mark.parametrize("case", ["auto per spring", "l-bfgs-b"])
 def test_a_spent_budget_can_be_raised(tmp_path, case):
     given = arguments(case)
-    whole = estimate(*given, max_evaluations=400)
     short = estimate(*given, max_evaluations=15, checkpoint=tmp_path / "c")
     assert (short.status, short.evaluations) == ("limit", 15)
-    same_minimum(estimate(*given, max_evaluations=400, checkpoint=tmp_path / "c", resume=True), whole)
+    found = estimate(*given, max_evaluations=ENOUGH, checkpoint=tmp_path / "c", resume=True)
+    same_minimum(found, whole_of(case))
 
 
 @compiled
@@ -514,8 +520,7 @@ def test_killed_at_any_instant_a_fit_comes_to_the_same_minimum(tmp_path, files):
     target = files[1]
     kept, out = tmp_path / "c", tmp_path / "out.json"
     call = ["estimate", path, "--target", target, "--checkpoint", str(kept), "-q", "-o", str(out)]
-    whole = started(*call)
-    assert whole.returncode == 0
+    assert run(call) == 0
     expected, _ = decoded(kept.read_bytes(), "c")[1], kept.unlink()
     random = np.random.default_rng(0)
     for _ in range(3):
@@ -527,7 +532,7 @@ def test_killed_at_any_instant_a_fit_comes_to_the_same_minimum(tmp_path, files):
         process.send_signal(signal.SIGKILL)
         process.wait(timeout=50)
         decoded(kept.read_bytes(), "c")
-    assert started(*call, "--resume").returncode == 0
+    assert run([*call, "--resume"]) == 0
     found = decoded(kept.read_bytes(), "c")[1]
     assert found.status == expected.status
     assert found.cost == pytest.approx(expected.cost, rel=SAME_COST)

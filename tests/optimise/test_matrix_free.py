@@ -12,7 +12,7 @@ from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.products import Products
+from clothfit.optimise.matrix_free import Products
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.optimise.trajectory import Trajectory

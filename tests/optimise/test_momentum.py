@@ -14,9 +14,8 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
-from clothfit.optimise.balances.rows import Equations
-from clothfit.optimise.balances.trimming import in_balance
-from clothfit.optimise.momentum import ANCHORED, TREATMENTS, Treatment
+from clothfit.optimise.balances import Equations
+from clothfit.optimise.momentum import ANCHORED, TREATMENTS, Treatment, in_balance
 from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit

@@ -11,7 +11,7 @@ from scipy import stats
 from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
 from clothfit.objective.objective import Objective
-from clothfit.optimise.products import Products, Sampling
+from clothfit.optimise.matrix_free import Products, Sampling
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters

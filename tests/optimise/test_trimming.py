@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from clothfit.optimise.balances.trimming import trimmed
+from clothfit.optimise.momentum import trimmed
 
 pytestmark = pytest.mark.quick
 

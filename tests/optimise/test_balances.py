@@ -10,7 +10,7 @@ from clothfit.engine.system import all_elements, with_elements
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.balances.balances import Track, balances, smoothed, summed_twice, track
+from clothfit.optimise.balances import Track, balances, smoothed, summed_twice, track
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
