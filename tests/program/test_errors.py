@@ -7,7 +7,6 @@ stands for what varies.
 
 import io
 import json
-import os
 import re
 import shlex
 import struct
@@ -160,11 +159,6 @@ def ruled():
     return [("clothfit.scene.schema.conforms", lambda *_: False), ("clothfit.scene.schema._validator", lambda: rule)]
 
 
-def unwritable(path, mode, access=os.access):
-    """The answer of a system where nothing is writable; a test that root runs could write everywhere."""
-    return mode & os.W_OK == 0 and access(path, mode)
-
-
 def raising(error):
     """A function that fails."""
 
@@ -177,8 +171,6 @@ def raising(error):
 @pytest.mark.parametrize(
     ("code", "arguments", "name", "value", "message"),
     [
-        (3, "simulate scene.json -o x.npz", "base.writing.os.access", unwritable, "the folder … is not writable"),
-        (3, "simulate scene.json -o good.npz", "base.writing.os.access", unwritable, "the file is there and is not "),
         (3, "convert good.npz out.glb", "formats.glb.MOST_GLB_BYTES", 100, "are more than a GLB file can have;"),
         (3, "convert good.npz out.c3d", "formats.c3d.LARGEST_WORD", 1, " points are more than C3D can name; write"),
         (3, "simulate scene.json -o a.usd", "formats.registry.import_module", raising(ImportError()),
