@@ -44,8 +44,7 @@ from functools import cached_property, partial
 from typing import TypeVar
 
 from clothfit.base.arrays import Array
-from clothfit.base.eigen import eigen
-from clothfit.base.graph import independent
+from clothfit.base.eigen import eigen, independent
 from clothfit.kernels import lapack
 from clothfit.kernels.parallel import together
 
