@@ -7,8 +7,8 @@ import pytest
 from helpers.scenes import cloth, document
 
 from clothfit.base.errors import InvalidInput
+from clothfit.live import changes
 from clothfit.live import session as module
-from clothfit.live import sliders
 from clothfit.live.commands import answer, answer_long
 from clothfit.live.engine import Engine
 from clothfit.live.session import Session
@@ -147,7 +147,7 @@ def test_a_long_message_is_parsed_in_a_process_of_its_own(session, text, reason)
 
 
 def test_large_scenes_are_remembered_less_often(session, monkeypatch):
-    monkeypatch.setattr(sliders, "MOST_BYTES", 3 * sliders.size(session.scene))
+    monkeypatch.setattr(changes, "MOST_BYTES", 3 * changes.size(session.scene))
     for damping in range(1, 8):
         answer(session, {"type": "set", "values": {"damping": float(damping)}})
     assert len(session.history) == 3
