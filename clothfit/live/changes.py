@@ -70,7 +70,8 @@ def with_given(scene: Scene, given: Mapping[str, Any], index: int | None) -> Sce
 
 def each_object(scene: Scene, name: str, value: Any, index: int | None) -> list[Any]:
     """A value for each object: a number for all of its elements, or one for each of them."""
-    if index is None and len(scene.cloths) == 1 and not nested(value):
+    for_each = isinstance(value, (list, tuple)) and len(value) == 1 and not isinstance(value[0], Real)
+    if index is None and len(scene.cloths) == 1 and not for_each:
         index = 0
     parts = value
     if index is not None or isinstance(value, Real):
@@ -88,11 +89,6 @@ def of_object(cloth: Cloth, name: str, value: Any) -> Any:
     shape = np.shape(getattr(cloth, name))
     found = spread(numbers(value, name), shape)
     return found if shape else float(found.reshape(-1)[0]) if found.size == 1 else found
-
-
-def nested(value: Any) -> bool:
-    """Whether there is an item for each object, of several numbers."""
-    return isinstance(value, (list, tuple)) and len(value) == 1 and not isinstance(value[0], Real)
 
 
 def numbers(value: Any, name: str) -> Array:
