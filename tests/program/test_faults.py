@@ -14,7 +14,6 @@ import pytest
 from helpers.scenes import environment, even, names, needs_full_disk, write_scene
 
 import clothfit
-from clothfit.base import memory
 from clothfit.cli.program import run
 from clothfit.fit import estimate as fitting
 from clothfit.many import warmup
@@ -264,11 +263,3 @@ def test_a_limit_of_the_process_counts(folder):
     done = subprocess.run(call, capture_output=True, env=environment(), check=False, timeout=SECONDS)
     assert (done.returncode, done.stdout) == (3, b"")
     assert b"error: 10000001 frames of 16 vertices take 3.84 GB, " in done.stderr
-
-
-def test_what_a_container_keeps_of_files_it_has_read_is_free(tmp_path):
-    (tmp_path / "max").write_text("1000\n")
-    (tmp_path / "current").write_text("900\n")
-    assert memory.left(tmp_path / "max", tmp_path / "current") == 100
-    (tmp_path / "memory.stat").write_text("anon 300\nactive_file 200\ninactive_file 400\n")
-    assert memory.left(tmp_path / "max", tmp_path / "current") == 500

@@ -67,11 +67,6 @@ def upward(name, used, order=FOLDERS):
     return sorted(module for module, other in heights.items() if None not in (own, other) and other > own)
 
 
-def below(name, folder):
-    """A module's name within a folder."""
-    return name.removeprefix(f"{folder}.")
-
-
 @pytest.mark.parametrize("name", sorted(set(MODULES) - FACE))
 def test_a_module_imports_only_folders_that_stand_before_its_own(name):
     assert upward(name, IMPORTS[name]) == []
@@ -95,8 +90,8 @@ def test_every_file_stands_in_a_folder_that_the_list_names():
 
 @pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("engine.")])
 def test_the_engine_has_floors(name):
-    inside = {below(module, "engine") for module in IMPORTS[name] if module.startswith("engine.")}
-    assert upward(below(name, "engine"), inside, ENGINE) == []
+    inside = {module.removeprefix("engine.") for module in IMPORTS[name] if module.startswith("engine.")}
+    assert upward(name.removeprefix("engine."), inside, ENGINE) == []
 
 
 @pytest.mark.parametrize("path", [path for path in MODULES.values() if path.name == "__init__.py"][1:], ids=name_of)
