@@ -156,14 +156,10 @@ def sweep(folder: str) -> None:
     with suppress(OSError):
         for name in os.listdir(folder):
             if re.fullmatch(re.escape(prefix()) + r"[0-9a-f]{16}\.tmp", name):
-                remove_stale(os.path.join(folder, name))
-
-
-def remove_stale(path: str) -> None:
-    """Remove a file unless a process is writing it."""
-    with suppress(OSError), open(path, "r+b") as file:
-        if lock(file.fileno(), wait=False):
-            os.unlink(path)
+                path = os.path.join(folder, name)
+                with suppress(OSError), open(path, "r+b") as file:
+                    if lock(file.fileno(), wait=False):  # else a process is writing it
+                        os.unlink(path)
 
 
 def lock(number: int, wait: bool) -> bool:

@@ -8,7 +8,7 @@ from numbers import Real
 from typing import Any
 
 from clothfit.base.errors import ClothfitError, InvalidInput
-from clothfit.live import sliders, wire
+from clothfit.live import changes, wire
 from clothfit.live.page import elements_of
 from clothfit.live.session import SOON, Session
 from clothfit.live.task import Loading
@@ -43,16 +43,6 @@ def answer_long(session: Session, text: str) -> dict[str, Any] | Loading:
 def head_of(message: Mapping[str, Any]) -> dict[str, Any]:
     """What an answer has of the message."""
     return {"of": str(message["type"])[:40]} | ({"id": message["id"]} if message.get("id") is not None else {})
-
-
-def status(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
-    """Say how things stand."""
-    return session.status()
-
-
-def elements(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
-    """Say which masses and stiffnesses the scene has."""
-    return elements_of(session.scene)
 
 
 def play(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
@@ -102,8 +92,8 @@ def set_values(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
     if {"mass", "stiffness"} & values.keys() and asked:
         raise InvalidInput("set: either masses and stiffnesses, or factors on them")
     before, own = session.moment(), dict(values)
-    factors = sliders.with_asked(session.base, session.factors, asked, index) if asked else session.factors
-    made: dict[str, Any] = {kind: sliders.multiplied(session.base, factors, kind) for kind in asked}
+    factors = changes.with_asked(session.base, session.factors, asked, index) if asked else session.factors
+    made: dict[str, Any] = {kind: changes.multiplied(session.base, factors, kind) for kind in asked}
     if made:
         session.engine.set(**made)
     if own:
@@ -201,8 +191,8 @@ DOES: dict[str, tuple[Callable[[Session, Mapping[str, Any]], dict[str, Any] | Lo
     "drag": (drag, ("vertex", "place")),
     "estimate": (estimate, ("fit", "frames", "budget")),
     "control": (control, ("keys", "budget")),
-    "elements": (elements, ()),
+    "elements": (lambda session, _: elements_of(session.scene), ()),
     "cancel": (cancel, ()),
-    "status": (status, ()),
+    "status": (lambda session, _: session.status(), ()),
 }
 """Messages: what does them, and their fields."""

@@ -20,7 +20,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import applied
 from clothfit.engine.inputs import sampling
 from clothfit.engine.inputs.tables import Inputs
-from clothfit.engine.rollout import Rollout, empty, fill
+from clothfit.engine.rollout import empty, fill
 from clothfit.engine.step import guard, implicit
 from clothfit.engine.system import BDF2, System, at_rest, build, with_elements
 from clothfit.scene.scene import Scene
@@ -77,7 +77,11 @@ class Moving:
         if self.step + 2 >= inputs.steps:
             self._grow()
             self._hold(self.grip)
-        part = self._part()
+        x_before, v_before = self._before
+        part = self._room._replace(
+            v=self.v, x_before=x_before, v_before=v_before, ready=self._ready, first=self.step
+        )  # fmt: skip
+        part.x[0], part.budget[0] = self.x, self._budget
         if fill(self.system, self.tolerance, self._work, part, nothing) < 1:
             self.bad = part.x[1].copy(), part.velocity(1).copy()
             return False
@@ -100,15 +104,6 @@ class Moving:
             )
         self._rows *= 2
         self._prepare(self.scene)
-
-    def _part(self) -> Rollout:
-        """Memory for the next step, with the state before it."""
-        x_before, v_before = self._before
-        part = self._room._replace(
-            v=self.v, x_before=x_before, v_before=v_before, ready=self._ready, first=self.step
-        )  # fmt: skip
-        part.x[0], part.budget[0] = self.x, self._budget
-        return part
 
     def rebuild(self, scene: Scene) -> None:
         """Go on in a scene whose pins or obstacles differ, or whose tables are to be longer."""
@@ -140,7 +135,7 @@ class Moving:
             return
         own.gain[:] = 0.0
         if grip is not None:
-            own.gain[grip.vertex] = stiffness_of_hand(self.scene, self.index)
+            own.gain[grip.vertex] = self.scene.cloths[self.index].mass.sum() * BRISK**2
             own.place[grip.vertex] = grip.place
         energetic = grip is not None or self._energetic
         self.system = self.system._replace(inputs=inputs._replace(energetic=energetic))
@@ -185,8 +180,3 @@ def values_of(scene: Scene, index: int) -> Elements:
         mass=cloth.mass, stiffness=cloth.stiffness, damping=np.array([cloth.damping]), drag=np.array([cloth.drag]),
         rest=cloth.rest, wind=np.array(scene.wind), gravity=np.array(scene.gravity), friction=friction, contact=contact,
     )  # fmt: skip
-
-
-def stiffness_of_hand(scene: Scene, index: int) -> float:
-    """κ, N/m, of the spring by which a hand pulls a vertex."""
-    return float(scene.cloths[index].mass.sum()) * BRISK**2

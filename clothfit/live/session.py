@@ -12,10 +12,10 @@ from typing import Any
 
 from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
-from clothfit.live import sliders, wire
+from clothfit.live import changes, wire
+from clothfit.live.changes import History, Moment
 from clothfit.live.engine import Engine
 from clothfit.live.page import described
-from clothfit.live.sliders import History, Moment
 from clothfit.live.task import Loading, Task
 from clothfit.motion.motion import Motion
 from clothfit.scene.scene import Scene, dumps
@@ -51,7 +51,7 @@ class Session:
     def _begin(self, scene: Scene, target: Motion | None) -> None:
         """Begin with a scene."""
         self.base = scene
-        self.factors: sliders.Factors = {}
+        self.factors: changes.Factors = {}
         self.history = History()
         self.target = target
         self.outcome: dict[str, Any] | None = None
@@ -87,7 +87,7 @@ class Session:
         return {"values": {
             "damping": [cloth.damping for cloth in scene.cloths], "drag": [cloth.drag for cloth in scene.cloths],
             "wind": scene.wind.tolist(), "gravity": scene.gravity.tolist(),
-            "factors": sliders.listed(self.base, self.factors),
+            "factors": changes.listed(self.base, self.factors),
         }}  # fmt: skip
 
     def target_packet(self) -> bytes | None:

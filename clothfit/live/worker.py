@@ -72,8 +72,8 @@ def rehearse(scene: Any) -> None:
     from dataclasses import replace
 
     from clothfit.engine.system import BDF2, IMPLICIT
+    from clothfit.live.engine import diverged
     from clothfit.live.moving import Grip, Moving
-    from clothfit.live.stepper import diverged
 
     if scene.self_contact and scene.method == BDF2:  # steps in which it touches itself are implicit ones
         rehearse(replace(scene, method=IMPLICIT))

@@ -22,8 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.eigen import connected_components
 from clothfit.base.errors import InvalidInput
-from clothfit.base.graph import connected_components
 from clothfit.base.messages import counted, metres
 from clothfit.formats.animation import Parts
 from clothfit.meshes.mesh import Mesh, areas

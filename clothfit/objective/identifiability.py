@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.graph import connected_components
+from clothfit.base.eigen import connected_components
 from clothfit.scene.block import Block, reached
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import size

@@ -25,8 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
-from clothfit.base.eigen import pseudo_inverse
-from clothfit.base.graph import independent
+from clothfit.base.eigen import independent, pseudo_inverse
 from clothfit.kernels import lapack
 from clothfit.kernels.parallel import together
 

@@ -35,8 +35,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.eigen import eigen
-from clothfit.base.graph import independent
+from clothfit.base.eigen import eigen, independent
 from clothfit.kernels import lapack
 from clothfit.kernels.parallel import together
 

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.graph import connected_components
+from clothfit.base.eigen import connected_components
 
 ALONG, ACROSS, DIAGONAL, NONE = range(4)
 """The classes of edges."""

@@ -69,6 +69,8 @@ def test_a_container_leaves_what_it_has_not_used(tmp_path, monkeypatch):
     assert memory.free() == 3_000_000
     monkeypatch.setattr(memory, "available", lambda: 10**6)
     assert memory.free() == 10**6
+    (tmp_path / "memory.stat").write_text("anon 300\nactive_file 200\ninactive_file 400\n")
+    assert left(*files) == 3_000_400  # what it keeps of files that it has read is free
 
 
 @pytest.mark.parametrize(("most", "used", "rest"), [("max\n", "10", None), ("10", "25", 0)])

@@ -1,15 +1,36 @@
 import io
 import struct
+import warnings
 import zipfile
 
 import numpy as np
 import pytest
-from helpers.archives import archive, header, npy
 
 from clothfit.base import memory, npz
 
 NAMES = ("a", "b")
 RNG = np.random.default_rng(1)
+
+
+def archive(*members, method=zipfile.ZIP_STORED):
+    """A zip archive of names and data."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", method) as made, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a name that is there twice
+        for name, data in members:
+            made.writestr(name, data)
+    return file.getvalue()
+
+
+def npy(text, data=b"", wide=False):
+    """A `.npy` file with a header of that text."""
+    length = struct.pack("<I" if wide else "<H", len(text))
+    return b"\x93NUMPY" + (b"\2\0" if wide else b"\1\0") + length + text.encode("latin-1") + data
+
+
+def header(shape="(2,)", descr="<f8"):
+    """The text of a header."""
+    return f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n"
 
 
 def read(data):

@@ -18,13 +18,12 @@ from helpers.scenes import cloth, document, load_text
 WIND, DRAG, DAMPING = (1.0, -0.5, 2.0), 2000.0, 0.5
 """Of a sheet in wind: m/s, kg/(m⁶ s) and 1/s."""
 
+SPRINGS = len(cloth(6, 6)["springStiffness"])
+
 
 def sheet(stiffness: float = 20.0, letters: str = "nG", frames: int = 40, delta: float = 0.02) -> Scene:
     """A sheet of 6 × 6 vertices, 0.1 m apart, held at one side."""
-    springs = [stiffness] * len(cloth(6, 6)["springStiffness"])
-    own = cloth(6, 6, 0.1, vertIsFixed=[i < 6 for i in range(36)], vertMass=[0.002] * 36, springStiffness=springs)
-    own["optimizationSettings"] = letters
-    return load_text(json.dumps(document(own, optimizationIterations=frames, delta=delta, tolerance=1e-10)))
+    return small(letters, frames, side=6, delta=delta, springStiffness=[stiffness] * SPRINGS)
 
 
 def stranger(
@@ -35,14 +34,15 @@ def stranger(
     return replace(motion, times=rate * motion.times + offset, positions=(motion.positions - move) @ turn)
 
 
-def small(letters: str = "nL", frames: int = 24, method: int = 2, **fields: Any) -> Scene:
-    """A sheet of 4 × 4 vertices, 0.1 m apart, held at one side; fields of an object go to it, all others to the scene.
-    """
-    own = {"vertIsFixed": [i < 4 for i in range(16)], "vertMass": [0.002] * 16, "springStiffness": [20.0] * 33}
+def small(letters: str = "nL", frames: int = 24, method: int = 2, side: int = 4, **fields: Any) -> Scene:
+    """A square sheet, vertices 0.1 m apart, held at one side; fields of an object go to it, all others to the scene."""
+    springs = len(cloth(side, side)["springStiffness"])
+    own = {"vertIsFixed": [i < side for i in range(side**2)], "vertMass": [0.002] * side**2}
+    own["springStiffness"] = [20.0] * springs
     kept = {"optimizationIterations": frames, "integrationMethod": method, "tolerance": 1e-10}
     parts = {name: fields.pop(name) for name in list(fields) if name in (*cloth(2, 2), *own, "springRestLength")}
     fit = fields.pop("of_cloth", {})
-    made = cloth(4, 4, 0.1, **{**own, **parts, "optimizationSettings": letters, "fit": fit})
+    made = cloth(side, side, 0.1, **{**own, **parts, "optimizationSettings": letters, "fit": fit})
     return load_text(json.dumps(document(made, **{**kept, **fields})))
 
 
@@ -57,10 +57,7 @@ def windy(
     letters: str = "nF", frames: int = 160, **fields: Any,
 ) -> Scene:  # fmt: skip
     """A sheet of 6 × 6 vertices in wind, held at one side; its frames are near enough for differences."""
-    springs = [stiffness] * len(cloth(6, 6)["springStiffness"])
-    own = cloth(6, 6, 0.1, vertIsFixed=[i < 6 for i in range(36)], vertMass=[0.002] * 36, springStiffness=springs)
-    own |= {"optimizationSettings": letters, "dragCoefficient": drag, "damping": damping}
-    own["fit"] = {"damping": "G", "dragCoefficient": "G"}
-    given = {"windVel": dict(zip("xyz", wind, strict=True)), "fit": {"windVel": "G"}, "integrationMethod": 3}
-    rest = {"optimizationIterations": frames, "delta": 0.0025, "tolerance": 1e-10, **given, **fields}
-    return load_text(json.dumps(document(own, **rest)))
+    own = {"springStiffness": [stiffness] * SPRINGS, "dragCoefficient": drag, "damping": damping}
+    own["of_cloth"] = {"damping": "G", "dragCoefficient": "G"}
+    world = {"windVel": dict(zip("xyz", wind, strict=True)), "fit": {"windVel": "G"}, "delta": 0.0025, **fields}
+    return small(letters, frames, 3, 6, **own, **world)

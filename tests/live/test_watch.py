@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from helpers.scenes import cloth, document, environment, write_scene
 
+from clothfit.cli.program import run
 from clothfit.live import watch
 from clothfit.live.watch import Watch
 from clothfit.motion.files import save_motion
@@ -28,11 +29,18 @@ def clock(monkeypatch):
     return now
 
 
-def test_a_change_counts_when_the_file_is_still(tmp_path, clock):
+@pytest.fixture
+def watched(tmp_path):
+    """A file and what watches it, which knows its content."""
     path = tmp_path / "scene.json"
     path.write_text("one")
     files = Watch([str(path)])
     files.given()
+    return path, files
+
+
+def test_a_change_counts_when_the_file_is_still(watched, clock):
+    path, files = watched
     assert not files.changed()
     path.write_text("two, longer")
     assert not files.changed()
@@ -45,12 +53,8 @@ def test_a_change_counts_when_the_file_is_still(tmp_path, clock):
     assert files.changed()
 
 
-def test_a_file_that_never_rests_counts_after_a_while(tmp_path, clock):
-    path = tmp_path / "scene.json"
-    path.write_text("")
-    files = Watch([str(path)])
-    files.given()
-    begin = clock[0]
+def test_a_file_that_never_rests_counts_after_a_while(watched, clock):
+    (path, files), begin = watched, clock[0]
     while True:
         path.write_text(path.read_text() + "x")
         if files.changed():
@@ -59,11 +63,9 @@ def test_a_file_that_never_rests_counts_after_a_while(tmp_path, clock):
     assert watch.LONGEST - 0.05 < clock[0] - begin < watch.LONGEST + 0.25
 
 
-def test_the_same_content_is_no_change_and_a_new_file_in_its_place_is(tmp_path, clock):
-    path, other = tmp_path / "scene.json", tmp_path / "new.json"
-    path.write_text("one")
-    files = Watch([str(path)])
-    files.given()
+def test_the_same_content_is_no_change_and_a_new_file_in_its_place_is(watched, clock):
+    path, files = watched
+    other = path.with_name("new.json")
     path.write_text("one")
     os.utime(path, ns=(1, 1))
     assert not files.changed()
@@ -149,11 +151,7 @@ def until(condition):
     raise AssertionError("never")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("words", [["--in-place"], ["-o", "-"]])
-def test_what_cannot_be_watched_is_said(tmp_path, words):
-    path = write_scene(tmp_path, document())
-    command = [sys.executable, "-m", "clothfit", "estimate", path, "--watch", *words]
-    done = subprocess.run(command, env=environment(), capture_output=True, check=False, cwd=tmp_path)
-    assert done.returncode == 2
-    assert b"--watch goes neither" in done.stderr
+def test_what_cannot_be_watched_is_said(tmp_path, capsys, words):
+    assert run(["estimate", write_scene(tmp_path, document()), "--watch", *words]) == 2
+    assert "--watch goes neither" in capsys.readouterr().err

@@ -34,9 +34,10 @@ def test_rows_of_different_widths_are_found(tmp_path):
     assert ragged_tables(page) == ["| c |\n|---|\n| 1 | 2 |\n"]
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.name)
-def test_the_index_names_every_page(path):
-    assert path.name == "README.md" or f"]({path.name})" in (ROOT / "docs" / "README.md").read_text("utf-8")
+def test_the_index_names_every_page():
+    index = (ROOT / "docs" / "README.md").read_text("utf-8")
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    assert [name for name in pages if f"]({name})" not in index] == []
 
 
 def test_the_scene_format_names_every_field_and_shows_a_scene():

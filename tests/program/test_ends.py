@@ -1,4 +1,4 @@
-"""Runs that are asked to end, killed, or not alone: no file is torn, and what killed ones left goes."""
+"""Runs that are asked to end, killed, or not alone: one line, no file is torn, and what killed ones left goes."""
 
 import os
 import signal
@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.paths import BENCHMARKS
-from helpers.scenes import environment, names, trial, write_scene
+from helpers.scenes import environment, names, needs_compiler, trial, write_scene
 
 import clothfit
 from clothfit.base import writing
-from clothfit.cli.program import run
+from clothfit.cli.program import _interrupt, run
 
 pytestmark = pytest.mark.slow  # starts processes
 
@@ -34,7 +34,7 @@ def begun(*arguments, **keywords):
 
 
 @unix
-@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("kind", ["SIGTERM", "SIGHUP"])
 def test_a_request_to_end_leaves_nothing_behind(folder, kind):
     process = begun()
     process.send_signal(getattr(signal, kind))
@@ -66,6 +66,88 @@ def test_a_second_request_ends_a_writing_that_nobody_reads(folder):
     process.terminate()
     assert process.wait(SECONDS) == 130
     process.stderr.close()
+
+
+# --- Ctrl-C while the program is still loading or compiling
+
+MAIN = "from clothfit.__main__ import main\nmain(sys.argv[1:])\n"
+
+# Interrupts at the moment when a module is about to be imported.
+IMPORTING = """
+import os, signal, sys
+from importlib.abc import MetaPathFinder
+class Interrupt(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == "%s":
+            sys.meta_path.remove(self)
+            exec(%r)
+sys.meta_path.insert(0, Interrupt())
+"""
+
+# Interrupts in the middle of a compilation, where an exception in what the compiler calls is lost.
+COMPILING = """
+import os, signal, sys
+from numba.core.codegen import CPUCodeLibrary
+compiled = CPUCodeLibrary._object_compiled_hook.__func__
+def interrupt(*arguments):
+    CPUCodeLibrary._object_compiled_hook = classmethod(compiled)
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1000):  # the interpreter calls the handler between two instructions
+        pass
+    return compiled(*arguments)
+CPUCodeLibrary._object_compiled_hook = classmethod(interrupt)
+"""
+
+
+def interrupted(folder, start, *, module=False, **changes):
+    """The standard error of a simulation that interrupts itself; with `module` it is started by `python -m`."""
+    scene = write_scene(folder, trial("nG", 5, 3, 3))
+    (folder / "started.py").write_text(start + MAIN)
+    call = [sys.executable, *(["-m", "started"] if module else [str(folder / "started.py")]), "simulate", scene]
+    where = environment(**changes)
+    done = subprocess.run(call, capture_output=True, env=where, cwd=folder, check=False, timeout=SECONDS)
+    assert (done.returncode, done.stdout) == (130, b"")
+    assert not list(folder.glob("*.npz"))
+    return done.stderr.decode()
+
+
+@unix
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("clothfit.cli.program", "SIGINT"), ("click", "SIGTERM"), ("clothfit.cli.simulate", "SIGINT"),
+     ("numba", "SIGINT")],
+)  # fmt: skip
+def test_an_interrupt_while_loading_is_one_line(tmp_path, name, kind):
+    said = interrupted(tmp_path, IMPORTING % (name, f"os.kill(os.getpid(), signal.{kind})"))
+    assert said.lstrip() == "error: interrupted\n"  # click may end the line that a terminal shows ^C on
+
+
+@unix
+def test_an_interrupt_in_what_is_made_from_text_keeps_the_code(tmp_path):
+    """Within a class that is made from text, after which `python -m` kills itself when it ends."""
+    text = "os.kill(os.getpid(), signal.SIGINT)\nfor _ in range(1000): pass"
+    assert interrupted(tmp_path, IMPORTING % ("numpy", text), module=True).lstrip() == "error: interrupted\n"
+
+
+@unix
+@needs_compiler
+def test_an_interrupt_in_the_first_compilation_is_one_line(tmp_path):
+    said = interrupted(tmp_path, COMPILING, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert said.splitlines()[-1] == "error: interrupted"
+    assert "Traceback" not in said
+
+
+# As importlib's callback of a module's lock, and a destructor.
+CALLBACKS = [("<frozen importlib._bootstrap>", "cb"), ("/usr/lib/python/weakref.py", "remove"), ("any.py", "__del__")]
+
+
+@pytest.mark.parametrize(("file", "name"), CALLBACKS)
+def test_an_interrupt_where_its_exception_would_be_lost_comes_later(file, name):
+    space = {"interrupt": _interrupt, "frame": sys._getframe, "number": int(signal.SIGINT)}
+    exec(compile(f"def {name}():\n    interrupt(number, frame())\n    return 'went on'", file, "exec"), space)
+    assert space[name]() == "went on"
+    with pytest.raises(KeyboardInterrupt):
+        time.sleep(10.0)  # by Python's own handler, which is that of tests
 
 
 # --- two at once, and what killed ones left

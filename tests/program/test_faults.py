@@ -8,6 +8,7 @@ import sys
 import tempfile
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from helpers.scenes import environment, even, names, needs_full_disk, write_scene
@@ -166,17 +167,12 @@ def test_a_device_without_end_is_left(folder, capsys, monkeypatch, command, told
 
 
 @unix
-@pytest.mark.parametrize(
-    ("command", "closed"),
-    [(["target", "-o", "-"], ("stdout",)), (["evaluate", "scene.json", "--json"], ("stdout", "stderr"))],
-)
-def test_readers_that_left_are_no_fault_of_the_program(folder, command, closed):
-    call = [sys.executable, "-m", "clothfit", command[0], "scene.json", *command[1:], "-q"]
+def test_readers_of_both_streams_that_left_are_no_fault_of_the_program(folder):
+    call = [sys.executable, "-m", "clothfit", "evaluate", "scene.json", "scene.json", "--json", "-q"]
     process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
-    for stream in closed:
-        getattr(process, stream).close()
-    err = b"" if "stderr" in closed else process.stderr.read()
-    assert (process.wait(SECONDS), err) == (3, b"")
+    process.stdout.close()
+    process.stderr.close()
+    assert process.wait(SECONDS) == 3
 
 
 # --- inputs that others change
@@ -230,3 +226,40 @@ def test_a_scene_that_somebody_saved_meanwhile_is_left_alone(folder, monkeypatch
     Path("same.json").write_bytes(before)
     assert run(["estimate", "same.json", "-q"]) == 0
     assert Path("scene.fitted.json").read_bytes() == Path("same.fitted.json").read_bytes()
+
+
+# --- memory that is not there, which is refused before any work
+
+FORESEEN = [["simulate", "scene.json"], ["target", "scene.json"], ["evaluate", "scene.json", "scene.json"]]
+
+
+@pytest.mark.parametrize("command", [*FORESEEN, ["estimate", "scene.json"], ["evaluate", "scene.json", "--speed"]])
+def test_memory_that_is_not_free_is_refused_with_the_figure_before_the_work(folder, monkeypatch, capsys, command):
+    # the scene can be read
+    monkeypatch.setattr("clothfit.scene.text.memory", SimpleNamespace(free=lambda: 10**9))
+    monkeypatch.setattr("clothfit.base.memory.ALWAYS_FREE", 0)  # so little is looked at otherwise
+    monkeypatch.setattr("clothfit.base.memory.available", lambda: 1000)
+    monkeypatch.setattr("clothfit.engine.rollout.advance", lambda *_: pytest.fail("it began to work"))
+    assert run(command) == 3
+    assert ", 1 kB of memory are free; use fewer frames" in capsys.readouterr().err
+    assert names() == ["scene.json", "target.npz"]
+
+
+@pytest.mark.parametrize("command", FORESEEN)
+def test_any_number_of_steps_and_any_rate_of_frames_has_its_figure(folder, capsys, command):
+    rates = [("--fps", "1e12"), ("--fps", "1e308")] if command[0] == "target" else []
+    for option in [("--steps", "100000000"), ("--steps", "9" * 400), *rates]:
+        assert run([*command, *option]) == 3
+        err = capsys.readouterr().err
+        assert "frames of 16 vertices take " in err
+        assert len(err) < 200
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere the use of address space is not told")
+def test_a_limit_of_the_process_counts(folder):
+    # 4 GB of address space, of which the program takes 1; 10^7 frames of 16 vertices take 3.84 GB.
+    call = ["sh", "-c", 'ulimit -v 4000000; exec "$0" -m clothfit "$@"', sys.executable]
+    call += ["simulate", "scene.json", "--steps", "10000000"]
+    done = subprocess.run(call, capture_output=True, env=environment(), check=False, timeout=SECONDS)
+    assert (done.returncode, done.stdout) == (3, b"")
+    assert b"error: 10000001 frames of 16 vertices take 3.84 GB, " in done.stderr

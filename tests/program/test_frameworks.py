@@ -1,9 +1,8 @@
 """The examples for PyTorch and JAX, where these are installed: their products are derivatives, and they run."""
 
-from importlib.util import module_from_spec, spec_from_file_location
-
 import numpy as np
 import pytest
+from helpers.modules import script
 from helpers.paths import EXAMPLES
 
 import clothfit
@@ -14,10 +13,7 @@ pytestmark = pytest.mark.slow  # loads a framework
 def example(name):
     """An example as a module."""
     pytest.importorskip(name.removeprefix("with_"))
-    spec = spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script(EXAMPLES / f"{name}.py")
 
 
 @pytest.fixture

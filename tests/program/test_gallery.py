@@ -2,11 +2,11 @@
 
 import re
 import shutil
-from importlib import util
 
 import numba
 import numpy as np
 import pytest
+from helpers.modules import script
 from helpers.paths import ROOT
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -17,9 +17,7 @@ from clothfit.meshes.problems import problems
 pytestmark = pytest.mark.slow  # compiles a fit
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow draws the films")
-SPEC = util.spec_from_file_location("gallery_page", ROOT / "docs" / "gallery.py")
-gallery = util.module_from_spec(SPEC)
-SPEC.loader.exec_module(gallery)
+gallery = script(ROOT / "docs" / "gallery.py")
 FILMS = {film.name: gallery.FILMS / f"{film.name}.gif" for film in gallery.GALLERY}
 
 
@@ -37,6 +35,7 @@ def test_the_page_shows_every_film_and_the_commands_that_make_it():
 @pytest.mark.parametrize("path", FILMS.values(), ids=FILMS)
 def test_a_film_loops_moves_and_is_small(path):
     with Image.open(path) as film:
+        assert film.width >= 640
         assert film.n_frames > 20
         assert film.info["loop"] == 0
         first = np.asarray(film.convert("RGB"), dtype=int)
@@ -46,11 +45,6 @@ def test_a_film_loops_moves_and_is_small(path):
     assert path.stat().st_size < 1_500_000
 
 
-def test_there_are_no_other_films_and_all_are_small_together():
-    assert {path.name for path in gallery.FILMS.iterdir()} == {path.name for path in FILMS.values()}
-    assert sum(path.stat().st_size for path in FILMS.values()) < 7_000_000
-
-
 def test_the_curtain_is_that_of_the_first_page():
     readme = (ROOT / "README.md").read_text("utf-8").replace(" \\\n    ", " ")
     commands = [command.partition(" --gif")[0] for command in gallery.CURTAIN.commands]
@@ -58,18 +52,16 @@ def test_the_curtain_is_that_of_the_first_page():
     assert [command for command in commands if f"$ clothfit {command}" not in readme] == guess
 
 
-def test_a_film_is_640_pixels_wide_and_of_no_storm():
-    for name, path in FILMS.items():
-        with Image.open(path) as film:
-            assert film.width >= 640, name
+def test_there_are_no_other_films_all_are_small_together_and_of_no_storm():
+    assert {path.name for path in gallery.FILMS.iterdir()} == {path.name for path in FILMS.values()}
+    assert sum(path.stat().st_size for path in FILMS.values()) < 7_000_000
     winds = re.findall(r"--wind (\S+)", gallery.PAGE.read_text("utf-8"))
     assert winds
     assert max(abs(float(part)) for wind in winds for part in wind.split(",")) < 15.0  # m/s
 
 
-def test_the_garments_are_sewn_and_open_where_they_should_be(tmp_path):
-    make = util.module_from_spec(spec := util.spec_from_file_location("garments", ROOT / "examples" / "garments.py"))
-    spec.loader.exec_module(make)
+def test_the_garments_are_sewn_and_open_where_they_should_be():
+    make = script(ROOT / "examples" / "garments.py")
     openings = {"shirt": 4}  # neck, hem and two cuffs
     for name, build in make.GARMENTS.items():
         points, faces = build()

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow  # compiles a fit
 
 TEXT = json.dumps(scene())
 chances = st.randoms(use_true_random=False)
-many = settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+many = settings(deadline=None, suppress_health_check=list(HealthCheck))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -151,41 +151,31 @@ def test_planes_by_the_thousand_get_one_warning():
 # --- by mutation
 
 
-def assert_faultless(case):
-    verdict = tried(case, slow=math.inf)
-    assert verdict.code in CODES
-    assert verdict.faults == ()
+MUTATED = {  # how many, and how one is made
+    "scene": (80, lambda chance: (chance.choice(COMMANDS["scene"]), scene_bytes(chance))),
+    "moving": (80, lambda chance: (("info", "{file}"), KINDS["moving"](chance))),
+    "motion": (80, lambda chance: (COMMANDS["motion"][0], motion_bytes(chance))),
+    "foreign": (40, lambda chance: other_program(chance, chance.choice(FOREIGN))),
+    "checkpoint": (20, lambda chance: (COMMANDS["checkpoint"][0], checkpoint_bytes(chance))),
+}
 
 
-@many
-@given(chances)
-def test_mutated_scenes(chance):
-    assert_faultless(Case("scene", chance.choice(COMMANDS["scene"]), scene_bytes(chance)))
+def other_program(chance, suffix):
+    return chance.choice(COMMANDS["foreign"]), foreign_bytes(chance, suffix), suffix
 
 
-@many
-@given(chances)
-def test_mutated_scenes_in_which_everything_moves(chance):
-    assert_faultless(Case("moving", ("info", "{file}"), KINDS["moving"](chance)))
+@pytest.mark.parametrize("kind", MUTATED)
+def test_mutated_files_end_with_a_documented_code(kind):
+    count, made = MUTATED[kind]
 
+    @settings(many, max_examples=count)
+    @given(chances)
+    def end_without_faults(chance):
+        verdict = tried(Case(kind, *made(chance)), slow=math.inf)
+        assert verdict.code in CODES
+        assert verdict.faults == ()
 
-@many
-@given(chances)
-def test_mutated_motions(chance):
-    assert_faultless(Case("motion", COMMANDS["motion"][0], motion_bytes(chance)))
-
-
-@settings(many, max_examples=40)
-@given(chances)
-def test_mutated_motions_of_other_programs(chance):
-    suffix = chance.choice(FOREIGN)
-    assert_faultless(Case("foreign", chance.choice(COMMANDS["foreign"]), foreign_bytes(chance, suffix), suffix))
-
-
-@settings(many, max_examples=20)
-@given(chances)
-def test_mutated_checkpoints(chance):
-    assert_faultless(Case("checkpoint", COMMANDS["checkpoint"][0], checkpoint_bytes(chance)))
+    end_without_faults()
 
 
 @settings(many, max_examples=150)

@@ -3,6 +3,7 @@
 import ast
 import io
 import tokenize
+from functools import cache
 from graphlib import TopologicalSorter
 
 import pytest
@@ -11,6 +12,7 @@ from helpers.paths import ROOT
 from clothfit.cli.program import COMMANDS
 
 PACKAGE = ROOT / "clothfit"
+parsed = cache(ast.parse)  # each module once
 
 FOLDERS = [
     "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise",
@@ -37,7 +39,7 @@ def name_of(path):
 def imports(source, known):
     """Modules of the package that a source imports, anywhere in it, also for types only."""
     found = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed(source)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names if alias.name.split(".")[0] == "clothfit"}
         elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "clothfit":
@@ -65,11 +67,6 @@ def upward(name, used, order=FOLDERS):
     return sorted(module for module, other in heights.items() if None not in (own, other) and other > own)
 
 
-def below(name, folder):
-    """A module's name within a folder."""
-    return name.removeprefix(f"{folder}.")
-
-
 @pytest.mark.parametrize("name", sorted(set(MODULES) - FACE))
 def test_a_module_imports_only_folders_that_stand_before_its_own(name):
     assert upward(name, IMPORTS[name]) == []
@@ -93,13 +90,13 @@ def test_every_file_stands_in_a_folder_that_the_list_names():
 
 @pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("engine.")])
 def test_the_engine_has_floors(name):
-    inside = {below(module, "engine") for module in IMPORTS[name] if module.startswith("engine.")}
-    assert upward(below(name, "engine"), inside, ENGINE) == []
+    inside = {module.removeprefix("engine.") for module in IMPORTS[name] if module.startswith("engine.")}
+    assert upward(name.removeprefix("engine."), inside, ENGINE) == []
 
 
 @pytest.mark.parametrize("path", [path for path in MODULES.values() if path.name == "__init__.py"][1:], ids=name_of)
 def test_the_page_of_a_folder_says_what_is_there_and_imports_nothing(path):
-    tree = ast.parse(path.read_text("utf-8"))
+    tree = parsed(path.read_text("utf-8"))
     assert [type(node) for node in tree.body] == [ast.Expr]
     assert len((ast.get_docstring(tree) or "").split("\n")) >= 4
 
@@ -119,7 +116,7 @@ def code_lines(source):
     """How many lines have code: no comments, no docstrings, no blank ones."""
     words = [word for word in tokenize.generate_tokens(io.StringIO(source).readline) if word.type not in SILENT]
     lines = {line for word in words for line in range(word.start[0], word.end[0] + 1)}
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed(source)):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             lines -= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
     return len(lines)
@@ -147,7 +144,7 @@ def test_the_package_does_not_grow_without_a_reason():
 
 
 def test_there_are_no_relative_imports():
-    trees = [ast.parse(path.read_text("utf-8")) for path in MODULES.values()]
+    trees = [parsed(path.read_text("utf-8")) for path in MODULES.values()]
     assert [node.module for tree in trees for node in ast.walk(tree) if getattr(node, "level", 0)] == []
 
 

@@ -33,15 +33,11 @@ def python(code):
     return done.stdout.split()
 
 
-def test_importing_loads_no_numerical_library():
+def test_importing_loads_no_numerical_library_and_loading_a_scene_needs_no_simulation():
     heavy = ("numba", "scipy", "numpy", "rich", "click", "jsonschema")
     code = f"import sys, clothfit; dir(clothfit); print(*[name for name in {heavy} if name in sys.modules])"
-    assert python(code) == []
-
-
-def test_loading_a_scene_needs_no_simulation():
-    code = "import sys, clothfit; clothfit.load; print(*[name for name in ('numba', 'scipy') if name in sys.modules])"
-    assert python(code) == []
+    more = "clothfit.load; print(*[name for name in ('numba', 'scipy') if name in sys.modules])"
+    assert python(f"{code}; {more}") == []
 
 
 @pytest.mark.parametrize("name", CALLS)
@@ -55,11 +51,9 @@ def test_all_names_exist_and_are_listed():
     assert names <= set(clothfit.__all__) <= set(dir(clothfit))
     assert sorted(clothfit.__all__) == clothfit.__all__
     assert clothfit.__version__.count(".") == 2
-    code = "import clothfit; print(*[name for name in clothfit.__all__ if not callable(getattr(clothfit, name))])"
-    assert python(code) == sorted(clothfit._MODULES)
-    assert python("from clothfit import *; print(verify.__name__, mesh.plane.__name__)") == [
-        "clothfit.derivative.verify", "plane",
-    ]  # fmt: skip
+    code = "import clothfit; print(*[name for name in clothfit.__all__ if not callable(getattr(clothfit, name))]); "
+    code += "from clothfit import *; print(verify.__name__, mesh.plane.__name__)"
+    assert python(code) == [*sorted(clothfit._MODULES), "clothfit.derivative.verify", "plane"]
 
 
 def test_errors_are_what_they_should_be():
@@ -74,26 +68,21 @@ def test_an_unknown_name_is_an_attribute_error():
         clothfit.fold  # noqa: B018
 
 
-@pytest.mark.parametrize("order", [HOMES, HOMES[::-1]])
-def test_names_stay_functions_when_they_are_used_before_the_modules(order):
-    modules = "; ".join(f"import clothfit.{home}" for home in order)
-    names = [*CALLS, "evaluate", "degrade"]
-    code = f"import clothfit; [getattr(clothfit, n) for n in {names}]; {modules}; import inspect; "
-    code += f"print(*[n for n in {names} if not inspect.isfunction(getattr(clothfit, n))])"
-    assert python(code) == []
+def used(names):
+    """Code that uses names of the package."""
+    return f"import clothfit; [getattr(clothfit, name) for name in {names}]"
 
 
-def not_functions(modules, names):
-    """Which names are not functions after the modules were imported."""
-    first = "; ".join(f"import clothfit.{module}" for module in modules)
-    code = f"{first}; import clothfit, inspect; "
-    return python(code + f"print(*[n for n in {names} if not inspect.isfunction(getattr(clothfit, n))])")
+NAMES = [*CALLS, "evaluate", "degrade"]
+MODULES = "; ".join(f"import clothfit.{home}" for home in HOMES)
+REVERSED = "; ".join(f"import clothfit.{home}" for home in reversed(HOMES))
 
 
-@pytest.mark.parametrize("order", [HOMES, HOMES[::-1], ["cli", *HOMES], ["cli.evaluate", "cli.estimate"]])
-def test_names_are_functions_after_the_modules_were_imported(order):
-    assert not_functions(order, [*CALLS, "evaluate"]) == []
-
-
-def test_degrade_is_a_function_after_its_module_was_imported():
-    assert not_functions(["motion.degrade"], ["degrade"]) == []
+@pytest.mark.parametrize(
+    "before",
+    [f"{used(NAMES)}; {MODULES}", REVERSED, f"import clothfit.cli.evaluate, clothfit.cli.estimate; {MODULES}"],
+    ids=["names first", "modules first", "commands first"],
+)
+def test_names_are_functions_in_whatever_order_names_are_used_and_modules_imported(before):
+    code = f"{before}; import clothfit, inspect; "
+    assert python(code + f"print(*[n for n in {NAMES} if not inspect.isfunction(getattr(clothfit, n))])") == []

@@ -3,27 +3,18 @@
 import doctest
 import re
 from functools import cache
-from importlib import util
 from types import ModuleType
 
 import numba
 import pytest
+from helpers.modules import script
 from helpers.pages import broken_links, ragged_tables
 from helpers.paths import DOCS
 
 import clothfit
 from clothfit.cli.program import COMMANDS
 
-
-def script(name):
-    """A script of docs/ as a module."""
-    where = util.spec_from_file_location(f"{name}_page", DOCS / f"{name}.py")
-    module = util.module_from_spec(where)
-    where.loader.exec_module(module)
-    return module
-
-
-SCRIPTS = {name: script(name) for name in ("commands", "python")}
+SCRIPTS = {name: script(DOCS / f"{name}.py") for name in ("commands", "python")}
 PYTHON = SCRIPTS["python"]
 EXAMPLES = PYTHON.examples()
 NAMES = [name for names in PYTHON.GROUPS.values() for name in names]

@@ -35,22 +35,16 @@ def test_a_motion_shows_its_frames_and_how_much_of_it_was_observed(scene):
     assert "0.333 of them observed" in repr(capture)
 
 
-def test_a_mesh_shows_its_sizes_in_metres():
-    mesh = clothfit.mesh.plane(2, 1.0, 0.5)
-    n, t = len(mesh.positions), len(mesh.triangles)
-    assert repr(mesh) == f"<Mesh: {n} vertices, {t} triangles, 1 × 0 × 0.5 m>"
-
-
 def test_a_fit_and_an_evaluation_show_their_errors(scene):
     fit = Fit(scene, "converged", "auto", 1.0, 0.0123, 6, 4, 0.5, [], [])
-    assert repr(fit) == ("<Fit of scene: converged, RMSE 12.3 mm over 6 frames, 0 values, 4 evaluations in 0.5 s>")
-    lost = Fit(scene, "diverged", "auto", np.inf, np.inf, 6, 4, 0.5, [], [])
-    assert "diverged, cost inf" in repr(lost)
+    assert repr(fit) == "<Fit of scene: converged, RMSE 12.3 mm over 6 frames, 0 values, 4 evaluations in 0.5 s>"
+    assert "diverged, cost inf" in repr(Fit(scene, "diverged", "auto", np.inf, np.inf, 6, 4, 0.5, [], []))
     evaluation = Evaluation(Distance(6, 1e-9, 1e-8), Distance(500, 2e-3, 1.0), [])
     assert repr(evaluation) == "<Evaluation: RMSE 1 nm over 6 frames, 2 mm over 500 frames>"
 
 
 def test_each_is_one_line_without_arrays(scene):
-    big = clothfit.mesh.plane(60, 1.0)
-    shown = [repr(each) for each in (scene, scene.cloths[0], big, clothfit.as_motion(scene, np.zeros((6, 9, 3))))]
+    mesh = clothfit.mesh.plane(60, 1.0, 0.5)
+    shown = [repr(each) for each in (scene, scene.cloths[0], mesh, clothfit.as_motion(scene, np.zeros((6, 9, 3))))]
+    assert shown[2] == f"<Mesh: {len(mesh.positions)} vertices, {len(mesh.triangles)} triangles, 1 × 0 × 0.5 m>"
     assert [text for text in shown if "\n" in text or "[" in text or len(text) > LONGEST] == []
