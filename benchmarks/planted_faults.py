@@ -157,7 +157,7 @@ FAULTS = (
           "motion, error = moved(scene, frames, None)", "cli/test_simulate.py cli"),
     Fault("base/writing: permissions of a file", "os.chmod(file.name, mode & 0o777)",
           "os.chmod(file.name, mode & 0o700)", "base/test_writing.py base"),
-    Fault("many/starts: range of the starts", "FACTOR ** draw.uniform(-1.0, 1.0)", "FACTOR ** draw.uniform(0.0, 1.0)",
+    Fault("many/job: range of the starts", "FACTOR ** draw.uniform(-1.0, 1.0)", "FACTOR ** draw.uniform(0.0, 1.0)",
           "many/test_starts.py many"),
     Fault("live/commands: default of a command", 'whole(message, "n", 1, 1000, 1)', 'whole(message, "n", 1, 1000, 2)',
           "live"),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,16 +13,19 @@ import click
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, metres
+from clothfit.cli import report as pages
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import duration, standard_command
-from clothfit.cli.common.output import STREAM, Output, is_among, output_for, print_json, same_file
+from clothfit.cli.common.output import STREAM, Output, beside, is_among, output_for, page_beside, print_json, same_file
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
-from clothfit.cli.parts import control_moves, control_results
+from clothfit.cli.parts import control_moves
 from clothfit.formats.axes import Convention
 from clothfit.many.job import INTERRUPTED
+from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
+    from clothfit.cli.common.pictures import Pictures
     from clothfit.control.control import Control
     from clothfit.control.keyframes import Key
     from clothfit.formats.axes import Reading
@@ -99,7 +103,7 @@ def command(
     saved = scene_output(save_path, scene_path, keys_path, (out, kept)) if moves.others else None
     motions.check(out, Convention(), (scene_path, keys_path))
     used = scene_path, keys_path, out.path, *(each.path for each in (kept, saved) if each)
-    shows = control_results.asked(table_path, report_path, used)
+    shows = asked(table_path, report_path, used)
     pictures.check(*used, *shows.files)
     file = control_moves.checkpoint(checkpoint_path, resume, out, used, console)
     refuse_unused(moves, forces_path, save_path, table_path)
@@ -206,7 +210,7 @@ def report(found: Control, kept: Output | None, saved: Output | None, out: Outpu
         rows.append([f"{key.time:.4g} s", metres(far), metres(key.rmse) + speed + ("" if key.near else "  missed")])
     console.table(rows)
     files = ", ".join(each.name for each in (kept, saved, out) if each)
-    console.say(f"{control_results.ended(found)} → {files}")
+    console.say(f"{ended(found)} → {files}")
     if found.at_bound:
         console.warn(f"{found.at_bound} forces are at their bound (--most)")
     for key in found.keys:
@@ -236,3 +240,65 @@ def summary(found: Control, kept: Output | None, saved: Output | None, out: Outp
         "scene": saved.path if saved else None,
         "output": out.path,
     }
+
+
+# ---- What is written beside forces and motion: a table of the forces, a page, pictures.
+
+@dataclass(frozen=True)
+class Shows:
+    """What is asked for."""
+
+    table: Output | None
+    page: Output | None
+    command: str  # that makes them
+
+    @property
+    def files(self) -> tuple[str | None, ...]:
+        """Where they go."""
+        return tuple(None if each is None else each.path for each in (self.table, self.page))
+
+    def write(
+        self, scene: Scene, keys: Sequence[Key], found: Control, pictures: Pictures,
+        written: tuple[Output | None, Output | None], files: Sequence[str], console: Console,
+    ) -> None:  # fmt: skip
+        """Write what is asked for; nobody waits for pictures who has asked for the end. `written` is where forces and
+        scene went, `files` are what was read beside the scene.
+        """
+        if self.table is not None and found.forces is not None:
+            from clothfit.scene.forces import table
+
+            self.table.put(table(found.forces.times, found.forces.values))
+            console.say(f"table → {self.table.name}")
+        if self.page is None and not any(pictures.files):
+            return
+        if found.status == Status.INTERRUPTED:
+            console.say("nothing is drawn, as the search was interrupted")
+            return
+        from clothfit.control.course import course
+
+        over = course(scene, found.scene.with_forces(found.forces), keys, found.motion)
+        if self.page is not None:
+            from clothfit.report.page import control_page
+
+            kept, saved = written
+            played = ["clothfit", "simulate", saved.name if saved else scene.name]
+            again = shlex.join([*played, *(["--forces", kept.name] if kept else [])])
+            page = control_page(over, found, [self.command, again], pages.digests([scene], dict.fromkeys(files)))
+            self.page.write(page)
+            console.say(f"page, {len(page) / 1e6:.2g} MB → {self.page.name}")
+        pictures.controlled(over, ended(found), console)
+
+
+def asked(table: str | None, page: str | None, used: Sequence[str | None]) -> Shows:
+    """What is asked for, checked before the work begins; `used` are other files. Raises InvalidInput."""
+    if table is not None and not table.lower().endswith(".csv"):
+        raise InvalidInput(f"--table must be a file .csv; {table} was given")
+    command = pages.command_line(click.get_current_context())
+    return Shows(beside(table, used), page_beside(page, (*used, table)), command)
+
+
+def ended(found: Control) -> str:
+    """How a search ended, in a line."""
+    evaluations = counted(found.evaluations, "evaluation", "evaluations")
+    effort = f"effort {found.effort:.4g} N² s, " if found.forces is not None else ""
+    return f"{found.status}: {effort}{evaluations} in {found.seconds:.1f} s"

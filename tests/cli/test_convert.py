@@ -16,7 +16,7 @@ from helpers.scenes import trial, write_scene
 import clothfit
 from clothfit.cli.common.console import Console
 from clothfit.cli.parts.estimate_files import Files
-from clothfit.cli.parts.estimate_plan import planned
+from clothfit.cli.parts.estimate_many import planned
 from clothfit.cli.program import gathered, run
 from clothfit.formats import obj
 from clothfit.formats.axes import Reading

@@ -5,7 +5,7 @@ import pytest
 from helpers.scenes import cloth, document, even, trial
 
 from clothfit.fit.estimate import record_target
-from clothfit.many.starts import FACTOR, drawn, numbered
+from clothfit.many.job import FACTOR, drawn, numbered
 from clothfit.objective.identifiability import identifiable
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.scene import load
