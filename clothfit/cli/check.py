@@ -41,7 +41,7 @@ SECTIONS = {
               help="Use at most this much memory, such as 200MB.  [default: half of what is free]")
 def command(
     scene_path: str, steps: int | None, target_path: str | None, reading: Reading, forces_path: str | None, seed: int,
-    memory: str | None, as_json: bool, console: Console,
+    memory: str | None, console: Console,
 ) -> None:
     """Check the gradient that a fit of SCENE would follow, at the scene's own values.
 
@@ -67,8 +67,7 @@ def command(
     found = check_scene(scene, target, None if steps is None else steps + 1, seed=seed, memory=memory)
     seconds = passing() - began
     show(found, scene, steps is not None, target_path, console)
-    if as_json:
-        print_json("check", {**summary(found, target_path), **motions.readings_summary(readings), "seconds": seconds})
+    print_json({**summary(found, target_path), **motions.readings_summary(readings), "seconds": seconds})
     judge(found, console)
 
 

@@ -79,7 +79,7 @@ def command(
     scene_path: str, keys_path: str, reading: Reading, moves: control_moves.Moves, most: float | None,
     smooth: float | None, even: float | None, time_budget: str | None, checkpoint_path: str | None, resume: bool,
     path: str | None, forces_path: str | None, save_path: str | None, table_path: str | None, report_path: str | None,
-    pictures: pictures.Pictures, as_json: bool, console: Console,
+    pictures: pictures.Pictures, console: Console,
 ) -> int:
     """Find the gentlest controls under which the cloths of SCENE pass through keyframes.
 
@@ -130,8 +130,7 @@ def command(
             writing(motions.write, found.motion, out, scene, Convention(), console)
         control_moves.closed(file, checkpoint_path is not None, str(found.status), console)
     good = report(found, kept, saved, out, console)
-    if as_json:
-        print_json("control", summary(found, kept, saved, out), out)
+    print_json(summary(found, kept, saved, out))
     shows.write(scene, keys, found, pictures, (kept, saved), (keys_path,), console)
     return INTERRUPTED if found.status == "interrupted" else 0 if good else 5
 

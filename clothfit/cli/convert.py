@@ -46,7 +46,7 @@ SECTIONS = {
 @partial(motions.axes, prefix="to-", what="OUT")
 def command(
     in_path: str, out_path: str, scene_path: str | None, mesh_path: str | None, reading: Reading,
-    to_scale: float | None, to_up: str | None, to_handedness: str | None, as_json: bool, console: Console,
+    to_scale: float | None, to_up: str | None, to_handedness: str | None, console: Console,
 ) -> None:
     """Convert a motion from the format of IN to that of OUT; their suffixes name the formats.
 
@@ -74,11 +74,10 @@ def command(
         loaded = of_scene(loaded, scene, out)
     faces = chosen_faces(mesh, loaded, mesh_path)
     output = written(loaded, out, scene, faces, convention, console)
-    if as_json:
-        taken = loaded.interpretation.summary()
-        summary = {name: taken[name] for name in ("frames", "points")}
-        summary |= {"seconds": taken["duration"], "reading": [taken], **output, "output": out.path}
-        print_json("convert", summary, out)
+    taken = loaded.interpretation.summary()
+    summary = {name: taken[name] for name in ("frames", "points")}
+    summary |= {"seconds": taken["duration"], "reading": [taken], **output, "output": out.path}
+    print_json(summary)
 
 
 def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> Output:

@@ -138,7 +138,7 @@ def command(
     bounds: tuple[str, ...], max_evaluations: int, rmse: float | None, tolerance: float | None, checkpoint: str | None,
     resume: bool, no_intervals: bool, path: str | None, report_path: str | None, in_place: bool, starts: int, seed: int,
     jobs: int | None, cluster: str | None, log: str | None, pictures: pictures.Pictures, tool: estimate_simulator.Asked,
-    as_json: bool, console: Console, **as_given: Any,
+    console: Console, **as_given: Any,
 ) -> int:
     """Fit the parameters that SCENE flags and write the scene with only those numbers changed.
 
@@ -167,7 +167,7 @@ def command(
     tool.check()
     if tool.simulator:
         files = Files(target_paths, start, path, in_place, checkpoint, resume, reading, forces_path)
-        return estimate_simulator.fit(scene_paths, files, tool, substeps, console, as_json)
+        return estimate_simulator.fit(scene_paths, files, tool, substeps, console)
     options = FitOptions(
         max_evaluations=max_evaluations, rmse=rmse, tolerance=tolerance, objective=weights(objectives),
         intervals=not no_intervals, bounds=bounds_of(bounds), substeps=substeps_of(substeps),
@@ -182,15 +182,15 @@ def command(
         from clothfit.cli.parts import estimate_many
 
         effort = estimate_many.Effort(starts, seed, jobs, cluster)
-        return estimate_many.fit(scene_paths, files, options, effort, console, as_json)
+        return estimate_many.fit(scene_paths, files, options, effort, console)
     recording = Recording(pictures, log)
     own = files.of(scene_paths[0])
-    return fit_one(scene_paths[0], own, options, recording, page, console, as_json)
+    return fit_one(scene_paths[0], own, options, recording, page, console)
 
 
 def fit_one(
     scene_path: str, files: Files, options: FitOptions, recording: Recording, page: estimate_results.Page | None,
-    console: Console, as_json: bool,
+    console: Console,
 ) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)
@@ -228,7 +228,7 @@ def fit_one(
             found = fitting.fit(scene, targets or None, first, own)
         with uninterrupted(), checkpoints.named_if_lost(kept):
             more = motions.readings_summary(readings)
-            code = estimate_results.finish(scene, found, out, console, as_json, more, recording.log)
+            code = estimate_results.finish(scene, found, out, console, more, recording.log)
             checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
         late = interrupts.requested() and found.status != Status.INTERRUPTED
     if late:

@@ -63,7 +63,7 @@ SECTIONS = {
 def command(
     scene_path: str, fitted_path: str | None, target_path: str | None, reading: Reading, steps: int | None,
     forces_path: str | None, speed: bool, error: float | None, budget: float | None, inputs_path: str | None,
-    page_path: str | None, pictures: pictures.Pictures, as_json: bool, console: Console,
+    page_path: str | None, pictures: pictures.Pictures, console: Console,
 ) -> None:
     """Measure how far the motion and the parameters of FITTED are from those of SCENE.
 
@@ -81,7 +81,7 @@ def command(
         alone: dict[str, object] = {"FITTED": fitted_path, "--target": target_path, "--gif": pictures.gif}
         refuse(alone | {"--forces": forces_path}, "--speed takes one scene; {} does not go with it")
         asked = evaluate_speed.SpeedOptions(steps, error, budget, pictures.plot)
-        evaluate_speed.measure(scene_path, asked, as_json, console)
+        evaluate_speed.measure(scene_path, asked, console)
         return
     refuse({"--error": error, "--budget": budget}, "{} goes with --speed only")
     if fitted_path is None:
@@ -91,10 +91,10 @@ def command(
     if of_subspace(fitted_path):
         others: dict[str, object] = {"--target": target_path, "--forces": forces_path}
         refuse(others, "{} does not go with a subspace")
-        judge(scene_path, fitted_path, inputs_path, steps, pictures, page_path, as_json, console)
+        judge(scene_path, fitted_path, inputs_path, steps, pictures, page_path, console)
         return
     refuse({"--inputs": inputs_path, "--report": page_path}, "{} goes with a subspace only")
-    compare(scene_path, fitted_path, target_path, reading, steps, forces_path, pictures, as_json, console)
+    compare(scene_path, fitted_path, target_path, reading, steps, forces_path, pictures, console)
 
 
 def of_subspace(path: str) -> bool:
@@ -113,7 +113,7 @@ def refuse(given: dict[str, object], why: str) -> None:
 
 def compare(
     scene_path: str, fitted_path: str, target_path: str | None, reading: Reading, steps: int | None,
-    forces_path: str | None, pictures: pictures.Pictures, as_json: bool, console: Console,
+    forces_path: str | None, pictures: pictures.Pictures, console: Console,
 ) -> None:
     """Compare a fitted scene with the true one."""
     one_stream(scene_path, fitted_path, target_path)
@@ -130,9 +130,7 @@ def compare(
         warn_of_steps(each, max(truth.frames, horizon), console)
     console.announce_compilation()
     report = evaluate(truth, fitted, horizon=horizon, target=target)
-    if as_json:
-        print_json("evaluate", summary(report) | motions.readings_summary(readings))
-    else:
+    if not print_json(summary(report) | motions.readings_summary(readings)):
         show(report, console)
     pictures.evaluated(truth, fitted, target, horizon, report, console)
     if report.diverged:
@@ -180,7 +178,7 @@ ROUNDING = 1e-9
 
 def judge(
     scene_path: str, model_path: str, inputs_path: str | None, steps: int | None, pictures: pictures.Pictures,
-    page_path: str | None, as_json: bool, console: Console,
+    page_path: str | None, console: Console,
 ) -> None:  # fmt: skip
     """Compare a model with the scene's own simulation."""
     from clothfit.subspace.judge import compare
@@ -195,9 +193,7 @@ def judge(
     over = compare(model, scene, frames_of(steps, scene))
     for sentence in over.found.clamped:
         console.warn(sentence)
-    if as_json:
-        print_json("evaluate", asdict(over.found) | {"forgets": over.found.forgets})
-    else:
+    if not print_json(asdict(over.found) | {"forgets": over.found.forgets}):
         show_judgement(over.found, console)
     draw(over, model_path, inputs_path, pictures, page, console)
 

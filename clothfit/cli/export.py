@@ -32,7 +32,7 @@ MOST_NAMES = 5
 @click.option("--to", "tool", type=click.Choice([*TOOLS, ONNX]), required=True, metavar="TOOL",
               help="Tool: csv, obi, blender, vellum, gltf or usd; of a subspace onnx.")
 @click.option("-o", "--output", "path", metavar="FOLDER", help="Folder of the files.  [default: <stem>-<tool>]")
-def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> None:
+def command(fitted_path: str, tool: str, path: str | None, console: Console) -> None:
     """Write the masses and stiffnesses of FITTED, or the paths of its pins, in the form that other tools read.
 
     csv: tables of objects, vertices and springs. obi: masses and compliances, 1/k, of Obi Cloth for Unity, as JSON.
@@ -49,7 +49,7 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     clothfit export scene.model.npz --to onnx
     """
     if tool == ONNX:
-        of_model(fitted_path, path, as_json, console)
+        of_model(fitted_path, path, console)
         return
     scene = read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)
@@ -67,11 +67,10 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     )
     names = ", ".join(made) if len(made) <= MOST_NAMES else f"{len(made)} files"
     console.say(f"{scene.name}: {', '.join(parts)} → {folder}: {names}")
-    if as_json:
-        print_json("export", summary(scene, tool, folder, list(made)))
+    print_json(summary(scene, tool, folder, list(made)))
 
 
-def of_model(model_path: str, path: str | None, as_json: bool, console: Console) -> None:
+def of_model(model_path: str, path: str | None, console: Console) -> None:
     """Export a subspace."""
     from clothfit.subspace import onnx
     from clothfit.subspace.model import NETWORK, load_model
@@ -87,8 +86,7 @@ def of_model(model_path: str, path: str | None, as_json: bool, console: Console)
         console.warn(f"{name}: its steps are physics, which is no graph; the decoder alone is written")
     sizes = ", ".join(f"{each} ({len(data) / 1e6:.2g} MB)" for each, data in made.items())
     console.say(f"{name}: {model.method} → {folder}: {sizes}")
-    if as_json:
-        print_json("export", {"model": name, "method": model.method, "to": ONNX, "output": folder, "files": list(made)})
+    print_json({"model": name, "method": model.method, "to": ONNX, "output": folder, "files": list(made)})
 
 
 def folder_of(path: str | None, fitted_path: str, tool: str) -> str:

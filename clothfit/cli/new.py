@@ -95,7 +95,7 @@ SECTIONS = {
               help="Relative tolerance of the linear solver.  [default: 1e-8]")
 @click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
-def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> None:
+def command(given: str | None, path: str | None, console: Console, **options: Any) -> None:
     """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …).
 
     \b
@@ -118,8 +118,7 @@ def command(given: str | None, path: str | None, as_json: bool, console: Console
 
     out.write(dumps(scene))
     report(scene, cloth, out, console)
-    if as_json:
-        print_json("new", summary(scene, cloth, out), out)
+    print_json(summary(scene, cloth, out))
 
 
 def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:

@@ -55,7 +55,7 @@ SECTIONS = {
               help="File of the page.  [default: <stem of the first FITTED>.report.html]")
 def command(
     scene_path: str, fitted_paths: tuple[str, ...], target_path: str | None, reading: Reading, steps: int | None,
-    forces_path: str | None, log_paths: tuple[str, ...], path: str | None, as_json: bool, console: Console,
+    forces_path: str | None, log_paths: tuple[str, ...], path: str | None, console: Console,
 ) -> None:
     """Write a page that plays FITTED over SCENE, or over a target motion, in 3-D, with charts.
 
@@ -90,8 +90,7 @@ def command(
     origin = [same, command_line(click.get_current_context())], digests([truth, fitted, *others], files)
     show, size = write(truth, [fitted, *others], target, frames, logs, origin, out)
     show_result(show, size, out, console, show.evaluation.diverged)
-    if as_json:
-        print_json("report", summary(show, size, out) | motions.readings_summary(readings), out)
+    print_json(summary(show, size, out) | motions.readings_summary(readings))
     if show.evaluation.diverged:
         from clothfit.motion.divergence import Diverged
 

@@ -38,7 +38,7 @@ SECTIONS = {
               help="Port on this machine.  [default: a free one]")
 @click.option("--open", "opens", is_flag=True, help="Open the page in a browser.")
 def command(
-    scene_path: str, target_path: str | None, reading: Reading, port: int, opens: bool, as_json: bool, console: Console,
+    scene_path: str, target_path: str | None, reading: Reading, port: int, opens: bool, console: Console,
 ) -> None:
     """Serve a page on this machine that plays SCENE, with sliders, a hand and a fit.
 
@@ -60,9 +60,7 @@ def command(
 
     def ready(server: Server) -> None:
         console.say("open this address in a browser; Ctrl-C ends")
-        if as_json:
-            print_json("serve", {"scene": scene.name, "address": server.address, "port": server.port})
-        else:
+        if not print_json({"scene": scene.name, "address": server.address, "port": server.port}):
             click.echo(server.address)
         if opens:
             show(server.address, console)

@@ -64,7 +64,7 @@ SECTIONS = {
 def command(
     scene_path: str, steps: int | None, tolerance: float | None, forces_path: str | None, feedback: bool,
     with_energy: bool, dump_path: str | None, path: str | None, convention: Convention, pictures: pictures.Pictures,
-    as_json: bool, console: Console,
+    console: Console,
 ) -> None:
     """Simulate the cloths of SCENE and write their positions.
 
@@ -105,9 +105,8 @@ def command(
         console.say(f"the {len(motion.times)} frames before it are in {out.name}")
     dumped = keep(scene, error, dump, console)
     show_energy(energy, console)
-    if as_json:
-        result = summary(scene, motion, seconds, out, error) | {"dump": dumped} | energy_summary(energy)
-        print_json("simulate", result, out)
+    result = summary(scene, motion, seconds, out, error) | {"dump": dumped} | energy_summary(energy)
+    print_json(result)
     pictures.simulated(scene, motion, energy, console)
     if error is not None:
         raise error

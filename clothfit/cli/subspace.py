@@ -101,9 +101,7 @@ ONLY = {
               "one takes; motions are written with -o only.")
 @click.option("-o", "--output", "path", metavar="OUT",
               help="File of the data, the model or the motion.  [default: <stem>.data.npz, .model.npz, .played.npz]")
-def command(
-    action: str, subspace_path: str, path: str | None, as_json: bool, console: Console, **given: Any
-) -> int | None:
+def command(action: str, subspace_path: str, path: str | None, console: Console, **given: Any) -> int | None:
     """Play the cloths of a scene in a subspace of their motions: large ones many times faster.
 
     record simulates SCENE under random inputs and writes DATA; build makes a MODEL of it, or of a SCENE at once; play
@@ -129,7 +127,7 @@ def command(
     one_stream(subspace_path, given["inputs_path"])
     check_there(subspace_path)
     actions: dict[str, Callable[..., int | None]] = {"record": record, "build": build, "play": play}
-    return actions[action](subspace_path, path, given, as_json, console)
+    return actions[action](subspace_path, path, given, console)
 
 
 def ranges_of(scene: Scene, given: dict[str, Any]) -> Ranges:
@@ -178,7 +176,7 @@ def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -
     return asdict(found) | {"episodes": count, "ranges": asdict(ranges), "seed": seed}
 
 
-def record(scene_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> None:
+def record(scene_path: str, path: str | None, given: dict[str, Any], console: Console) -> None:
     """Record motions of a scene."""
     scene = read_scene(scene_path, console)
     out = output_for(path, scene_path, ".data.npz", ())
@@ -189,11 +187,10 @@ def record(scene_path: str, path: str | None, given: dict[str, Any], as_json: bo
     else:
         found = recorded(scene, out.path, given, console)
     console.say(f"→ {out.path}")
-    if as_json:
-        print_json("subspace", found | {"output": out.path})
+    print_json(found | {"output": out.path})
 
 
-def build(given_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> int | None:
+def build(given_path: str, path: str | None, given: dict[str, Any], console: Console) -> int | None:
     """Build a model of recorded motions, or of a scene."""
     from clothfit.cli.parts.subspace_building import built, options_of, school_of
     from clothfit.formats.registry import RECORDED, SUBSPACE, kind_of
@@ -211,12 +208,12 @@ def build(given_path: str, path: str | None, given: dict[str, Any], as_json: boo
         asked = [f"--{name}" for name in ONLY["record"] if name != "seed" and given[name] is not None]
         if asked:
             raise click.UsageError(f"{min(asked)} goes with a SCENE", click.get_current_context())
-        return built(Data(given_path), options, school, out, {}, as_json, console)
+        return built(Data(given_path), options, school, out, {}, console)
     scene = read_scene(given_path, console)
     with tempfile.TemporaryDirectory(prefix="clothfit-", dir=None if out.is_stream else Path(out.path).parent) as place:
         data = f"{place}/data.npz"
         about = recorded(scene, data, given, console)
-        return built(Data(data), options, school, out, about, as_json, console)
+        return built(Data(data), options, school, out, about, console)
 
 
 # ---- `clothfit subspace record --motion`: motions of other programs as what a subspace is built of.
@@ -252,7 +249,7 @@ def collected(scene: Scene, path: str, given: dict[str, Any], console: Console) 
 
 # ---- `clothfit subspace play`: a motion of a model, or of many instances at once.
 
-def play(model_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> None:
+def play(model_path: str, path: str | None, given: dict[str, Any], console: Console) -> None:
     """Play a model."""
     if model_path == STREAM:
         raise InvalidInput("MODEL must be a file; - was given")
@@ -268,14 +265,13 @@ def play(model_path: str, path: str | None, given: dict[str, Any], as_json: bool
     frames = given["frames"] or scene.frames
     with threads.single():
         if given["instances"] is None:
-            play_one(model, scene, frames, model_path, path, given, as_json, console)
+            play_one(model, scene, frames, model_path, path, given, console)
         else:
-            play_many(model, scene, frames, model_path, path, given, as_json, console)
+            play_many(model, scene, frames, model_path, path, given, console)
 
 
 def play_one(
-    model: Model, scene: Scene, frames: int, model_path: str, path: str | None, given: dict[str, Any], as_json: bool,
-    console: Console,
+    model: Model, scene: Scene, frames: int, model_path: str, path: str | None, given: dict[str, Any], console: Console,
 ) -> None:  # fmt: skip
     """Play one instance, and write its motion."""
     import numpy as np
@@ -296,9 +292,8 @@ def play_one(
         kept.write(npz.archive({f"q{c}": q.astype(np.float32) for c, q in enumerate(played.coordinates)}))
     each = {name.replace(" ", "_"): 1e6 * s / max(frames - 1, 1) for name, s in played.seconds.items()}
     console.say(f"{frames} frames, {each['state']:.0f} µs a step → {out.name}")
-    if as_json:
-        found = {"frames": frames, "us_per_frame": each, "clamped": played.clamped, "output": out.path}
-        print_json("subspace", found, out)
+    found = {"frames": frames, "us_per_frame": each, "clamped": played.clamped, "output": out.path}
+    print_json(found)
 
 
 def coordinates_for(path: str | None, used: tuple[str | None, ...]) -> Output | None:
@@ -311,8 +306,7 @@ def coordinates_for(path: str | None, used: tuple[str | None, ...]) -> Output | 
 
 
 def play_many(
-    model: Model, scene: Scene, frames: int, model_path: str, path: str | None, given: dict[str, Any], as_json: bool,
-    console: Console,
+    model: Model, scene: Scene, frames: int, model_path: str, path: str | None, given: dict[str, Any], console: Console,
 ) -> None:  # fmt: skip
     """Play many instances, say how long a frame of one takes, and write their motions where that is asked for."""
     from clothfit.subspace import crowd
@@ -334,9 +328,8 @@ def play_many(
     for i, out in enumerate(outs):
         motions.write(crowd.motion(model, scenes[i], found, i), out, scenes[i], Convention(), console)
     show_many(found, count, frames, console)
-    if as_json:
-        done = {"frames": frames, "instances": count, "us_per_frame": found.us, "clamped": found.clamped}
-        print_json("subspace", done | {"outputs": [out.path for out in outs]})
+    done = {"frames": frames, "instances": count, "us_per_frame": found.us, "clamped": found.clamped}
+    print_json(done | {"outputs": [out.path for out in outs]})
 
 
 def show_many(found: Crowded, count: int, frames: int, console: Console) -> None:

@@ -54,8 +54,7 @@ SECTIONS = {
 @motions.writes
 def command(
     scene_path: str, steps: int | None, noise: float, observed: float, every: int, fps: float | None, seed: int,
-    tolerance: float | None, forces_path: str | None, path: str | None, convention: Convention, as_json: bool,
-    console: Console,
+    tolerance: float | None, forces_path: str | None, path: str | None, convention: Convention, console: Console,
 ) -> None:
     """Record the motion of SCENE with its own parameters, perfect or as a capture would see it.
 
@@ -86,6 +85,5 @@ def command(
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
     spoiled = f"noise {metres(noise)}" if noise else "no noise"
     console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, {spoiled} → {out.name}")
-    if as_json:
-        counts = {"frames": len(motion.times), "observed": seen, "noise": noise}
-        print_json("target", {"scene": scene.name, **counts, "output": out.path}, out)
+    counts = {"frames": len(motion.times), "observed": seen, "noise": noise}
+    print_json({"scene": scene.name, **counts, "output": out.path})

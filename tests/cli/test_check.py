@@ -120,23 +120,6 @@ def test_a_target_of_ones_own(path, capsys):
     assert "against capture.npz" in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "message"),
-    [
-        (["--steps", "0"], 3, "--steps must be at least 1; 0 was given"),
-        (["--seed", "-1"], 3, "invalid value for '--seed'"),
-        (["--memory", "lots"], 3, "--memory: 'lots' is not a size"),
-        (["--memory", "1kB"], 3, "--memory: 1 kB is too little"),
-        (["--target", "absent.npz"], 3, "absent.npz: there is no such file"),
-        (["--fast"], 2, "no such option '--fast'"),
-    ],
-)
-def test_what_cannot_be_asked(path, capsys, arguments, code, message):
-    found, out, err = said(capsys, path, *arguments)
-    assert (found, out) == (code, "")
-    assert err.splitlines()[-1].startswith(f"error: {message}")
-
-
 def test_a_target_that_shows_nothing_in_time(path, capsys):
     assert run(["target", path, "--every", "20", "-q", "-o", "late.npz"]) == 0
     code, _, err = said(capsys, path, "--target", "late.npz", "--steps", "5")

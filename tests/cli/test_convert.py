@@ -150,16 +150,6 @@ def test_a_pipe_is_an_npz(say, folder):
     writer.join()
 
 
-def test_inputs_are_never_written_over(say, folder):
-    np.savez("a.npz", positions=points())
-    say("convert a.npz 'b_*.obj'")
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    for line in ("a.npz a.npz", "'b_*.obj' 'b_*.obj'", "b_0001.obj 'b_*.obj'", "b_0001.obj b_0001.obj",
-                 "a.npz scene.json.obj --scene scene.json", "b_0000.obj a.obj --mesh a.obj"):  # fmt: skip
-        assert say(f"convert {line}")[0] == 3
-        assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-
-
 @pytest.mark.parametrize("suffix", ["npz", "obj", "pc2", "mdd", "dat"])
 @pytest.mark.parametrize("data", [b"", b"\0" * 64, b"\xff\xfe" * 64, b"v 1 2\n", b"PK\3\4" + b"\0" * 64])
 def test_garbage_costs_one_message(say, folder, suffix, data):
@@ -217,21 +207,6 @@ def test_a_simulation_goes_where_its_suffix_says(say, folder):
     expected = clothfit.load_motion("scene.motion.npz", clothfit.load("scene.json")).positions
     found = obj.read("a_*.obj").positions
     np.testing.assert_allclose(found, 100 * np.stack([-expected[..., 0], -expected[..., 2], expected[..., 1]], -1))
-
-
-def test_a_place_that_cannot_be_is_found_before_the_work(say, monkeypatch):
-    monkeypatch.setattr(clothfit, "simulate", None)
-    for name in ("a.obj", "nowhere/a_*.obj", "a_*_*.obj"):
-        code, _, err = say(f"simulate scene.json -o '{name}'")
-        assert (code, err.count("\n")) == (3, 1)
-
-
-def test_a_map_is_an_input(say):
-    for line in ("convert a.trc map.csv --map map.csv", "estimate scene.json --target a.trc --map map.csv -o map.csv"):
-        with open("map.csv", "w") as file:
-            file.write("marker,object,vertex\n")
-        code, _, err = say(line)
-        assert (code, "map.csv: it is an input, which is never written over" in err) == (3, True)
 
 
 def test_weights_that_are_lost_are_told(say):

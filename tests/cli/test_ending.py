@@ -7,7 +7,6 @@ import sys
 import pytest
 from helpers.scenes import environment, trial, write_scene
 
-from clothfit.cli.program import run
 from clothfit.scene.scene import load
 
 SECONDS = 100
@@ -28,8 +27,3 @@ def test_a_fit_ends_with_its_input_and_keeps_the_best(tmp_path):
     assert process.returncode == 130, err.decode()
     assert json.loads(out)["status"] == "interrupted"
     assert (load(str(tmp_path / "scene.fitted.json")).cloths[0].stiffness != 1.0).all()
-
-
-def test_the_input_cannot_be_the_scene_as_well(capsys):
-    assert run(["estimate", "-", "--end-with-input"]) == 2
-    assert "--end-with-input watches standard input, which cannot be the scene as well" in capsys.readouterr().err

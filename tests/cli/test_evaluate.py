@@ -98,27 +98,6 @@ def test_a_scene_from_standard_input(paths, capsys, standard_input):
     assert (err, json.loads(out)["frames"]) == ("", 20)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["-", "-"], "standard input (-) can be only one of the inputs"),
-        (["scene.json", "-", "--target", "-"], "standard input (-) can be only one of the inputs"),
-        (["scene.json", "absent.json"], "absent.json: there is no such file"),
-        (["scene.json", "other.json"], "other.json: its objects have "),
-        (["scene.json", "fitted.json", "--steps", "0"], "--steps must be at least 1; 0 was given"),
-        (["scene.json", "fitted.json", "--target", "absent.npz"], "absent.npz: there is no such file"),
-        (["scene.json", "fitted.json", "--target", "scene.json"], "scene.json is a scene; did you mean SCENE"),
-    ],
-)
-def test_what_cannot_be_compared_is_code_3_and_one_line(paths, tmp_path, monkeypatch, capsys, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, even("LG", nx=3), "other.json")
-    assert run(["evaluate", *arguments]) == 3
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith(f"error: {message}")
-
-
 def test_a_simulation_that_diverges_is_code_4(tmp_path, capsys):
     path = write_scene(tmp_path, trial("nG", 50, 3, 3, integrationMethod=0, springStiffness=[1e6] * 16))
     assert run(["evaluate", path, path, "--json"]) == 4
@@ -127,10 +106,6 @@ def test_a_simulation_that_diverges_is_code_4(tmp_path, capsys):
     assert "diverged at step" in err.splitlines()[-1]
     assert err.splitlines()[-1] == f"error: {found['error']}"
     assert (found["where"], found["code"], found["command"]) == ("scene.json", 4, "evaluate")
-
-
-def test_an_empty_target_is_refused(paths):
-    assert run(["evaluate", *paths, "--target", "", "--steps", "20"]) == 3
 
 
 def test_a_longer_run_that_diverges_does_not_hide_the_fitted_frames(tmp_path, capsys):

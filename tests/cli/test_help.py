@@ -76,26 +76,6 @@ def test_what_cannot_be_broken_stays_as_it_is():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("estimat a.json", "no such command 'estimat'; did you mean estimate? (see clothfit --help)"),
-        ("Evaluate a.json", "no such command 'Evaluate'; did you mean evaluate? (see clothfit --help)"),
-        ("sim a.json", "no such command 'sim'; did you mean simulate? (see clothfit --help)"),
-        ("simulate a.json --stpes 3", "no such option '--stpes'; did you mean --steps? (see clothfit simulate --help)"),
-        ("estimate a.json --max-eval 3", "no such option '--max-eval'; did you mean --max-evaluations? (see clothfit "),
-        ("--quite simulate a.json", "no such option '--quite'; did you mean --quiet? (see clothfit --help)"),
-        ("simulate a.json -x", "no such option '-x' (see clothfit simulate --help)"),
-        ("zzz", "no such command 'zzz' (see clothfit --help)"),
-    ],
-)
-def test_a_slip_is_code_2_one_line_and_what_was_meant(capsys, arguments, message):
-    assert run(arguments.split()) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith(f"error: {message}")
-
-
-@pytest.mark.parametrize(
     ("wrong", "names", "told"),
     [
         ("lbfgsb", ("auto", "l-bfgs-b"), "; did you mean l-bfgs-b?"),

@@ -149,11 +149,6 @@ def test_the_numbers_of_a_mesh_are_looked_at(tmp_path, capsys):
     assert "meshVertices: must be a list" in capsys.readouterr().err
 
 
-def test_standard_input_is_one_of_them_at_most(capsys):
-    assert run(["validate", "-", "-"]) == 3
-    assert "can be only one of the inputs" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("sentence", "place"),
     [("objects[0].springs[3]: vertex 144 does not exist", "objects[0].springs[3]"), ("delta: is missing", "delta"),

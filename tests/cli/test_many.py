@@ -139,37 +139,6 @@ def test_checkpoints_are_kept_for_each_scene_and_each_start_and_gone_on_from(her
         assert found.cost <= earlier.cost
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "message"),
-    [
-        (["-o", "one.json"], 2, "-o one.json: 2 scenes need a folder, or a name with {stem}"),
-        (["-o", "a.json"], 2, "-o a.json: 2 scenes need a folder"),
-        (["-o", "-"], 2, "standard input and output (-) are for one scene, not for 2"),
-        (["-"], 2, "standard input and output (-) are for one scene, not for 3"),
-        (["--target", "-"], 2, "standard input and output (-) are for one scene"),
-        (["--checkpoint", "c"], 2, "--checkpoint: 2 scenes need one each: put {stem} into the name"),
-        (["--cluster", "tcp://localhost:1", "--resume"], 2, "--checkpoint and --resume are for fits on this machine"),
-        (["--cluster", "tcp://localhost:1", "--jobs", "2"], 2, "--jobs is for this machine"),
-        (["./a.json"], 3, "a.json and ./a.json would both be written to ./a.fitted.json; use {folder} in -o"),
-        (["a.json", "--in-place"], 3, "a.json and a.json would both be written to a.json"),
-        (["a.fitted.json"], 3, "cannot write a.fitted.json: it is an input, which is never written over"),
-        (["-o", "{stem}.json"], 3, "cannot write a.json: it is an input, which is never written over"),
-        (["-o", "captures/a.npz/x/"], 3, "cannot make the folder captures/a.npz/x/: Not a directory"),
-        (["--starts", "0"], 3, "--starts must be at least 1; 0 was given"),
-        (["--seed", "-1"], 3, "--seed must be at least 0; -1 was given"),
-        (["--jobs", "0"], 3, "--jobs must be at least 1; 0 was given"),
-        (["--method", "magic"], 3, "--method: there is no 'magic'"),
-    ],
-)
-def test_what_cannot_be_for_all_is_refused_before_anything_is_begun(here, options, code, message, capsys):
-    before = files(here)
-    assert run(["estimate", "a.json", "b.json", *options]) == code
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith(f"error: {message}")
-    assert files(here) == before
-
-
 def test_patterns_name_stem_and_folder_and_files_that_are_there_keep_their_names(tmp_path):
     assert filled("c/{stem}.npz", "x/a.v2.json") == "c/a.v2.npz"
     assert filled("{folder}/c/{stem}.npz", "x/y/a.json") == "x/y/c/a.npz"

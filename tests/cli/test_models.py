@@ -4,7 +4,6 @@ fine.
 
 import json
 import re
-from pathlib import Path
 
 import numba
 import pytest
@@ -151,27 +150,3 @@ def test_the_editors_step_is_kept_unless_another_is_asked_for(given, capsys):
     code, two, _ = estimated(capsys, path, *target, "--substeps", "2")
     assert (code, two["step"]["substeps"], two["step"]["delta"]) == (EXIT_CODES[two["status"]], 2, 0.01)
     assert finer["rmse"] < four["rmse"] < two["rmse"] < summary["rmse"]
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ("--model Q", "--model: there is no 'Q'; use auto, F, G, R, M, L"),
-        ("--substeps 0", "--substeps must be auto or a whole number from 1 on; 0 was given"),
-        ("--substeps few", "--substeps must be auto or a whole number from 1 on; 'few' was given"),
-        ("--substeps 1.5", "--substeps must be auto or a whole number from 1 on; '1.5' was given"),
-        ("--substeps 2 --keep-step", "--substeps: the step is to be kept; use either substeps or keep_step"),
-    ],
-)
-def test_options_that_cannot_be_are_code_3(given, capsys, options, said):
-    path, *target = given("nF")
-    assert run(["estimate", path, *target, *options.split()]) == 3
-    assert capsys.readouterr().err.startswith(f"error: {said}")
-    assert not list(Path(path).parent.glob("*.fitted.*"))
-
-
-@pytest.mark.parametrize(("option", "what"), [("--substeps 2", "--substeps"), ("--model auto", "model auto")])
-def test_a_trial_has_the_model_and_the_step_of_its_scene(given, capsys, option, what):
-    path, *_ = given("nF")
-    assert run(["estimate", path, *option.split()]) == 3
-    assert capsys.readouterr().err.startswith(f"error: {what}: a target is needed")

@@ -228,59 +228,7 @@ def test_a_file_that_is_there_is_replaced_but_never_the_mesh(capsys):
     assert Path("box.obj").read_bytes() == before
 
 
-def test_of_a_sequence_no_file_is_written_over(capsys):
-    for number in (1, 2):
-        torn_box(f"shot_{number}.obj")
-    before = Path("shot_2.obj").read_bytes()
-    assert run(["new", "shot_*.obj", "-o", "shot_2.obj"]) == 3
-    assert "it is an input" in capsys.readouterr().err
-    assert Path("shot_2.obj").read_bytes() == before
-
-
 # --- usage and values
-
-
-@pytest.mark.parametrize(
-    "options",
-    [["plane", "--scale", "2"], ["plane", "--up", "z"], ["plane", "--handedness", "left"], ["plane", "--weld"],
-     ["box.obj", "--size", "2"], ["box.obj", "--divisions", "0"], ["box.obj", "--upright"],
-     ["plane", "--fps", "9", "--delta", "1"], ["plane", "--bending", "0", "--no-bending"], [], ["--weld"]],
-)  # fmt: skip
-def test_options_that_do_not_go_together_are_wrong_usage(options, capsys):
-    torn_box()
-    assert run(["new", *options]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not Path("box.json").exists()
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("--size", "2x"), ("--size", "1x2x3"), ("--size", "big"), ("--size", "0"), ("--rotate", "1,2"),
-     ("--move", "1;2;3"), ("--move", "1,2,nan"), ("--fix-box", "0,0,0"), ("--fix-box", "0,0:0,0,0,0"),
-     ("--fix-vertices", "1-"),
-     ("--fix-vertices", "5-2"), ("--divisions", "100000"), ("--fix-vertices", ""),
-     ("--fix-vertices", "a"), ("--fix-vertices", "144"),
-     ("--fix-side", "left=far"), ("--fix-side", "top"), ("--sphere", "0,0,0"), ("--sphere", "0,0,0,0"),
-     ("--wind", "5"), ("--fit", "xx"), ("--fit", "mass"), ("--fit", "wind=L"), ("--fit", "n"), ("--frames", "1"),
-     ("--delta", "0"), ("--density", "0"), ("--divisions", "-1"), ("--integrator", "magic"), ("--tolerance", "2"),
-     ("--stiffness", "nan"), ("--drag", "wind"), ("--drag", "-1")],
-)  # fmt: skip
-def test_a_value_that_cannot_be_is_one_line_and_no_file(option, value, capsys, folder):
-    assert run(["new", "plane", f"{option}={value}"]) == 3
-    assert capsys.readouterr().err.count("\n") == 1
-    assert list(folder.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [(["--size", "1x"], "--size: '1x' is not understood; give it as in 2 or 2x1.5"),
-     (["--size", "1,2"], "--size: '1,2' is not understood; give it as in 2 or 2x1.5"),
-     (["--fix-vertices", "5-2"], "--fix-vertices: '5-2' is not understood; give it as in 0,11,20-30"),
-     (["--divisions", "1000"], "a plane of 1000 divisions would have 1004004 vertices; it may have at most 1000000")],
-)  # fmt: skip
-def test_messages_show_what_was_given(options, message, capsys):
-    assert run(["new", "plane", *options]) == 3
-    assert capsys.readouterr().err == f"error: {message}\n"
 
 
 def test_steps_that_will_not_stay_stable_are_told(capsys):
@@ -324,22 +272,6 @@ def test_regions_and_the_warp_are_written_and_said(capsys):
     assert own.warp.tolist() == [0.0, 0.0, 1.0]
     assert run(["info", "plane.json"]) == 0
     assert "objects[0]: regions: hem (36 vertices, 132 springs)" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("option", "word"),
-    [(["--region", "a"], "'a' is not understood"), (["--region", "=top"], "--region: '=top' is not understood"),
-     (["--region", "a="], "'a=' is not understood"), (["--region", "a=middle"], "region a: there is no 'middle'"),
-     (["--region", "a=top"], "region a: the mesh is flat along y"), (["--region", "a=0-144"], "vertex 144 does not"),
-     (["--region", "a=3-1"], "--region: '3-1'"), (["--region", "a=0,0:1,1,1"], "--region: '0,0'"),
-     (["--region", "a=9,9,9:10,10,10"], "region: 'a' has no vertices"), (["--region", "elsewhere=0"], "cannot be a")],
-)  # fmt: skip
-def test_regions_that_are_not_understood_are_refused(option, word, capsys):
-    assert run(["new", "plane", *option]) == 3
-    err = capsys.readouterr().err
-    assert word in err
-    assert len(err.splitlines()) == 1
-    assert not Path("plane.json").exists()
 
 
 def test_vertices_of_a_region_are_those_of_the_file_also_after_welding():

@@ -78,66 +78,6 @@ def test_help_can_be_redirected_where_text_is_not_utf8(command):
 # --- usage and values
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["fold"], "no such command 'fold' (see clothfit --help)"),
-        (["simulate"], "missing argument 'SCENE' (see clothfit simulate --help)"),
-        (["evaluate", "a.json"], "missing argument 'FITTED' (see clothfit evaluate --help)"),
-        (["estimate", "a.json", "--fast"], "no such option '--fast'"),
-        (["simulate", "a.json", "b.json"], "got unexpected extra argument (b.json)"),
-        (["simulate", "a.json", "--steps"], "option '--steps' requires an argument"),
-        (["target", "a.json", "--quiet=3"], "option '--quiet' does not take a value"),
-    ],
-)
-def test_wrong_usage_is_code_2_and_one_line(capsys, arguments, message):
-    code, out, err = said(capsys, *arguments)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert err.startswith(f"error: {message}")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["simulate", "--steps", "many"], "invalid value for '--steps': 'many' is not a valid integer"),
-        (["simulate", "--steps", "1.5"], "invalid value for '--steps'"),
-        (["simulate", "--steps", "0"], "--steps must be at least 1; 0 was given"),
-        (["simulate", "--steps", "-3"], "--steps must be at least 1; -3 was given"),
-        (["simulate", "--tolerance", "0"], "tolerance must be above 0 and below 1; 0 was given"),
-        (["simulate", "--tolerance", "1"], "tolerance must be above 0 and below 1; 1 was given"),
-        (["simulate", "--tolerance", "nan"], "tolerance must be above 0 and below 1; nan was given"),
-        (["target", "--noise", "-1"], "noise must be at least 0 and finite; -1 m was given"),
-        (["target", "--noise", "nan"], "noise must be at least 0 and finite; nan m was given"),
-        (["target", "--noise", "loud"], "invalid value for '--noise'"),
-        (["target", "--observed", "0"], "observed must be a fraction above 0 and at most 1; 0 was given"),
-        (["target", "--observed", "1.1"], "observed must be a fraction above 0 and at most 1; 1.1 was given"),
-        (["target", "--every", "0"], "every must be at least 1; 0 was given"),
-        (["target", "--seed", "-1"], "invalid value for '--seed'"),
-        (["target", "--steps", "0"], "--steps must be at least 1; 0 was given"),
-        (["estimate", "--max-evaluations", "0"], "--max-evaluations must be at least 1; 0 was given"),
-        (["estimate", "--rmse", "-1"], "--rmse must be at least 0; -1 m was given"),
-        (["estimate", "--rmse", "nan"], "--rmse must be at least 0; nan m was given"),
-        (["estimate", "--tolerance", "2"], "tolerance must be above 0 and below 1; 2 was given"),
-        (["estimate", "--method", "magic"], "method: there is no 'magic'; use auto, momentum, gauss-newton, l-bfgs-b"),
-        (["estimate", "--start", "nan"], "start: nan is not within the bounds 0.0001 … 10000"),
-        (["estimate", "--start", "1e9"], "start: 1e+09 is not within the bounds"),
-        (["estimate", "--start", "-2"], "start: -2 is not within the bounds"),
-        (["estimate", "--start", "absent.json"], "absent.json: there is no such file"),
-        (["estimate", "--target", "absent.npz"], "absent.npz: there is no such file"),
-        (["estimate", "--in-place", "-o", "x.json"], "--in-place writes into the scene's file"),
-    ],
-)
-def test_a_wrong_value_is_code_3_and_one_line_and_no_file(capsys, tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, trial("nG", 5, 3, 3))
-    command, *options = arguments
-    code, out, err = said(capsys, command, "scene.json", *options)
-    assert (code, out, err.count("\n")) == (3, "", 1)
-    assert err.startswith("error: ")
-    assert message in err
-    assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
-
-
 def test_no_command_shows_the_help_as_it_is(capsys):
     _, out, err = said(capsys)
     assert "\n\nCommands:\n" in out + err
@@ -311,27 +251,6 @@ def test_the_locale_c_gets_ascii(small):
 
 
 # --- options as they are typed, before or after the command
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["simulate", "scene.json", "--scale", "-1", "-o", "x.pc2"], "--scale must be above 0 and finite"),
-        (["simulate", "scene.json", "--tolerance", "2"], "--tolerance must be above 0"),
-        (["convert", "x.pc2", "y.pc2", "--to-scale", "0"], "--to-scale must be above 0"),
-        (["estimate", "scene.json", "--method", "magic"], "--method: there is no 'magic'"),
-        (["estimate", "scene.json", "--start", "-2"], "--start: -2 is not within"),
-        (["estimate", "scene.json", "--target", "x.npz", "--frames", "a"], "--frames: 'a' is not A:B"),
-        (["new", "plane", "--fix-vertices", "999"], "--fix-vertices: vertex 999 does not exist"),
-        (["new", "plane", "--fix-side", "inner"], "--fix-side: there is no 'inner'"),
-    ],
-)
-def test_a_message_names_the_option_as_it_is_typed(capsys, tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, trial("nG", 5, 3, 3))
-    code, out, err = said(capsys, *arguments)
-    assert (code, out) == (3, "")
-    assert err.startswith(f"error: {message}")
 
 
 @pytest.mark.parametrize("arguments", [["--json", "-q", "info"], ["-q", "info", "--json"], ["info", "--json", "-q"]])

@@ -115,17 +115,6 @@ def test_a_full_disk_ends_the_log_and_not_the_fit(path, capsys):
     assert "converged" in err
 
 
-def test_a_log_that_cannot_be_written_is_said_before_the_fit(path, capsys):
-    assert run(["estimate", path, "--log", "absent/fit.jsonl"]) == 3
-    assert capsys.readouterr().err.startswith("error: cannot write absent/fit.jsonl: the folder")
-
-
-@pytest.mark.parametrize("name", ["scene.json", "-", "scene.fitted.json"])
-def test_a_log_is_a_file_of_its_own(path, capsys, name):
-    assert run(["estimate", path, "--log", name]) == 3
-    assert "must be a file of its own, not an input or an output" in capsys.readouterr().err
-
-
 def test_the_page_tells_all_keys():
     page = (DOCS / "progress.md").read_text("utf-8")
     rows = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)

@@ -1,7 +1,6 @@
 """`clothfit target`: the file, the degradations, the summary."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,10 +85,3 @@ def test_a_scene_that_diverges_is_code_4_and_no_file(tmp_path, capsys):
     assert out == ""
     assert "diverged at step" in err.splitlines()[-1]
     assert [item.name for item in tmp_path.iterdir()] == ["scene.json"]
-
-
-def test_an_input_is_not_written_over(path, capsys):
-    before = Path(path).read_bytes()
-    assert run(["target", path, "-o", path]) == 3
-    assert "it is an input" in capsys.readouterr().err
-    assert Path(path).read_bytes() == before

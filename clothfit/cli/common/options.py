@@ -46,14 +46,13 @@ def standard_command(name: str, sections: Sections | None = None) -> Callable[[A
 
     def decorate(function: Action) -> click.Command:
         @wraps(function)
-        def speaking(quiet: bool, verbose: bool, **arguments: Any) -> int | None:
+        def speaking(quiet: bool, verbose: bool, as_json: bool, **arguments: Any) -> int | None:
             context = click.get_current_context()
             before: dict[str, bool] = context.obj or {}
-            arguments["as_json"] = arguments["as_json"] or before.get("as_json", False)
-            elsewhere = streams(arguments)
-            Printed.begin(name, elsewhere, {each for one in context.command.params for each in one.opts})
-            data = elsewhere or arguments["as_json"]
+            known = {each for one in context.command.params for each in one.opts}
+            Printed.begin(name, streams(arguments), known, as_json or before.get("as_json", False))
             check_places(name, arguments)
+            data = Printed.elsewhere or Printed.as_json
             console = Console(quiet or before.get("quiet", False), verbose or before.get("verbose", False), data)
             return function(**arguments, console=console)
 

@@ -58,9 +58,7 @@ class Failed(ClothfitError):
         super().__init__(message)
 
 
-def fit(
-    paths: tuple[str, ...], files: Files, options: FitOptions, effort: Effort, console: Console, as_json: bool
-) -> int:
+def fit(paths: tuple[str, ...], files: Files, options: FitOptions, effort: Effort, console: Console) -> int:
     """Fit all scenes; returns the exit code."""
     began = time.perf_counter()
     options.check()
@@ -77,11 +75,10 @@ def fit(
         results = fit_all(makers, effort.starts, pool, writer.done, writer.died)
         with uninterrupted():
             if len(items) == 1:
-                return finish_one(items[0], results[0], console, as_json)
+                return finish_one(items[0], results[0], console)
             console.table(rows(items, results, writer.errors))
-            if as_json:
-                scenes = summaries(items, results, writer.errors)
-                print_json("estimate", {"scenes": scenes, "seconds": time.perf_counter() - began})
+            scenes = summaries(items, results, writer.errors)
+            print_json({"scenes": scenes, "seconds": time.perf_counter() - began})
     codes = [writer.code(index, one) for index, one in enumerate(results)]
     return INTERRUPTED if INTERRUPTED in codes else next(code for code in SEVERITY if code in codes)
 
@@ -166,7 +163,7 @@ class Writer:
         return error.exit_code if error else result.exit_code
 
 
-def finish_one(item: Item, result: Result, console: Console, as_json: bool) -> int:
+def finish_one(item: Item, result: Result, console: Console) -> int:
     """Write and tell the result of the only scene, as if it had been fitted in this process."""
     if len(result.outcomes) > 1:
         console.table(rows([item], [result], {}))
@@ -178,7 +175,7 @@ def finish_one(item: Item, result: Result, console: Console, as_json: bool) -> i
     warn_of_steps(found.scene, found.frames, console)
     (own,) = summaries([item], [result], {})
     more: dict[str, Any] = {key: own[key] for key in ("start", "starts", "reading") if key in own}
-    estimate_results.finish(found.scene, found, out, console, as_json, more)
+    estimate_results.finish(found.scene, found, out, console, more)
     Writer([item], console).close(item, result)
     return result.exit_code
 

@@ -40,7 +40,7 @@ AS_IN_FIT = (
 
 
 def finish(
-    scene: Scene, found: Fit, out: Output, console: Console, as_json: bool, more: dict[str, Any] | None = None,
+    scene: Scene, found: Fit, out: Output, console: Console, more: dict[str, Any] | None = None,
     log: FitLog | None = None,
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
@@ -48,22 +48,21 @@ def finish(
     for warning in found.warnings:
         console.warn(f"{scene.name}: {warning}")
     if found.status == Status.DIVERGED:
-        conclude(result | {"output": None}, out, as_json, log)
+        conclude(result | {"output": None}, log)
         from clothfit.motion.divergence import Diverged
 
         raise Diverged(f"{scene.name}: {NEVER_FINITE}", 0)
     write_scene(found.scene, out)
     describe(found, out, console)
-    conclude(result, out, as_json, log)
+    conclude(result, log)
     return EXIT_CODES[found.status]
 
 
-def conclude(result: dict[str, Any], out: Output, as_json: bool, log: FitLog | None) -> None:
+def conclude(result: dict[str, Any], log: FitLog | None) -> None:
     """Write the summary to the log and print it as JSON, where asked for."""
     if log is not None:
         log.end(document("estimate", result))
-    if as_json:
-        print_json("estimate", result, out)
+    print_json(result)
 
 
 def describe(found: Fit, out: Output, console: Console) -> None:

@@ -93,9 +93,7 @@ def options(function: Any) -> Any:
     return with_tool
 
 
-def fit(
-    scene_paths: tuple[str, ...], files: Files, asked: Asked, substeps: str | None, console: Console, as_json: bool
-) -> int:
+def fit(scene_paths: tuple[str, ...], files: Files, asked: Asked, substeps: str | None, console: Console) -> int:
     """Fit a tool to one scene's target and write its values into a folder; returns the exit code."""
     options = asked.options(substeps, console)
     if len(scene_paths) != 1 or len(files.targets) > 1:
@@ -128,9 +126,8 @@ def fit(
     for number, each in enumerate(found):
         describe(number, each, console)
     console.say(f"{scene.name}: values of {asked.simulator} → {folder}: {', '.join(made)}")
-    if as_json:
-        print_json("estimate", {"scene": scene.name, "output": folder, "files": list(made),
-                                **written.summary(found, options)})
+    print_json({"scene": scene.name, "output": folder, "files": list(made),
+                            **written.summary(found, options)})
     return 0
 
 

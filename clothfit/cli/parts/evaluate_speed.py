@@ -36,7 +36,7 @@ class SpeedOptions:
     plot: str | None  # file of the diagram
 
 
-def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Console) -> None:
+def measure(scene_path: str, asked: SpeedOptions, console: Console) -> None:
     """Measure integrators; print and draw the result."""
     check_values(asked.error, asked.budget)
     scene = read_scene(scene_path, console)
@@ -53,8 +53,7 @@ def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Consol
 
         with uninterrupted():
             save_diagram(found, asked.plot, asked.error)
-    if as_json:
-        print_json("evaluate", summary(found, scene, asked))
+    if print_json(summary(found, scene, asked)):
         return
     show(found, scene, asked.error, console)
     if asked.plot is not None:

@@ -71,8 +71,7 @@ def state_of(out: Output) -> str:
 
 
 def built(
-    data: Data, options: Options, school: Schooling | None, out: Output, about: dict[str, Any], as_json: bool,
-    console: Console,
+    data: Data, options: Options, school: Schooling | None, out: Output, about: dict[str, Any], console: Console,
 ) -> int | None:  # fmt: skip
     """Build a model, write it, and say how good it is."""
     from clothfit.base import threads
@@ -91,10 +90,9 @@ def built(
         show(f"objects[{c}]", each, console)
         show_worth(data.scene, c, each, model.method, console)
     console.say(f"→ {out.name}")
-    if as_json:
-        more = {"training": model.built["training"]} if school else {}
-        objects = [summary(each) for each in found]
-        print_json("subspace", {"recorded": about, "objects": objects, **more, "output": out.path}, out)
+    more = {"training": model.built["training"]} if school else {}
+    objects = [summary(each) for each in found]
+    print_json({"recorded": about, "objects": objects, **more, "output": out.path})
     return None if ended else INTERRUPTED
 
 
