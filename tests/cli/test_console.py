@@ -8,7 +8,6 @@ import numba
 import pytest
 
 from clothfit.base.messages import metres
-from clothfit.cli.common import console
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.progress import progress
 from clothfit.cli.program import run
@@ -56,6 +55,9 @@ def test_names_in_errors_cannot_act_on_a_terminal(capsys):
 def test_all_messages_go_to_standard_error(capsys, quiet, verbose, expected):
     speaker = Console(quiet, verbose)
     speaker.say("a"), speaker.warn("b"), speaker.detail("c")
+    with progress(speaker) as show:
+        assert (show is None) == quiet
+    assert not speaker.animated
     out, err = capsys.readouterr()
     assert out == ""
     assert re.fullmatch(expected, err)
@@ -84,14 +86,10 @@ def test_characters_that_a_terminal_does_not_know_are_spelled(monkeypatch, encod
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(12.345, "12.3 m"), (1.0, "1 m"), (0.5, "500 mm"), (2.5e-6, "2.5 µm"), (4.19e-9, "4.19 nm"), (1e-12, "0.001 nm")],
+    [(12.345, "12.3 m"), (1.0, "1 m"), (0.5, "500 mm"), (2.5e-6, "2.5 µm"), (4.19e-9, "4.19 nm"), (1e-12, "0.001 nm"),
+     (0.0, "0 nm"), (float("inf"), "inf m")],
 )
 def test_lengths_have_a_unit_of_their_size(value, text):
-    assert metres(value) == text
-
-
-@pytest.mark.parametrize(("value", "text"), [(0.0, "0 nm"), (float("inf"), "inf m")])
-def test_lengths_at_the_ends(value, text):
     assert metres(value) == text
 
 
@@ -103,32 +101,6 @@ def test_animation_is_for_terminals_that_want_it(monkeypatch, name, value):
     assert Console().animated
     monkeypatch.setenv(name, value)
     assert not Console().animated
-
-
-def test_a_file_is_not_animated(capsys):
-    assert not Console().animated
-
-
-def test_plain_progress_is_a_line_now_and_then(capsys, monkeypatch):
-    clock = iter([0.0, 1.0, 5.0, 9.0, 10.5])
-    with monkeypatch.context() as patch:
-        patch.setattr(console.time, "perf_counter", lambda: next(clock))
-        with progress(Console(began=0.0)) as show:
-            for evaluations in (1, 2, 3, 4):
-                show(step(evaluations))
-    out, err = capsys.readouterr()
-    lines = err.splitlines()
-    assert out == ""
-    assert lines == [
-        "   0.5 s  cost 7.500e-04  RMSE 2.5 µm  evaluation 2  4 evaluations/s",
-        "   0.5 s  cost 3.750e-04  RMSE 2.5 µm  evaluation 4  8 evaluations/s",
-    ]
-
-
-def test_quiet_has_no_progress(capsys):
-    with progress(Console(quiet=True)) as show:
-        assert show is None
-    assert capsys.readouterr() == ("", "")
 
 
 def test_a_terminal_has_a_bar_that_leaves_no_trace(monkeypatch, capsys):

@@ -1,7 +1,6 @@
 """`clothfit info` and `clothfit validate`: what they print, and for whom."""
 
 import json
-import subprocess
 import sys
 
 import numpy as np
@@ -160,13 +159,6 @@ def test_problems_are_split_into_place_and_message(sentence, place):
     found = split(sentence)
     assert found["place"] == place
     assert sentence == (found["message"] if place is None else f"{place}: {found['message']}")
-
-
-def test_validate_and_info_load_no_compiler_and_no_scipy():
-    call = "import sys; from clothfit.cli.program import run; [run([name, sys.argv[1]]) for name in sys.argv[2:]]; "
-    call += "print({'numba', 'scipy.linalg', 'scipy.sparse'} & set(sys.modules))"
-    words = [sys.executable, "-c", call, SIDE, "validate", "info"]
-    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()[-1] == "set()"
 
 
 def test_a_scene_without_flags_and_springs(tmp_path, capsys):

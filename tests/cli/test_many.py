@@ -147,14 +147,6 @@ def test_patterns_name_stem_and_folder_and_files_that_are_there_keep_their_names
     assert filled(str(odd), "a.json") == str(odd)
 
 
-def test_one_scene_needs_no_processes_and_help_no_numbers():
-    code = "import sys; from clothfit.cli.program import run; run({}); print([m for m in {} if m in sys.modules])"
-    for arguments, heavy in (["estimate", "--help"], ["joblib", "numpy"]), (["estimate", "none.json"], ["joblib"]):
-        call = [sys.executable, "-c", code.format(arguments, heavy)]
-        done = subprocess.run(call, capture_output=True, text=True, env=environment(), check=True)
-        assert done.stdout.splitlines()[-1] == "[]"
-
-
 def has_result(path):
     """Whether a checkpoint holds a point that was evaluated."""
     return path.is_file() and decoded(path.read_bytes(), "")[1].cost < float("inf")

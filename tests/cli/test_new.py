@@ -13,7 +13,6 @@ from helpers.paths import DOCS
 from clothfit import load, read_mesh
 from clothfit.cli.program import group, run
 from clothfit.meshes import mesh
-from clothfit.meshes.mesh import Mesh
 from clothfit.scene.mesh_numbering import numberings
 
 pytestmark = pytest.mark.slow  # starts processes
@@ -62,13 +61,10 @@ def test_a_plane_by_default(capsys):
     assert (cloth.settings, cloth.damping, cloth.drag, scene.method, scene.tolerance) == ("nF", 0.1, 0.1, 3, 1e-8)
 
 
-def test_the_options_of_a_plane():
+def test_the_options_of_a_plane_and_of_springs():
     (cloth,) = made("plane", "--size", "2x1", "--divisions", "3", "--upright", "--density", "0.5").cloths
     np.testing.assert_array_equal(cloth.positions, mesh.plane(3, 2.0, 1.0, upright=True).positions)
     assert cloth.mass.sum() == pytest.approx(1.0, rel=1e-13)  # kg, 0.5 kg/m² of 2 m²
-
-
-def test_the_options_of_springs():
     (cloth,) = made("plane", "--stiffness", "80", "--bending", "0.5", "--damping", "0.3", "--drag", "2").cloths
     np.testing.assert_array_equal(cloth.stiffness, mesh.springs(mesh.plane(10, 1.0), 80.0, 0.5).stiffness)
     assert (cloth.damping, cloth.drag) == (0.3, 2.0)
@@ -79,6 +75,10 @@ def test_the_drag_of_air_goes_with_the_wind():
     (still,), (windy,) = (made("plane", "--drag", "air", *wind).cloths for wind in ((), ("--wind", "0,3,4")))
     assert windy.drag == pytest.approx(5 * still.drag, rel=1e-14)
     assert still.drag == pytest.approx(1.2 / (8 * (1 / 242) ** 2), rel=1e-9)  # faces of 1/242 m²
+    given = ((), ("--drag", "air"), ("--drag", "2"))
+    drags = [made("plane", "--fit", "wind", *each).cloths[0].drag for each in given]
+    assert drags == pytest.approx([5 * still.drag, 5 * still.drag, 2.0], rel=1e-14)  # a wind to be found is of 5 m/s
+    assert made("plane", "--fit", "damping").cloths[0].drag == 0.1
 
 
 def test_the_options_of_a_scene():
@@ -103,14 +103,6 @@ def test_what_to_fit(options, settings, fits):
     scene = made("plane", *options)
     assert (scene.cloths[0].settings, scene.cloths[0].fits) == (settings, fits)
     assert scene.fits == ({"wind": "G"} if "wind" in options else {})
-
-
-def test_where_the_wind_is_to_be_found_the_drag_is_that_of_air():
-    (still,) = made("plane", "--drag", "air").cloths
-    given = ((), ("--drag", "air"), ("--drag", "2"))
-    drags = [made("plane", "--fit", "wind", *each).cloths[0].drag for each in given]
-    assert drags == pytest.approx([5 * still.drag, 5 * still.drag, 2.0], rel=1e-14)  # of 5 m/s
-    assert made("plane", "--fit", "damping").cloths[0].drag == 0.1
 
 
 @pytest.mark.parametrize(
@@ -186,16 +178,11 @@ def test_welding_gives_the_cube_its_8_vertices_and_keeps_the_meshs_numbers(optio
 
 
 def test_a_mesh_that_needs_no_welding_stays_as_it_is():
-    found = Mesh(*trimesh_plane())
+    found = mesh.plane(2, 1.0)
     trimesh.Trimesh(found.positions, found.triangles, process=False).export("p.obj")
     scene = made("p.obj", "--weld", name="p.json")
     assert "meshVertices" not in scene.source.text
     np.testing.assert_array_equal(scene.cloths[0].positions, read_mesh("p.obj")[0].positions)
-
-
-def trimesh_plane():
-    sheet = mesh.plane(2, 1.0)
-    return sheet.positions, sheet.triangles
 
 
 def test_a_mesh_of_which_no_cloth_can_be_made_is_refused_with_all_that_is_wrong(folder, capsys):
@@ -210,12 +197,6 @@ def test_a_mesh_of_which_no_cloth_can_be_made_is_refused_with_all_that_is_wrong(
 
 
 # --- where it goes
-
-
-def test_it_is_written_to_standard_output_where_that_is_asked_for(capsys):
-    assert run(["new", "plane", "-q", "-o", "-"]) == 0
-    out, err = capsys.readouterr()
-    assert (err, len(json.loads(out)["objects"][0]["vertMass"])) == ("", 144)
 
 
 def test_a_file_that_is_there_is_replaced_but_never_the_mesh(capsys):

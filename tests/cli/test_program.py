@@ -7,8 +7,7 @@ import sys
 import pytest
 from helpers.scenes import changed, environment, needs_full_disk, started, trial, write_scene
 
-from clothfit import __version__
-from clothfit.cli.program import COMMANDS, group, run
+from clothfit.cli.program import run
 
 pytestmark = pytest.mark.slow  # starts processes
 
@@ -22,71 +21,12 @@ def said(capsys, *arguments):
 # --- help and version
 
 
-def test_the_group_lists_the_commands_in_the_order_of_a_working_day(capsys):
-    code, out, err = said(capsys, "--help")
-    assert (code, err) == (0, "")
-    shown = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
-    day = (
-        "new info validate simulate target estimate control subspace evaluate report serve check convert export "
-        "completion warmup"
-    )
-    assert shown == list(COMMANDS) == day.split()
-
-
-@pytest.mark.parametrize("command", [[], *[[name] for name in COMMANDS]])
-def test_help_and_version_everywhere(capsys, command):
-    short, long = said(capsys, *command, "-h"), said(capsys, *command, "--help")
-    assert short == long
-    assert short[0] == 0
-    assert short[1].startswith(" ".join(["Usage: clothfit", *command]))
-    code, out, err = said(capsys, *command, "--version")
-    assert (code, err) == (0, "")
-    assert out == f"clothfit, version {__version__}\n"
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_the_common_options_are_everywhere(capsys, command):
-    _, out, _ = said(capsys, command, "--help")
-    for option in ("--json", "-q, --quiet", "-v, --verbose", "--version", "-h, --help"):
-        assert option in out
-    bare = command in ("completion", "export", "warmup")
-    others = {"new": " plane", "convert": " scene.motion.npz", "subspace": " build"}
-    first = "" if bare else others.get(command, " scene.json")
-    assert f"\n  clothfit {command}{first}" in out  # an example to copy
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_option_is_explained(command):
-    for option in group.get_command(None, command).params:
-        assert option.param_type_name == "argument" or option.help
-
-
-def test_help_is_quick_because_it_loads_no_numerical_library():
-    for arguments in ([], ["estimate"]):
-        call = [sys.executable, "-X", "importtime", "-m", "clothfit", *arguments, "--help"]
-        done = subprocess.run(call, capture_output=True, text=True, env=environment(), check=True)
-        loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines()}
-        assert "clothfit.cli" in loaded
-        assert not loaded & {"numba", "scipy", "numpy", "rich", "jsonschema"}
-
-
 @pytest.mark.parametrize("command", ["simulate", "target"])
 def test_help_can_be_redirected_where_text_is_not_utf8(command):
     assert started(command, "--help", env=environment(PYTHONIOENCODING="cp1252")).returncode == 0
 
 
 # --- usage and values
-
-
-def test_no_command_shows_the_help_as_it_is(capsys):
-    _, out, err = said(capsys)
-    assert "\n\nCommands:\n" in out + err
-
-
-@pytest.mark.parametrize("option", ["-q", "-v"])
-def test_quiet_and_verbose_go_before_the_command_too(capsys, tmp_path, option):
-    path = write_scene(tmp_path, trial("nG", 5, 3, 3))
-    assert said(capsys, option, "simulate", path)[0] == 0
 
 
 # --- faults and interrupts
@@ -120,13 +60,10 @@ def test_what_goes_wrong_inside_is_one_line(capsys, tmp_path, monkeypatch, error
     assert err.strip().startswith(f"error: {message}")
     assert "Traceback" not in err
     assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
-
-
-def test_a_fault_shows_where_on_demand(tmp_path, monkeypatch):
-    monkeypatch.setenv("CLOTHFIT_TRACEBACK", "1")
-    monkeypatch.setattr("clothfit.simulate", broken(ZeroDivisionError("by nothing")), raising=False)
-    with pytest.raises(ZeroDivisionError):
-        run(["simulate", write_scene(tmp_path, trial("nG", 5, 3, 3))])
+    if code == 1 and message.startswith("a fault"):
+        monkeypatch.setenv("CLOTHFIT_TRACEBACK", "1")  # where it happened, on demand
+        with pytest.raises(type(error)):
+            run(["simulate", str(tmp_path / "scene.json")])
 
 
 # --- streams
@@ -253,8 +190,11 @@ def test_the_locale_c_gets_ascii(small):
 # --- options as they are typed, before or after the command
 
 
-@pytest.mark.parametrize("arguments", [["--json", "-q", "info"], ["-q", "info", "--json"], ["info", "--json", "-q"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["--json", "-q", "info"], ["-q", "info", "--json"], ["info", "--json", "-q"], ["-v", "--json", "info", "-q"]],
+)
 def test_common_options_go_before_or_after_the_command(capsys, small, arguments):
     code, out, err = said(capsys, *arguments, small)
-    assert (code, err) == (0, "")
+    assert (code, err == "") == (0, "-v" not in arguments)
     assert json.loads(out)["command"] == "info"

@@ -215,7 +215,7 @@ FILES = [
     ("new shot_*.obj -o shot_2.obj", INPUT),
     *[(f"convert {line}", "…it is an input") for line in (
         "t.npz t.npz", "shot_*.obj shot_*.obj", "shot_1.obj shot_*.obj", "shot_1.obj shot_1.obj",
-        "t.npz scene.json.obj --scene scene.json -q", "shot_1.obj a.obj --mesh a.obj", "t.trc map.csv --map map.csv")],
+        "shot_1.obj a.obj --mesh a.obj", "t.trc map.csv --map map.csv")],
 ]
 
 

@@ -44,25 +44,34 @@ def refuse(constant):
 
 
 def test_the_motion_goes_beside_the_scene(path, tmp_path, capsys):
-    assert run(["simulate", path]) == 0
+    assert run(["simulate", path, "--json"]) == 0
     assert files(tmp_path) == ["my scene.v1.motion.npz", "my scene.v1.txt"]
     scene = load(path)
     found = load_motion(tmp_path / "my scene.v1.motion.npz", scene)
     np.testing.assert_array_equal(found.positions, simulate(scene).positions)
     np.testing.assert_array_equal(found.times, np.arange(6) * 0.02)
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "my scene.v1.txt: 5 steps of 0.02 s" in err
-
-
-def test_the_file_holds_what_the_interface_says(path, tmp_path):
-    run(["simulate", path, "-o", "x.npz", "--steps", "3"])
-    with np.load(tmp_path / "x.npz", allow_pickle=False) as found:
-        assert {key: (found[key].shape, found[key].dtype.str) for key in found.files} == {
-            "positions": ((4, 9, 3), "<f8"),
-            "times": ((4,), "<f8"),
+    with np.load(tmp_path / "my scene.v1.motion.npz", allow_pickle=False) as kept:
+        assert {key: (kept[key].shape, kept[key].dtype.str) for key in kept.files} == {
+            "positions": ((6, 9, 3), "<f8"),
+            "times": ((6,), "<f8"),
             "vertex_counts": ((1,), "<i8"),
         }
+    out, err = capsys.readouterr()
+    assert "my scene.v1.txt: 5 steps of 0.02 s" in err
+    summary = json.loads(out, parse_constant=refuse)
+    assert set(summary) == KEYS
+    assert (summary["schema_version"], summary["command"]) == (1, "simulate")
+    assert (summary["frames"], summary["vertices"]) == (6, 9)
+    assert (summary["diverged"], summary["dump"]) == (None, None)
+
+
+def test_with_the_motion_on_standard_output_the_summary_goes_to_standard_error(path, tmp_path, capsysbinary):
+    assert run(["simulate", path, "-q", "--json", "--steps", "3", "-o", "-"]) == 0
+    out, err = capsysbinary.readouterr()
+    assert set(json.loads(err)) == KEYS
+    scene = load(path)
+    np.testing.assert_array_equal(load_motion(io.BytesIO(out), scene).positions, simulate(scene, 4).positions)
+    assert files(tmp_path) == ["my scene.v1.txt"]
 
 
 def test_the_tolerance_is_the_scenes_unless_given(path, tmp_path):
@@ -71,25 +80,6 @@ def test_the_tolerance_is_the_scenes_unless_given(path, tmp_path):
     found = load_motion(tmp_path / "x.npz", scene)
     np.testing.assert_array_equal(found.positions, simulate(scene, tolerance=1e-9).positions)
     assert (found.positions != simulate(scene).positions).any()
-
-
-def test_json_has_the_keys_that_scripts_read(path, capsys):
-    assert run(["simulate", path, "--json", "-q"]) == 0
-    out, err = capsys.readouterr()
-    summary = json.loads(out, parse_constant=refuse)
-    assert set(summary) == KEYS
-    assert (summary["schema_version"], summary["command"]) == (1, "simulate")
-    assert (summary["frames"], summary["vertices"]) == (6, 9)
-    assert (summary["diverged"], summary["dump"]) == (None, None)
-    assert err == ""
-
-
-def test_with_the_motion_on_standard_output_the_summary_goes_to_standard_error(path, tmp_path, capsysbinary):
-    assert run(["simulate", path, "-q", "--json", "-o", "-"]) == 0
-    out, err = capsysbinary.readouterr()
-    assert set(json.loads(err)) == KEYS
-    np.testing.assert_array_equal(load_motion(io.BytesIO(out), load(path)).positions, simulate(load(path)).positions)
-    assert files(tmp_path) == ["my scene.v1.txt"]
 
 
 def test_quiet_says_nothing_and_verbose_more(path, capsys):
@@ -155,8 +145,8 @@ WILD = even("nG", 50, integrationMethod=1, springStiffness=[1e4] * 33, damping=0
 def test_a_dump_holds_the_last_states(tmp_path, capsys):
     made = write_scene(tmp_path, WILD)
     dump = tmp_path / "last.npz"
-    assert run(["simulate", made, "--dump", str(dump)]) == 4
-    err = capsys.readouterr().err
+    assert run(["simulate", made, "--json", "--dump", str(dump)]) == 4
+    out, err = capsys.readouterr()
     assert f"the last states and the first bad one of objects[0] are in {dump}\n" in err
     kept = load_motion(tmp_path / "scene.motion.npz", load(made))
     with np.load(dump, allow_pickle=False) as found:
@@ -165,19 +155,11 @@ def test_a_dump_holds_the_last_states(tmp_path, capsys):
     np.testing.assert_array_equal(x[:-1], kept.positions[steps[:-1]])
     assert not (np.abs(x[-1]).sum(axis=1) < 1e12).all()
     assert f"diverged at step {steps[-1]} " in err
-
-
-def test_json_tells_where_it_diverged(tmp_path, capsys):
-    made = write_scene(tmp_path, WILD)
-    assert run(["simulate", made, "--json", "-q", "--dump", str(tmp_path / "last.npz")]) == 4
-    out, err = capsys.readouterr()
     summary = json.loads(out, parse_constant=refuse)
-    assert set(summary) == KEYS
     found = summary["diverged"]
     when = f"at step {found['step']} (t = {found['time']:.4g} s)"
     assert f"{when}, objects[{found['object']}], vertex {found['vertex']} of 16;" in err
-    assert summary["frames"] == found["step"]
-    assert summary["dump"] == str(tmp_path / "last.npz")
+    assert (set(summary), summary["frames"], summary["dump"]) == (KEYS, found["step"], str(dump))
 
 
 def test_a_motion_that_stays_finite_leaves_no_dump(path, tmp_path, capsys):
