@@ -30,9 +30,9 @@ pytestmark = [
 ]
 
 KEYS = {
-    "schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds", "ladder",
-    "step", "parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory", "windows", "samples",
-    "objective", "correlations", "travel", "relative_rmse", "verdict", "hints", "registration", "markers",
+    "schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds",
+    "ladder", "step", "parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory", "windows",
+    "samples", "objective", "correlations", "travel", "relative_rmse", "verdict", "hints", "registration", "markers",
 }  # fmt: skip
 DOWNHILL = ["--method", "l-bfgs-b"]  # begins at the start, and takes its time
 LONG = trial("LL", 60, 8, 8)  # takes minutes to fit to the last digit

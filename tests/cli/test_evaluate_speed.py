@@ -80,19 +80,15 @@ def test_the_table_marks_rows_and_says_what_a_fit_must_use(path, capsys):
     assert out.count("the scene's own") == 1
     assert "Pareto-best" in out
     assert re.search(r"^\d+ more, with other tolerances", out, re.MULTILINE)
+    assert run(["evaluate", path, *QUICK, "-v"]) == 0
+    verbose = capsys.readouterr().out
+    assert ("more, with other tolerances" in verbose, "1e-08" in verbose) == (False, True)
+    assert run(["evaluate", path, *QUICK, "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
     assert "root mean square over all vertices and 11 frames; that motion is known to" in out
     assert "cheapest within 500 mm: " in out
     assert "the editor plays this scene with implicit steps of h = 20 ms, tolerance 1e-05, 1 Newton iteration" in out
     assert "a fit must use the same (integrationMethod 2, delta 0.02)" in out
-
-
-def test_verbose_shows_all_rows_and_quiet_none(path, capsys):
-    assert run(["evaluate", path, *QUICK, "-v"]) == 0
-    out = capsys.readouterr().out
-    assert "more, with other tolerances" not in out
-    assert "1e-08" in out
-    assert run(["evaluate", path, *QUICK, "-q"]) == 0
-    assert capsys.readouterr() == ("", "")
 
 
 def test_an_error_that_none_reaches_is_said(path, capsys):
