@@ -150,7 +150,7 @@ FAULTS = (
           "bends = is_bend & ~is_edge", "inspection/test_overview.py inspection"),
     # the program
     Fault("cli/fitting/outcomes: exit code of a fit", "return EXIT_CODES[found.status]", "return 0",
-          "cli/test_estimate.py cli/test_ending.py cli"),
+          "cli/test_estimate.py cli"),
     Fault("cli/common/failures: exit code of a wrong value", "3 if value_is_wrong else 2, arguments, error)",
           "2, arguments, error)", "cli/test_program.py cli/test_estimate.py cli program"),
     Fault("cli/simulate: option left out", "motion, error = moved(scene, frames, tolerance)",
@@ -158,7 +158,7 @@ FAULTS = (
     Fault("base/writing: permissions of a file", "os.chmod(file.name, mode & 0o777)",
           "os.chmod(file.name, mode & 0o700)", "base/test_writing.py base"),
     Fault("many/job: range of the starts", "FACTOR ** draw.uniform(-1.0, 1.0)", "FACTOR ** draw.uniform(0.0, 1.0)",
-          "many/test_starts.py many"),
+          "many/test_job.py many"),
     Fault("live/commands: default of a command", 'whole(message, "n", 1, 1000, 1)', 'whole(message, "n", 1, 1000, 2)',
           "live"),
     # subspaces and control

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,17 +11,8 @@ import click
 from clothfit.base.messages import metres, owned
 from clothfit.cli.common import motions, pictures, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.options import check_numbers, refuse, section, standard_command
 from clothfit.cli.common.output import Output, page_beside, print_json
-from clothfit.cli.common.scenes import (
-    check_there,
-    frames_of,
-    one_stream,
-    read_scene,
-    under_forces,
-    warn_of_steps,
-    with_inputs,
-)
 from clothfit.cli.parts import evaluate_speed
 
 if TYPE_CHECKING:
@@ -30,35 +20,29 @@ if TYPE_CHECKING:
     from clothfit.formats.axes import Reading
     from clothfit.subspace.judge import Compared, Judgement
 
-SPEED_OPTIONS = ("--speed", "--error", "--budget")
 
-
-SECTIONS = {
-    "What to compare": ("--target", "--steps", "--forces"),
-    "The file of the target": motions.FILE_OPTIONS,
-    "How fast and how exact (--speed)": SPEED_OPTIONS,
-    "A subspace (MODEL in place of FITTED)": ("--inputs", "--report"),
-    "What is written": ("--plot", "--gif"),
-}
-
-
-@standard_command("evaluate", SECTIONS)
+@standard_command("evaluate")
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_path", metavar="FITTED", required=False)
+@section("What to compare")
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
-@motions.reads
 @click.option("--steps", type=int, metavar="N",
               help="Simulate N steps for the longer comparison.  [default: 499; with --speed those of SCENE]")
 @scenes.forces
+@section("The file of the target")
+@motions.reads
+@section("How fast and how exact (--speed)")
 @click.option("--speed", is_flag=True, help="Measure the speed and error of integrators, steps and tolerances instead.")
 @click.option("--error", type=float, metavar="METRES",
               help="With --speed: recommend the cheapest setting within this error.")
 @click.option("--budget", type=float, metavar="SECONDS",
               help="With --speed: measure for about this long.  [default: 60]")
+@section("A subspace (MODEL in place of FITTED)")
 @click.option("--inputs", "inputs_path", metavar="FILE",
               help="Of a subspace: compare under these inputs over time (JSON).  [default: those of SCENE]")
 @click.option("--report", "page_path", metavar="FILE",
               help="Of a subspace: write a page here that plays it over the full motion, side by side.")
+@section("What is written")
 @pictures.options
 def command(
     scene_path: str, fitted_path: str | None, target_path: str | None, reading: Reading, steps: int | None,
@@ -104,30 +88,24 @@ def of_subspace(path: str) -> bool:
     return kind_of(path) == SUBSPACE
 
 
-def refuse(given: dict[str, object], why: str) -> None:
-    """Raise a usage error, with the name in it, at the first argument that is given."""
-    for name, value in given.items():
-        if value is not None:
-            raise click.UsageError(why.format(name), click.get_current_context())
-
-
 def compare(
     scene_path: str, fitted_path: str, target_path: str | None, reading: Reading, steps: int | None,
     forces_path: str | None, pictures: pictures.Pictures, console: Console,
 ) -> None:
     """Compare a fitted scene with the true one."""
-    one_stream(scene_path, fitted_path, target_path)
+    scenes.one_stream(scene_path, fitted_path, target_path)
     check_numbers(steps)
-    check_there(scene_path, fitted_path)
-    pictures.check(scene_path, fitted_path, target_path, forces_path)
-    truth, fitted = (under_forces(read_scene(each, console), forces_path) for each in (scene_path, fitted_path))
+    paths = scene_path, fitted_path
+    scenes.check_there(*paths)
+    pictures.check(*paths, target_path, forces_path)
+    truth, fitted = (scenes.under_forces(scenes.read_scene(each, console), forces_path) for each in paths)
     from clothfit.evaluation.evaluate import HORIZON, evaluate
 
-    horizon = HORIZON if steps is None else frames_of(steps, truth)
+    horizon = HORIZON if steps is None else scenes.frames_of(steps, truth)
     readings: list[dict[str, Any]] = []
     target = motions.read(target_path, truth, reading, console, readings) if target_path is not None else None
     for each in (truth, fitted) if target is None else (fitted,):
-        warn_of_steps(each, max(truth.frames, horizon), console)
+        scenes.warn_of_steps(each, max(truth.frames, horizon), console)
     console.announce_compilation()
     report = evaluate(truth, fitted, horizon=horizon, target=target)
     if not print_json(summary(report) | motions.readings_summary(readings)):
@@ -184,13 +162,13 @@ def judge(
     from clothfit.subspace.judge import compare
     from clothfit.subspace.model import load_model
 
-    check_there(scene_path, model_path)
+    scenes.check_there(scene_path, model_path)
     pictures.check(scene_path, model_path, inputs_path, page_path)
     page = page_beside(page_path, (scene_path, model_path, inputs_path, *pictures.files))
     model = load_model(model_path)
-    scene = with_inputs(read_scene(scene_path, console), inputs_path)
+    scene = scenes.with_inputs(scenes.read_scene(scene_path, console), inputs_path)
     console.announce_compilation()
-    over = compare(model, scene, frames_of(steps, scene))
+    over = compare(model, scene, scenes.frames_of(steps, scene))
     for sentence in over.found.clamped:
         console.warn(sentence)
     if not print_json(asdict(over.found) | {"forgets": over.found.forgets}):
@@ -203,12 +181,7 @@ def draw(
     console: Console,
 ) -> None:
     """Write the pictures and the page that are asked for."""
-    if pictures.plot is not None:
-        from clothfit.pictures import picture_file as picture
-        from clothfit.pictures import plots
-
-        picture.save(pictures.plot, partial(plots.comparison, over))
-        console.say(f"picture → {pictures.plot}")
+    pictures.drawn("comparison", (over,), console)
     pictures.animated(over.scene, over.full.times, over.own.positions, over.full.positions, console)
     if page is not None:
         from clothfit.cli import report

@@ -76,27 +76,19 @@ def of_scene(scene_path: str, console: Console) -> None:
     """Print what a scene holds."""
     scene = read_scene(scene_path, console)
     from clothfit.base.memory import free
+    from clothfit.inspection import overview
     from clothfit.inspection.forecast import forecast, inputs_of
-    from clothfit.inspection.overview import (
-        beyond_bounds,
-        beyond_editor,
-        divisions,
-        doubts,
-        facts,
-        flagged,
-        misspelt_fields,
-        unknown_fields,
-    )
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.subspace.worth import worth
 
-    objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
-    parted = [divisions(cloth) for cloth in scene.cloths]
-    ahead, strange = forecast(scene), unknown_fields(scene)
+    objects, wanted = [overview.facts(cloth) for cloth in scene.cloths], overview.flagged(scene)
+    parted = [overview.divisions(cloth) for cloth in scene.cloths]
+    ahead, strange = forecast(scene), overview.unknown_fields(scene)
     meshes = [None if each is None else len(each) for each in numberings(scene)]
-    for sentence in (*misspelt_fields(scene), *beyond_bounds(scene)):
+    for sentence in (*overview.misspelt_fields(scene), *overview.beyond_bounds(scene)):
         console.warn(f"{scene.name}: {sentence}")
-    unlikely = [doubts([b - a for a, b in zip(own.low, own.high, strict=True)], own.mass.total) for own in objects]
+    sizes = [[b - a for a, b in zip(own.low, own.high, strict=True)] for own in objects]
+    unlikely = [overview.doubts(size, own.mass.total) for size, own in zip(sizes, objects, strict=True)]
     for index, sentences in enumerate(unlikely):
         for sentence in sentences:
             console.warn(f"{scene.name}: objects[{index}]: {sentence}")
@@ -104,7 +96,7 @@ def of_scene(scene_path: str, console: Console) -> None:
     show_scene(scene, console)
     for each in moving:
         console.result(str(each))
-    if foreign := beyond_editor(scene):
+    if foreign := overview.beyond_editor(scene):
         console.result(foreign)
     for begin in range(0, len(objects), BESIDE):
         show_objects(range(len(objects))[begin : begin + BESIDE], objects, wanted, console)

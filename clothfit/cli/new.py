@@ -11,7 +11,7 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, spans
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.options import section, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
 from clothfit.cli.parts.new_options import PLANE, Asked, box, numbers, ranges, side, understood
@@ -31,34 +31,24 @@ MOST_NAMED = 12
 """Vertices that are named."""
 
 
-SECTIONS = {
-    "A plane": ("--size", "--divisions", "--upright"),
-    "A mesh from a file": ("--scale", "--up", "--handedness", "--weld"),
-    "Where it is": ("--rotate", "--move"),
-    "What it is made of": (
-        "--density", "--stiffness", "--bending", "--no-bending", "--damping", "--drag", "--warp", "--region",
-    ),
-    "What holds it": ("--fix-box", "--fix-vertices", "--fix-side"),
-    "The world": ("--sphere", "--wind"),
-    "Simulation and fit": ("--fit", "--integrator", "--delta", "--fps", "--frames", "--tolerance"),
-    "What is written": ("--title", "--output"),
-}  # fmt: skip
-
-
-@standard_command("new", SECTIONS)
+@standard_command("new")
 @click.argument("given", metavar="plane|MESH", required=False)
+@section("A plane")
 @click.option("--size", metavar="W[xH]", help="Size of the plane in m.  [default: 1]")
 @click.option("--divisions", type=click.IntRange(0), metavar="N", help="Give the longer side of the plane N + 2 "
               "vertices.  [default: 10]")
 @click.option("--upright", is_flag=True, help="Make the plane stand instead of lie.")
+@section("A mesh from a file")
 @click.option("--scale", type=float, metavar="METRES", help="Metres per unit of the file.  [default: the format's]")
 @click.option("--up", type=click.Choice(["y", "z"]), help="Axis of the file that points up.  [default: the format's]")
 @click.option("--handedness", type=click.Choice(["left", "right"]),
               help="Handedness of its axes.  [default: the format's]")
 @click.option("--weld", is_flag=False, flag_value="", metavar="[METRES]", help="Join vertices that lie at one place, "
               "and remove triangles without area and unused vertices.  [distance: a millionth of the mesh]")
+@section("Where it is")
 @click.option("--rotate", metavar="X,Y,Z", help="Rotate by these degrees about z, x, y in turn, as in Unity.")
 @click.option("--move", metavar="X,Y,Z", help="Then move by these distances in m.")
+@section("What it is made of")
 @click.option("--density", type=float, default=0.2, metavar="D", help="Mass per area in kg/m².  [default: 0.2]")
 @click.option("--stiffness", type=float, default=50.0, metavar="E",
               help="Stiffness of the springs in N/m.  [default: 50]")
@@ -69,17 +59,20 @@ SECTIONS = {
               help="Damping of vertices and springs.  [default: 0.1]")
 @click.option("--drag", metavar="C|air", help="Drag coefficient of the faces, or air for that of real "
               "air.  [default: 0.1; where the wind is fitted, air, which is then fitted too]")
+@click.option("--region", multiple=True, metavar="NAME=PLACE", help="Name a part for fits in mode R: a box, "
+              "vertices, or a side, written as in the --fix options, such as collar=top=0.05.")
+@click.option("--warp", type=click.Choice(["x", "y", "z"]), help="Axis of the scene that is along the cloth.  "
+              "[default: u of the mesh's texture, else as its grid shows]")
+@section("What holds it")
 @click.option("--fix-box", multiple=True, metavar="X,Y,Z:X,Y,Z",
               help="Fix the vertices in the box between two corners.")
 @click.option("--fix-vertices", metavar="0,11,20-30", help="Fix vertices by their numbers in the mesh.")
 @click.option("--fix-side", multiple=True, metavar="SIDE[=METRES]", help="Fix the vertices within a distance of the "
               "top, bottom, left, right, front or back.  [distance: 0.001 of the size]")
-@click.option("--region", multiple=True, metavar="NAME=PLACE", help="Name a part for fits in mode R: a box, "
-              "vertices, or a side, written as in the --fix options, such as collar=top=0.05.")
-@click.option("--warp", type=click.Choice(["x", "y", "z"]), help="Axis of the scene that is along the cloth.  "
-              "[default: u of the mesh's texture, else as its grid shows]")
+@section("The world")
 @click.option("--sphere", multiple=True, metavar="X,Y,Z,R", help="Add a sphere to fall on: centre and radius in m.")
 @click.option("--wind", metavar="X,Y,Z", help="Wind in m/s.  [default: none]")
+@section("Simulation and fit")
 @click.option("--fit", multiple=True, metavar="LETTERS|NAME[=L]",
               help="Parameters to fit. Two letters for masses and stiffnesses: n none, F one factor on what is there, "
               "R one per family and region, M a smooth map, G the same for all, L each its own; or "
@@ -93,6 +86,7 @@ SECTIONS = {
               help="Number of frames that a fit compares.  [default: 100]")
 @click.option("--tolerance", type=float, default=1e-8, metavar="T",
               help="Relative tolerance of the linear solver.  [default: 1e-8]")
+@section("What is written")
 @click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
 def command(given: str | None, path: str | None, console: Console, **options: Any) -> None:

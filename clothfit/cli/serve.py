@@ -15,7 +15,7 @@ from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.options import section, standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 
@@ -23,20 +23,17 @@ if TYPE_CHECKING:
     from clothfit.formats.axes import Reading
     from clothfit.live.server import Server
 
-SECTIONS = {
-    "What to serve": ("--target", "--port", "--open"),
-    "The file of the target": motions.FILE_OPTIONS,
-}
 
-
-@standard_command("serve", SECTIONS)
+@standard_command("serve")
 @click.argument("scene_path", metavar="SCENE")
+@section("What to serve")
 @click.option("--target", "target_path", metavar="MOTION",
               help="Show this motion as a ghost, and fit to it.  [default: the scene's own motion]")
-@motions.reads
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="P",
               help="Port on this machine.  [default: a free one]")
 @click.option("--open", "opens", is_flag=True, help="Open the page in a browser.")
+@section("The file of the target")
+@motions.reads
 def command(
     scene_path: str, target_path: str | None, reading: Reading, port: int, opens: bool, console: Console,
 ) -> None:

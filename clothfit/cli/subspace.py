@@ -14,7 +14,7 @@ from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_least, length, standard_command
+from clothfit.cli.common.options import check_least, length, refuse, section, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, with_inputs
 from clothfit.formats.axes import Convention, Reading
@@ -25,16 +25,7 @@ if TYPE_CHECKING:
     from clothfit.subspace.model import Model
     from clothfit.subspace.recorded.variation import Ranges
 
-RECORDING = ("--episodes", "--frames", "--wind", "--pins", "--pace", "--seed", "--motion", "--fps")
-BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method", "--normals", "--half")
 TRAINING = ("minutes", "rounds", "recipe", "resume")
-SECTIONS = {
-    "What to record (record, and build from a SCENE)": RECORDING,
-    "What to build (build)": BUILDING,
-    "How to train (build --method network)": tuple(f"--{name}" for name in TRAINING),
-    "What to play (play)": ("--inputs", "--push-out", "--instances", "--coordinates"),
-    "What is written": ("--output",),
-}
 EPISODES, OF_SMALL, MANY_EPISODES = 9, 25, 41
 """Motions, those of small cloths, and those that a network learns from."""
 
@@ -52,9 +43,10 @@ ONLY = {
 }
 
 
-@standard_command("subspace", SECTIONS)
+@standard_command("subspace")
 @click.argument("action", metavar="record|build|play", type=click.Choice(tuple(ONLY)))
 @click.argument("subspace_path", metavar="SCENE|DATA|MODEL")
+@section("What to record (record, and build from a SCENE)")
 @click.option("--episodes", type=int, metavar="N",
               help=f"Record N motions; the last one judges.  [default: {OF_SMALL} up to {SMALL} vertices, "
               f"else {EPISODES}; {MANY_EPISODES} for a network]")
@@ -71,6 +63,7 @@ ONLY = {
               help="Take motions of other programs instead, with the inputs over time (JSON) that moved them; may be "
               "repeated. The last one judges.")
 @click.option("--fps", type=float, metavar="F", help="Frames per second of their files.  [default: their times]")
+@section("What to build (build)")
 @click.option("--basis", type=int, metavar="R", help="Number of vectors.  [default: 64, or as --error needs]")
 @click.option("--error", metavar="LENGTH", help="Take as many vectors as leave out no more, such as 5mm.")
 @click.option("--cubature", type=float, metavar="ERROR",
@@ -81,6 +74,10 @@ ONLY = {
 @click.option("--method", type=click.Choice(("physics", "network")),
               help="How the coordinates step: as the scene does, on the basis, or by a network that learns it from the "
               "motions.  [default: physics]")
+@click.option("--normals", is_flag=True, default=None,
+              help="Keep a regression of the vertices' normals on the coordinates.")
+@click.option("--half", is_flag=True, default=None, help="Store the vectors in half precision: half the file.")
+@section("How to train (build --method network)")
 @click.option("--minutes", type=float, metavar="M", help="Processor time of the training.  [default: 10]")
 @click.option("--rounds", type=int, metavar="N",
               help="Rounds of the training in place of --minutes: the same network on every machine, but for rounding.")
@@ -88,9 +85,7 @@ ONLY = {
               help="How to train: as we do, or as Holden et al. (2019).  [default: own]")
 @click.option("--resume", is_flag=True, default=None,
               help="Go on with the training whose state is beside OUT, <OUT's stem>.training.npz.")
-@click.option("--normals", is_flag=True, default=None,
-              help="Keep a regression of the vertices' normals on the coordinates.")
-@click.option("--half", is_flag=True, default=None, help="Store the vectors in half precision: half the file.")
+@section("What to play (play)")
 @click.option("--inputs", "inputs_path", metavar="FILE", help="Play with these inputs over time (JSON).")
 @click.option("--push-out", metavar="LENGTH",
               help="Push vertices out of the scene's obstacles, so far from them, such as 0 or 2mm.")
@@ -99,6 +94,7 @@ ONLY = {
 @click.option("--instances", type=int, metavar="N",
               help="Play N instances at once, in random gusts within the recorded range, and say how long a frame of "
               "one takes; motions are written with -o only.")
+@section("What is written")
 @click.option("-o", "--output", "path", metavar="OUT",
               help="File of the data, the model or the motion.  [default: <stem>.data.npz, .model.npz, .played.npz]")
 def command(action: str, subspace_path: str, path: str | None, console: Console, **given: Any) -> int | None:
@@ -228,9 +224,7 @@ def collected(scene: Scene, path: str, given: dict[str, Any], console: Console) 
     from clothfit.cli.parts.estimate_files import motion_and_scene
     from clothfit.subspace.recorded.foreign import collect, episode
 
-    asked = [f"--{name}" for name in RANDOM if given[name] is not None]
-    if asked:
-        raise click.UsageError(f"{asked[0]} makes motions at random; it does not go with --motion")
+    refuse({f"--{name}": given[name] for name in RANDOM}, "{} makes motions at random; it does not go with --motion")
     if len(given["motions"]) < 2:
         raise InvalidInput("--motion: name two motions at least; the last one is not learned from, but judges")
     reading, taken = Reading(fps=given["fps"]), []
@@ -253,10 +247,9 @@ def play(model_path: str, path: str | None, given: dict[str, Any], console: Cons
     """Play a model."""
     if model_path == STREAM:
         raise InvalidInput("MODEL must be a file; - was given")
-    if given["instances"] is not None and given["push_out"] is not None:
-        raise click.UsageError("--push-out does not go with --instances", click.get_current_context())
-    if given["instances"] is not None and given["coordinates"] is not None:
-        raise click.UsageError("--coordinates does not go with --instances", click.get_current_context())
+    if given["instances"] is not None:
+        alone = {"--push-out": given["push_out"], "--coordinates": given["coordinates"]}
+        refuse(alone, "{} does not go with --instances")
     from clothfit.base import threads
     from clothfit.subspace.model import load_model
 

@@ -35,6 +35,9 @@ NEVER_FINITE = "no values that were tried gave a simulation that stays finite; n
 FAULT, INTERRUPTED = 1, 130
 """Exit codes where there is no fit."""
 
+PREPARATION = -1
+"""The number of what precedes all jobs."""
+
 
 class Died(Exception):
     """A worker process ended during a job; the message is a sentence for the user."""

@@ -17,12 +17,13 @@ import numpy as np
 import pytest
 from helpers.paths import SIDE
 from helpers.scenes import cloth, document, environment, even, started, tokens, trial, write_scene
+from helpers.strangers import small, with_finer_steps
 
 from clothfit.cli.program import run
 from clothfit.fit.estimate import record_target
 from clothfit.fit.options import FitOptions
 from clothfit.motion.motion import load_motion, save_motion
-from clothfit.scene.scene import load
+from clothfit.scene.scene import load, save
 
 pytestmark = [
     pytest.mark.slow,  # starts processes
@@ -90,7 +91,8 @@ def test_the_fitted_scene_goes_beside_the_scene_and_is_described(path, tmp_path,
     assert block["start"][0] == load(path).cloths[0].mass[0]  # of a held vertex
     assert [i for i, ends in enumerate(block["interval"]) if ends is None] == [0, 3]
     assert all(len(ends) == 2 and 0 < ends[0] <= ends[1] for ends in block["interval"] if ends)
-    assert (summary["rank"], summary["prior"], summary["holdout"]) == (14, None, None)
+    assert (summary["rank"], summary["prior"], summary["holdout"], summary["ladder"]) == (14, None, None, [])
+    assert "values        RMSE" not in err
     assert summary["sigma"] < 1e-8  # m, without noise
     fitted, truth = (load(name).cloths[0].mass for name in (summary["output"], path))
     np.testing.assert_allclose(np.delete(fitted, [0, 3]), np.delete(truth, [0, 3]), rtol=1e-4)  # RMSE below 1e-8 m
@@ -402,3 +404,110 @@ def test_the_clock_of_a_target_is_found_and_said(path, tmp_path, capsys):
     assert clock["rotation"] == clock["translation"] == [0.0, 0.0, 0.0]
     told = page.read_text("utf-8").replace("\\u00b1", "±")  # as its table has it
     assert re.search(r'clock, rate","1\.250* ± ', told)
+
+
+
+LADDER_KEYS = {"model", "values", "rmse", "holdout_rmse", "seconds"}
+STEP_KEYS = {"delta", "integrator", "substeps", "tried"}
+TRIED_KEYS = {"substeps", "integrator", "rmse", "seconds"}
+
+
+@pytest.fixture
+def given(tmp_path):
+    """What writes a scene and a motion of it by finer steps, and gives the paths."""
+
+    def write(letters="nL", method=2):
+        scene = small(letters, 24, method=method)
+        save(scene, tmp_path / "scene.json")
+        save_motion(with_finer_steps(scene, 8), tmp_path / "t.npz")
+        return str(tmp_path / "scene.json"), "--target", str(tmp_path / "t.npz")
+
+    return write
+
+
+# --- models
+
+
+@pytest.mark.parametrize("model", ["M", "G"])
+def test_a_model_takes_the_place_of_the_flags(given, capsys, model):
+    path, *target = given("nR")
+    code, summary, _ = estimated(capsys, path, *target, "--model", model)
+    (block,) = summary["parameters"]
+    assert (code, block["name"], block["mode"]) == (0, "stiffness", model)
+    letters = [cloth.settings for cloth in load(summary["output"]).cloths]
+    assert letters == ["nR"]  # the flags of the file are not what was fitted
+
+
+def test_the_ladder_is_in_the_summary_and_printed(given, capsys):
+    path, *target = given()
+    code, summary, said = estimated(capsys, path, *target)
+    found = summary["ladder"]
+    assert code == 0
+    assert [each["model"] for each in found] == ["F", "R", "M", "L"]
+    assert all(set(each) == LADDER_KEYS and each["holdout_rmse"] is None for each in found)
+    errors, counts = ([each[key] for each in found] for key in ("rmse", "values"))
+    assert errors == sorted(errors, reverse=True)
+    assert counts == sorted(counts)
+    assert counts[-1] == 33
+    assert summary["rmse"] == pytest.approx(errors[-1])
+    begin = said.splitlines().index(f"{'model':<18}{'values':>8}{'RMSE':>12}{'':>12}{'seconds':>10}".rstrip())
+    rows = said.splitlines()[begin + 1 : begin + 5]
+    assert [row.split()[0] for row in rows] == ["F", "R", "M", "L"]
+    assert re.match(r"F one factor +1 +[\d.]+ mm +[\d.]+$", rows[0])
+
+
+def test_what_is_kept_out_is_in_the_ladder(given, capsys):
+    path, *target = given()
+    code, summary, said = estimated(capsys, path, *target, "--model", "auto")
+    assert code == 0
+    assert all(each["holdout_rmse"] > 0 for each in summary["ladder"])
+    assert summary["parameters"][0]["mode"] in [each["model"] for each in summary["ladder"]]
+    assert re.search(r"^model +values +RMSE +kept out +seconds$", said, re.MULTILINE)
+
+
+# --- the time step
+
+
+def test_the_step_that_is_chosen_is_in_the_summary_and_in_the_file(given, capsys):
+    path, *target = given("nF", method=3)
+    code, summary, err = estimated(capsys, path, *target)
+    step = summary["step"]
+    assert code == 0
+    assert set(step) == STEP_KEYS
+    assert all(set(each) == TRIED_KEYS for each in step["tried"])
+    assert step["substeps"] > 1
+    assert (step["integrator"], step["delta"]) == ("bdf2", 0.02 / step["substeps"])
+    fitted = load(summary["output"])
+    assert (fitted.delta, fitted.method) == (step["delta"], 3)
+    assert [each["substeps"] for each in step["tried"]] == [2**i for i in range(len(step["tried"]))]
+    said = f"time step: {1000 * step['delta']:g} ms by bdf2, {step['substeps']} steps to a frame of the target"
+    assert said in err
+
+
+def test_the_editors_step_is_kept_unless_another_is_asked_for(given, capsys):
+    path, *target = given("nF", method=2)
+    code, summary, _ = estimated(capsys, path, *target)
+    assert (code, summary["step"]["tried"], load(summary["output"]).method) == (0, [], 2)
+    assert "time_step" in [hint["code"] for hint in summary["hints"]]
+    code, four, _ = estimated(capsys, path, *target, "--substeps", "4")
+    assert (code, four["step"]["substeps"], four["step"]["delta"]) == (0, 4, 0.005)
+    assert four["rmse"] < summary["rmse"]
+
+
+SECONDS = 100
+
+
+def test_a_fit_ends_with_its_input_and_keeps_the_best(tmp_path):
+    path, log = write_scene(tmp_path, trial("LL", 60, 8, 8)), tmp_path / "log.jsonl"
+    call = ["estimate", path, "--start", "1", "--rmse", "0", "--max-evaluations", "1000000", "--method", "l-bfgs-b",
+            "--prior", "none", "--json", "--log", str(log), "--end-with-input"]  # fmt: skip
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-m", "clothfit", *call], **pipes, env=environment()) as process:
+        process.stdin.write(b"what comes on its input is ignored\n")
+        process.stdin.flush()
+        while not log.exists() or log.read_text("utf-8").count("\n") < 3:
+            assert process.poll() is None
+        out, err = process.communicate(timeout=SECONDS)  # closes its input
+    assert process.returncode == 130, err.decode()
+    assert json.loads(out)["status"] == "interrupted"
+    assert (load(str(tmp_path / "scene.fitted.json")).cloths[0].stiffness != 1.0).all()

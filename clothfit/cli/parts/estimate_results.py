@@ -97,20 +97,13 @@ def describe(found: Fit, out: Output, console: Console) -> None:
 
 def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
     """The targets with the markers, the clock and the place that the fit found."""
-    marked = found.markers or []
-    if len(marked) == len(targets):
-        targets = [
-            (each.applied(target[0]), target[1]) if isinstance(target, tuple) else each.applied(target)
-            for target, each in zip(targets, marked, strict=True)
-        ]
-    known = found.registration or []
-    if len(known) != len(targets):
-        return targets
-    return [
-        (each.applied(target[0], target[1].delta), target[1]) if isinstance(target, tuple)
-        else each.applied(target, scene.delta)
-        for target, each in zip(targets, known, strict=True)
-    ]  # fmt: skip
+    pairs = [target if isinstance(target, tuple) else (target, scene) for target in targets]
+    marked, timed = found.markers or [], found.registration or []
+    if len(marked) == len(pairs):
+        pairs = [(each.applied(motion), own) for each, (motion, own) in zip(marked, pairs, strict=True)]
+    if len(timed) == len(pairs):
+        pairs = [(each.applied(motion, own.delta), own) for each, (motion, own) in zip(timed, pairs, strict=True)]
+    return [pair if isinstance(target, tuple) else pair[0] for pair, target in zip(pairs, targets, strict=True)]
 
 
 def describe_choices(found: Fit, console: Console) -> None:

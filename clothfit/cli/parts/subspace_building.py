@@ -11,7 +11,7 @@ from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import length
+from clothfit.cli.common.options import length, refuse
 from clothfit.cli.common.output import Output, print_json
 from clothfit.many.job import INTERRUPTED
 
@@ -45,12 +45,10 @@ def options_of(given: dict[str, Any]) -> Options:
 def school_of(given: dict[str, Any], out: Output) -> Schooling | None:
     """How to train; None for physics. Raises InvalidInput."""
     if given["method"] != "network":
-        asked = [f"--{name}" for name in ("minutes", "rounds", "recipe", "resume") if given[name] is not None]
-        if asked:
-            raise click.UsageError(f"{asked[0]} goes with --method network", click.get_current_context())
+        training = ("minutes", "rounds", "recipe", "resume")
+        refuse({f"--{name}": given[name] for name in training}, "{} goes with --method network")
         return None
-    if given["cubature"] is not None:
-        raise click.UsageError("--cubature does not go with --method network", click.get_current_context())
+    refuse({"--cubature": given["cubature"]}, "{} does not go with --method network")
     if given["minutes"] is not None and given["rounds"] is not None:
         raise click.UsageError("--minutes and --rounds: give one of them", click.get_current_context())
     from clothfit.subspace.network.recipe import ENOUGH, MINUTES, Budget
