@@ -152,7 +152,7 @@ FAULTS = (
     Fault("cli/fitting/outcomes: exit code of a fit", "return EXIT_CODES[found.status]", "return 0",
           "cli/test_estimate.py cli"),
     Fault("cli/common/failures: exit code of a wrong value", "3 if value_is_wrong else 2, arguments, error)",
-          "2, arguments, error)", "cli/test_program.py cli/test_estimate.py cli program"),
+          "2, arguments, error)", "cli/test_refusals.py cli program"),
     Fault("cli/simulate: option left out", "motion, error = moved(scene, frames, tolerance)",
           "motion, error = moved(scene, frames, None)", "cli/test_simulate.py cli"),
     Fault("base/writing: permissions of a file", "os.chmod(file.name, mode & 0o777)",

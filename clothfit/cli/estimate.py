@@ -27,7 +27,6 @@ from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.formats.axes import Reading
-    from clothfit.objective.memory_needs import Needs
     from clothfit.scene.scene import Scene
 
 
@@ -212,7 +211,7 @@ def fit_one(
             report = page.listening(recording.report(show)) if page else recording.report(show)
             own = replace(
                 options, on_progress=report, checkpoint=kept, resume=files.resume,
-                on_memory=partial(report_needs, console),
+                on_memory=lambda needs: (console.detail if needs.snapshots is None else console.say)(str(needs)),
                 on_hint=lambda hint: console.say(f"hint: {hint.text}"), on_found=partial(keep_scene, out=out),
             )  # fmt: skip
             found = fitting.fit(scene, targets or None, first, own)
@@ -248,11 +247,6 @@ def substeps_of(text: str | None) -> int | str | None:
         return int(text)
     except ValueError:
         raise InvalidInput(f"--substeps must be auto or a whole number from 1 on; {text!r} was given") from None
-
-
-def report_needs(console: Console, needs: Needs) -> None:
-    """Say what memory a fit will need, where that is asked for or some states must be computed again."""
-    (console.detail if needs.snapshots is None else console.say)(str(needs))
 
 
 def check_values(max_evaluations: int, rmse: float | None, starts: int, seed: int, jobs: int | None) -> None:

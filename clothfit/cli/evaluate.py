@@ -14,6 +14,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, refuse, section, standard_command
 from clothfit.cli.common.output import Output, page_beside, print_json
 from clothfit.cli.parts import evaluate_speed
+from clothfit.formats.registry import SUBSPACE, kind_of
 
 if TYPE_CHECKING:
     from clothfit.evaluation.evaluate import Evaluation
@@ -72,20 +73,13 @@ def command(
         context = click.get_current_context()
         missing = next(p for p in context.command.params if p.name == "fitted_path")
         raise click.MissingParameter(ctx=context, param=missing)
-    if of_subspace(fitted_path):
+    if kind_of(fitted_path) == SUBSPACE:
         others: dict[str, object] = {"--target": target_path, "--forces": forces_path}
         refuse(others, "{} does not go with a subspace")
         judge(scene_path, fitted_path, inputs_path, steps, pictures, page_path, console)
         return
     refuse({"--inputs": inputs_path, "--report": page_path}, "{} goes with a subspace only")
     compare(scene_path, fitted_path, target_path, reading, steps, forces_path, pictures, console)
-
-
-def of_subspace(path: str) -> bool:
-    """Whether a file is a subspace."""
-    from clothfit.formats.registry import SUBSPACE, kind_of
-
-    return kind_of(path) == SUBSPACE
 
 
 def compare(

@@ -18,7 +18,6 @@ from clothfit.export.tools import TOOLS
 
 if TYPE_CHECKING:
     from clothfit.scene.cloth import Cloth
-    from clothfit.scene.scene import Scene
 
 ONNX = "onnx"
 """What a subspace can be exported to."""
@@ -68,7 +67,8 @@ def command(fitted_path: str, tool: str, path: str | None, console: Console) -> 
     )
     names = ", ".join(made) if len(made) <= MOST_NAMES else f"{len(made)} files"
     console.say(f"{scene.name}: {', '.join(parts)} → {folder}: {names}")
-    print_json(summary(scene, tool, folder, list(made)))
+    objects = [{"object": number, **described(cloth)} for number, cloth in enumerate(scene.cloths)]
+    print_json({"scene": scene.name, "to": tool, "output": folder, "files": list(made), "objects": objects})
 
 
 def of_model(model_path: str, path: str | None, console: Console) -> None:
@@ -95,12 +95,6 @@ def folder_of(path: str | None, fitted_path: str, tool: str) -> str:
     if path == STREAM or (path is None and fitted_path == STREAM):
         raise InvalidInput("an export is several files, which need a folder; name one with -o")
     return path or f"{Path(fitted_path).stem}-{tool}"
-
-
-def summary(scene: Scene, tool: str, folder: str, names: list[str]) -> dict[str, Any]:
-    """What --json prints."""
-    objects = [{"object": number, **described(cloth)} for number, cloth in enumerate(scene.cloths)]
-    return {"scene": scene.name, "to": tool, "output": folder, "files": names, "objects": objects}
 
 
 def described(cloth: Cloth) -> dict[str, Any]:

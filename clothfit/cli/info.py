@@ -99,7 +99,10 @@ def of_scene(scene_path: str, console: Console) -> None:
     if foreign := overview.beyond_editor(scene):
         console.result(foreign)
     for begin in range(0, len(objects), BESIDE):
-        show_objects(range(len(objects))[begin : begin + BESIDE], objects, wanted, console)
+        chosen = range(len(objects))[begin : begin + BESIDE]
+        columns = [column(objects[index], [each for each in wanted if each.object == index]) for index in chosen]
+        cells = [[name, *(each[name] for each in columns)] for name in columns[0]]
+        console.table([["", *(f"objects[{index}]" for index in chosen)], *cells])
     for index, own in enumerate(parted):
         for sentence in own.sentences:
             console.result(f"objects[{index}]: {sentence}")
@@ -209,14 +212,6 @@ def show_scene(scene: Scene, console: Console) -> None:
         console.result(collider_line(each))
     if len(own["colliders"]) > MOST_LISTED:
         console.result(f"and {len(own['colliders']) - MOST_LISTED} more colliders")
-
-
-def show_objects(chosen: range, objects: Sequence[Facts], wanted: Sequence[Flagged], console: Console) -> None:
-    """A table with a column for each object."""
-    columns = [column(objects[index], [each for each in wanted if each.object == index]) for index in chosen]
-    rows = [["", *(f"objects[{index}]" for index in chosen)]]
-    rows += [[name, *(each[name] for each in columns)] for name in columns[0]]
-    console.table(rows)
 
 
 def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:

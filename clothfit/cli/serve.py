@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import sys
+import webbrowser
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -48,7 +49,10 @@ def command(
     """
     one_stream(scene_path, target_path)
     check_there(scene_path, *filter(None, [target_path]))
-    check_library()
+    try:
+        import tornado  # noqa: F401
+    except ImportError:
+        raise InvalidInput("serve needs tornado; install it with: pip install 'clothfit[serve]'") from None
     from clothfit.live.server import Server
 
     scene = read_scene(scene_path, console)
@@ -59,8 +63,8 @@ def command(
         console.say("open this address in a browser; Ctrl-C ends")
         if not print_json({"scene": scene.name, "address": server.address, "port": server.port}):
             click.echo(server.address)
-        if opens:
-            show(server.address, console)
+        if opens and not webbrowser.open(server.address):
+            console.warn("there is no browser to open; open the address yourself")
 
     memory.tidy()  # it may run for days
     server = Server(scene, target, port)
@@ -86,19 +90,3 @@ async def served(server: Server, ready: Callable[[Server], None]) -> None:
         await ended.wait()
     finally:
         await server.close()
-
-
-def check_library() -> None:
-    """Raise InvalidInput where the library of the server is missing, with how to get it."""
-    try:
-        import tornado  # noqa: F401
-    except ImportError:
-        raise InvalidInput("serve needs tornado; install it with: pip install 'clothfit[serve]'") from None
-
-
-def show(address: str, console: Console) -> None:
-    """Open an address in a browser."""
-    import webbrowser
-
-    if not webbrowser.open(address):
-        console.warn("there is no browser to open; open the address yourself")

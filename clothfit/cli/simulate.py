@@ -85,7 +85,8 @@ def command(
     seconds = passing() - began
     console.detail("simulated")
     energy = clothfit.energies(scene, motion) if with_energy else None
-    motions.write(motion, out, scene, convention, console, energy_arrays(energy))
+    kept = {} if energy is None else {f"energy_{name}": array for name, array in energy_columns(energy).items()}
+    motions.write(motion, out, scene, convention, console, kept)
     scenes.warn_of_contacts(scene, motion, console, energy)
     if error is None:
         report(scene, motion, seconds, out, console)
@@ -93,8 +94,7 @@ def command(
         console.say(f"the {len(motion.times)} frames before it are in {out.name}")
     dumped = keep(scene, error, dump, console)
     show_energy(energy, console)
-    result = summary(scene, motion, seconds, out, error) | {"dump": dumped} | energy_summary(energy)
-    print_json(result)
+    print_json(summary(scene, motion, seconds, out, error) | {"dump": dumped} | energy_summary(energy))
     pictures.simulated(scene, motion, energy, console)
     if error is not None:
         raise error
@@ -168,11 +168,6 @@ def energy_columns(energy: Energy) -> dict[str, Array]:
     """All energies of each frame, (frames,) J each."""
     own = {name: array for name, array in asdict(energy).items() if name != "times"}
     return {**own, "total": energy.total, "dissipated": energy.dissipated, "numerical": energy.numerical}
-
-
-def energy_arrays(energy: Energy | None) -> dict[str, Array]:
-    """The energies that a motion file keeps, by their names in it."""
-    return {} if energy is None else {f"energy_{name}": array for name, array in energy_columns(energy).items()}
 
 
 def show_energy(energy: Energy | None, console: Console) -> None:

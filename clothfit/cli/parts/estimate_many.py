@@ -226,7 +226,7 @@ def summaries(
         }
         own |= motions.readings_summary(item.readings)
         if len(result.outcomes) > 1:
-            own |= {"start": result.best + 1, "starts": [start_summary(one) for one in result.outcomes]}
+            own |= {"start": result.best + 1, "starts": list(map(start_summary, result.outcomes))}
         found.append(own)
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,7 +17,6 @@ from clothfit.cli.common.scenes import read_scene
 from clothfit.cli.parts.estimate_files import Files, read_target
 
 if TYPE_CHECKING:
-    from clothfit.scene.scene import Scene
     from clothfit.simulators.estimate import Options
     from clothfit.simulators.values import Fitted
 
@@ -97,7 +96,8 @@ def fit(
     folder = files.path or f"{Path(scene_path).stem}-{asked.simulator}"
     motion = None
     if files.pairs:
-        motion, scene = one_target(files, scene, console)
+        own = read_target(files.pairs[0], scene, files.reading, console, [])
+        motion, scene = own if isinstance(own, tuple) else (own, scene)
     if asked.simulator == "blender":
         from clothfit.simulators.blender import left_out
 
@@ -116,12 +116,6 @@ def fit(
     print_json({"scene": scene.name, "output": folder, "files": list(made),
                             **written.summary(found, options)})
     return 0
-
-
-def one_target(files: Files, scene: Scene, console: Console) -> tuple[Any, Scene]:
-    """The motion to fit to, and its scene."""
-    own = read_target(files.pairs[0], scene, files.reading, console, [])
-    return own if isinstance(own, tuple) else (own, scene)
 
 
 def describe(number: int, found: Fitted, console: Console) -> None:

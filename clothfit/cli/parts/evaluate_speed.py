@@ -128,7 +128,8 @@ def plain_row(row: Row) -> dict[str, Any]:
 def show(found: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
     """Print table and advice."""
     done = [row for row in found.rows if row.status == "done"]
-    shown = [row for row in done if console.verbose or is_shown(row, scene)]
+    short = [row for row in done if row.pareto or row.own or row.setting.tolerance in (None, scene.tolerance)]
+    shown = done if console.verbose else short
     if shown:
         console.table([SPEED_COLUMNS, *map(cells, shown)])
     if len(shown) < len(done):
@@ -139,11 +140,6 @@ def show(found: WorkPrecision, scene: Scene, error: float | None, console: Conso
     console.result("")
     show_reference(found, console)
     show_advice(found, scene, error, console)
-
-
-def is_shown(row: Row, scene: Scene) -> bool:
-    """Whether a row is in the short table."""
-    return row.pareto or row.own or row.setting.tolerance in (None, scene.tolerance)
 
 
 def cells(row: Row) -> tuple[str, ...]:
