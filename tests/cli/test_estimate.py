@@ -16,7 +16,7 @@ import numba
 import numpy as np
 import pytest
 from helpers.paths import SIDE
-from helpers.scenes import cloth, document, environment, even, started, tokens, trial, write_scene
+from helpers.scenes import cloth, document, environment, even, names, started, tokens, trial, write_scene
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.cli.program import run
@@ -56,10 +56,6 @@ def estimated(capsys, *arguments):
     return code, json.loads(out, parse_constant=refuse), err
 
 
-def files(folder):
-    return sorted(item.name for item in Path(folder).iterdir())
-
-
 def differing(old, new):
     """Indices of the tokens in which two texts differ; the texts have equally many."""
     a, b = tokens(old), tokens(new)
@@ -79,7 +75,7 @@ def span(text, key, occurrence=0):
 
 def test_the_fitted_scene_goes_beside_the_scene_and_is_described(path, tmp_path, capsys):
     code, summary, err = estimated(capsys, path)
-    assert (code, files(tmp_path)) == (0, ["scene.fitted.json", "scene.json"])
+    assert (code, names(tmp_path)) == (0, ["scene.fitted.json", "scene.json"])
     assert set(summary) == KEYS
     assert (summary["schema_version"], summary["status"], summary["method"]) == (1, "converged", "auto")
     assert summary["output"] == str(tmp_path / "scene.fitted.json")
@@ -199,7 +195,7 @@ def test_the_default_name_keeps_stem_and_suffix_and_quiet_is_quiet(tmp_path, mon
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path, even("nG", 5, 3, 3), name)
     assert run(["estimate", name, "-q"]) == 0
-    assert files(tmp_path) == sorted([name, fitted])
+    assert names(tmp_path) == sorted([name, fitted])
     assert (tmp_path / name).read_bytes() == (tmp_path / fitted).read_bytes()
     assert capsys.readouterr() == ("", "")
 
@@ -269,7 +265,7 @@ def test_several_targets_each_with_its_scene(tmp_path, monkeypatch, capsys):
 def test_in_place_writes_into_the_scene(path, tmp_path, capsys):
     old = Path(path).read_text()
     code, summary, _ = estimated(capsys, path, "--in-place", "--max-evaluations", "2", *DOWNHILL)
-    assert (code, summary["output"], files(tmp_path)) == (5, path, ["scene.json"])
+    assert (code, summary["output"], names(tmp_path)) == (5, path, ["scene.json"])
     found = differing(old, Path(path).read_text())
     assert found
     assert set(found) <= set(span(old, "vertMass"))
@@ -282,7 +278,7 @@ def test_a_truth_that_diverges_is_code_4(tmp_path, capsys):
     path = write_scene(tmp_path, even("nG", 60, integrationMethod=0, delta=0.004, springStiffness=[1e3] * 33))
     assert run(["estimate", path]) == 4
     assert "diverged at step" in capsys.readouterr().err.splitlines()[-1]
-    assert files(tmp_path) == ["scene.json"]
+    assert names(tmp_path) == ["scene.json"]
 
 
 def test_values_that_all_diverge_are_code_4_and_no_file(tmp_path, capsys):
@@ -292,7 +288,7 @@ def test_values_that_all_diverge_are_code_4_and_no_file(tmp_path, capsys):
     code, summary, err = estimated(capsys, path, "--target", str(tmp_path / "t.npz"))
     assert (code, summary["status"]) == (4, "diverged")
     assert "no values that were tried gave a simulation that stays finite; nothing is written" in err.splitlines()[-1]
-    assert files(tmp_path) == ["scene.json", "t.npz"]
+    assert names(tmp_path) == ["scene.json", "t.npz"]
 
 
 # --- processes
@@ -352,7 +348,7 @@ def test_an_interrupt_is_code_130_and_the_best_so_far_is_written_whole(tmp_path,
     summary = json.loads(out, parse_constant=refuse)
     assert summary["status"] == "interrupted"
     assert summary["evaluations"] >= 5
-    assert files(tmp_path) == ["scene.fitted.json", "scene.json"]
+    assert names(tmp_path) == ["scene.fitted.json", "scene.json"]
     stiffness = load(str(tmp_path / "scene.fitted.json")).cloths[0].stiffness
     assert (stiffness != 1.0).all()
     assert "Traceback" not in shown

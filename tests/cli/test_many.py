@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numba
 import pytest
-from helpers.scenes import environment, even, trial, write_scene
+from helpers.scenes import environment, even, names, trial, write_scene
 
 from clothfit.cli.parts import estimate_many
 from clothfit.cli.parts.estimate_files import filled
@@ -68,10 +68,6 @@ def in_this_process(monkeypatch):
     monkeypatch.setattr("clothfit.cli.parts.estimate_many.chosen_pool", lambda *arguments: Here())
 
 
-def files(folder):
-    return sorted(item.name for item in Path(folder).iterdir())
-
-
 def test_each_scene_has_its_target_its_file_its_row_and_the_worst_decides(here, capsys):
     (here / "bad.json").write_text("{")
     (here / "captures/bad.npz").touch()
@@ -89,7 +85,7 @@ def test_each_scene_has_its_target_its_file_its_row_and_the_worst_decides(here, 
     ]  # fmt: skip
     assert rows[0].endswith("new/fitted/a.fitted.json")
     assert rows[1].endswith(f"error: bad.json: {message}")
-    assert files("new/fitted") == ["a.fitted.json", "b.fitted.json"]
+    assert names("new/fitted") == ["a.fitted.json", "b.fitted.json"]
     assert run(["estimate", "a.json", "--target", "captures/a.npz", "-q"]) == 0
     assert (here / "a.fitted.json").read_bytes() == (here / "new/fitted/a.fitted.json").read_bytes()
 
@@ -125,7 +121,7 @@ def test_checkpoints_are_kept_for_each_scene_and_each_start_and_gone_on_from(her
     call = ["estimate", "a.json", "b.json", "--starts", "2", "--jobs", "1", "-q", "--checkpoint", "{stem}.check"]
     assert run([*call, *FEW]) == 5
     kept = {"a.2.check", "a.check", "b.2.check", "b.check"}
-    assert kept <= set(files(here))
+    assert kept <= set(names(here))
     short = (here / "a.fitted.json").read_bytes()
     before = {check: decoded((here / check).read_bytes(), "")[1] for check in kept}
     (here / "b.check").unlink()  # begins anew
@@ -169,8 +165,8 @@ def test_ctrl_c_ends_with_the_best_so_far_and_begins_no_more(here):
     found = [(one["status"], one["exit_code"], one["output"]) for one in json.loads(out)["scenes"]]
     ended = [("interrupted", 130, f"{name}.fitted.json") for name in "cd"]
     assert found == [*ended, ("not started", 130, None)]
-    assert {"c.fitted.json", "d.fitted.json"} <= set(files(here))
-    assert "e.fitted.json" not in files(here)
+    assert {"c.fitted.json", "d.fitted.json"} <= set(names(here))
+    assert "e.fitted.json" not in names(here)
     assert b"Traceback" not in err
 
 

@@ -7,13 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from helpers.scenes import (
-    even,
-    sphere,
-    started,
-    trial,
-    write_scene,
-)
+from helpers.scenes import even, names, sphere, started, trial, write_scene
 
 from clothfit.cli.program import run
 from clothfit.engine.fallbacks import Fallbacks
@@ -35,17 +29,13 @@ def path(tmp_path, monkeypatch):
     return write_scene(tmp_path, SCENE, "my scene.v1.txt")
 
 
-def files(folder):
-    return sorted(item.name for item in folder.iterdir())
-
-
 def refuse(constant):
     raise AssertionError(f"{constant} is not JSON")
 
 
 def test_the_motion_goes_beside_the_scene(path, tmp_path, capsys):
     assert run(["simulate", path, "--json"]) == 0
-    assert files(tmp_path) == ["my scene.v1.motion.npz", "my scene.v1.txt"]
+    assert names(tmp_path) == ["my scene.v1.motion.npz", "my scene.v1.txt"]
     scene = load(path)
     found = load_motion(tmp_path / "my scene.v1.motion.npz", scene)
     np.testing.assert_array_equal(found.positions, simulate(scene).positions)
@@ -71,7 +61,7 @@ def test_with_the_motion_on_standard_output_the_summary_goes_to_standard_error(p
     assert set(json.loads(err)) == KEYS
     scene = load(path)
     np.testing.assert_array_equal(load_motion(io.BytesIO(out), scene).positions, simulate(scene, 4).positions)
-    assert files(tmp_path) == ["my scene.v1.txt"]
+    assert names(tmp_path) == ["my scene.v1.txt"]
 
 
 def test_the_tolerance_is_the_scenes_unless_given(path, tmp_path):
@@ -165,7 +155,7 @@ def test_a_dump_holds_the_last_states(tmp_path, capsys):
 def test_a_motion_that_stays_finite_leaves_no_dump(path, tmp_path, capsys):
     assert run(["simulate", path, "--dump", "last.npz"]) == 0
     assert "it stayed finite, so nothing is written to last.npz\n" in capsys.readouterr().err
-    assert files(tmp_path) == ["my scene.v1.motion.npz", "my scene.v1.txt"]
+    assert names(tmp_path) == ["my scene.v1.motion.npz", "my scene.v1.txt"]
 
 
 @pytest.mark.parametrize("command", ["simulate", "target", "estimate", "evaluate"])
