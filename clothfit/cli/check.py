@@ -10,7 +10,7 @@ from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.options import check_numbers, section, standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import one_stream, read_scene, under_forces
 
@@ -20,27 +20,23 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
 
-SECTIONS = {
-    "What to check": ("--steps", "--target", "--forces", "--seed", "--memory"),
-    "The file of the target": motions.FILE_OPTIONS,
-}
-
-
-@standard_command("check", SECTIONS)
+@standard_command("check")
 @click.argument("scene_path", metavar="SCENE")
+@section("What to check")
 @click.option("--steps", type=int, metavar="N",
               help="Simulate N time steps.  [default: the scene's, fewer for large cloths]")
 @click.option("--target", "target_path", metavar="MOTION",
               help="Motion to compare with.  [default: that of perturbed values]")
-@motions.reads
 @scenes.forces
 @click.option("--seed", type=click.IntRange(0), default=0, metavar="S",
               help="Seed of the random directions.  [default: 0]")
 @click.option("--memory", metavar="SIZE",
               help="Use at most this much memory, such as 200MB.  [default: half of what is free]")
+@section("The file of the target")
+@motions.reads
 def command(
     scene_path: str, steps: int | None, target_path: str | None, reading: Reading, forces_path: str | None, seed: int,
-    memory: str | None, as_json: bool, console: Console,
+    memory: str | None, console: Console,
 ) -> None:
     """Check the gradient that a fit of SCENE would follow, at the scene's own values.
 
@@ -66,8 +62,7 @@ def command(
     found = check_scene(scene, target, None if steps is None else steps + 1, seed=seed, memory=memory)
     seconds = passing() - began
     show(found, scene, steps is not None, target_path, console)
-    if as_json:
-        print_json("check", {**summary(found, target_path), **motions.readings_summary(readings), "seconds": seconds})
+    print_json({**summary(found, target_path), **motions.readings_summary(readings), "seconds": seconds})
     judge(found, console)
 
 

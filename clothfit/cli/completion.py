@@ -64,7 +64,7 @@ SCRIPTS = {"bash": BASH.lstrip(), "zsh": ZSH, "fish": FISH}
 
 @standard_command("completion")
 @click.argument("shell", type=click.Choice(SHELLS), metavar="bash|zsh|fish")
-def command(shell: str, as_json: bool, console: Console) -> None:
+def command(shell: str, console: Console) -> None:
     """Print the script with which a shell completes commands, options and file names.
 
     \b
@@ -75,9 +75,6 @@ def command(shell: str, as_json: bool, console: Console) -> None:
     Run or add the line of your shell once and open a new terminal. It needs bash 4.4 or newer. The script asks the
     installed program what it can complete.
     """
-    text = SCRIPTS[shell]
-    if as_json:
-        print_json("completion", {"shell": shell, "script": text})
-    else:
-        click.echo(text, nl=False)
+    if not print_json({"shell": shell, "script": SCRIPTS[shell]}):
+        click.echo(SCRIPTS[shell], nl=False)
 

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from clothfit.base import interrupts
+from clothfit.base.checkpoint import Checkpoint
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, metres
+from clothfit.cli import report as pages
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import duration, standard_command
-from clothfit.cli.common.output import STREAM, Output, is_among, output_for, print_json, same_file
+from clothfit.cli.common.options import duration, section, standard_command
+from clothfit.cli.common.output import STREAM, Output, beside, is_among, output_for, page_beside, print_json
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
-from clothfit.cli.parts import control_moves, control_results
+from clothfit.cli.parts import checkpoints, control_moves
 from clothfit.formats.axes import Convention
 from clothfit.many.job import INTERRUPTED
+from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
+    from clothfit.cli.common.pictures import Pictures
     from clothfit.control.control import Control
     from clothfit.control.keyframes import Key
     from clothfit.formats.axes import Reading
@@ -33,21 +39,12 @@ INTERVAL = 2.0
 WIDEST = 1e6
 """The longest time of --smooth, s, and distance of --even, m."""
 
-SECTIONS = {
-    "What to do": ("--keyframes", "--most", "--smooth", "--even", "--budget"),
-    "What may move": ("--actuate", "--handles", "--wind", "--velocity", "--every", "--modes"),
-    "Long searches": ("--checkpoint", "--resume"),
-    "The file of the keyframes": motions.FILE_OPTIONS,
-    "What is written": ("--output", "--forces", "--save", "--table", "--report", "--plot", "--gif"),
-}
 
-
-@standard_command("control", SECTIONS)
+@standard_command("control")
 @click.argument("scene_path", metavar="SCENE")
+@section("What to do")
 @click.option("--keyframes", "keys_path", metavar="KEYS", required=True,
               help="Where the cloth is to be, and when: JSON, or a motion with few frames.")
-@motions.reads
-@control_moves.options
 @click.option("--most", type=float, metavar="N", help="Largest force on a vertex, N.  [default: none]")
 @click.option("--smooth", type=float, metavar="SECONDS",
               help="Prefer forces that change slowly: a change within this time costs as much as the force itself.  "
@@ -57,9 +54,15 @@ SECTIONS = {
               "itself.  [default: 0]")
 @click.option("--budget", "time_budget", metavar="SECONDS",
               help="Stop after this time, such as 30, 30s or 2m, with the best so far.  [default: none]")
+@section("What may move")
+@control_moves.options
+@section("Long searches")
 @click.option("--checkpoint", "checkpoint_path", metavar="FILE",
               help="Save the state of the search here.  [default: <output>.checkpoint, after a minute]")
 @click.option("--resume", is_flag=True, help="Go on with a search that was ended early, from its checkpoint.")
+@section("The file of the keyframes")
+@motions.reads
+@section("What is written")
 @click.option("-o", "--output", "path", metavar="MOTION",
               help="File of the motion, in any format.  [default: <stem>.controlled.npz]")
 @click.option("--forces", "forces_path", metavar="FILE", help="File of the forces.  [default: <stem>.forces.npz]")
@@ -75,7 +78,7 @@ def command(
     scene_path: str, keys_path: str, reading: Reading, moves: control_moves.Moves, most: float | None,
     smooth: float | None, even: float | None, time_budget: str | None, checkpoint_path: str | None, resume: bool,
     path: str | None, forces_path: str | None, save_path: str | None, table_path: str | None, report_path: str | None,
-    pictures: pictures.Pictures, as_json: bool, console: Console,
+    pictures: pictures.Pictures, console: Console,
 ) -> int:
     """Find the gentlest controls under which the cloths of SCENE pass through keyframes.
 
@@ -95,13 +98,14 @@ def command(
     moves.check()
     scene = read_scene(scene_path, console)
     out = output_for(path, scene_path, ".controlled.npz", (keys_path,))
-    kept = forces_output(forces_path, scene_path, keys_path, out) if moves.pushes else None
-    saved = scene_output(save_path, scene_path, keys_path, (out, kept)) if moves.others else None
+    place = partial(own_output, scene_path=scene_path, keys_path=keys_path)
+    kept = place("--forces", forces_path, suffix=".forces.npz", others=(out,)) if moves.pushes else None
+    saved = place("--save", save_path, suffix=".controlled.json", others=(out, kept)) if moves.others else None
     motions.check(out, Convention(), (scene_path, keys_path))
     used = scene_path, keys_path, out.path, *(each.path for each in (kept, saved) if each)
-    shows = control_results.asked(table_path, report_path, used)
+    shows = asked(table_path, report_path, used)
     pictures.check(*used, *shows.files)
-    file = control_moves.checkpoint(checkpoint_path, resume, out, used, console)
+    file = checkpoints.chosen(checkpoint_path, resume, out, used, console, partial(Checkpoint, resume=resume))
     refuse_unused(moves, forces_path, save_path, table_path)
     seconds = duration(time_budget, "--budget")
     keys = read_keys(keys_path, reading, scene, console)
@@ -126,8 +130,7 @@ def command(
             writing(motions.write, found.motion, out, scene, Convention(), console)
         control_moves.closed(file, checkpoint_path is not None, str(found.status), console)
     good = report(found, kept, saved, out, console)
-    if as_json:
-        print_json("control", summary(found, kept, saved, out), out)
+    print_json(summary(found, kept, saved, out))
     shows.write(scene, keys, found, pictures, (kept, saved), (keys_path,), console)
     return INTERRUPTED if found.status == "interrupted" else 0 if good else 5
 
@@ -141,28 +144,18 @@ def checked(most: float | None, smooth: float | None, even: float | None) -> Non
             raise InvalidInput(f"{option} must be at least 0 and at most {WIDEST:g}; {value:g} {unit} was given")
 
 
-def forces_output(path: str | None, scene_path: str, keys_path: str, out: Output) -> Output:
-    """Where the forces go, checked as any output. Raises InvalidInput."""
+def own_output(
+    option: str, path: str | None, scene_path: str, suffix: str, keys_path: str, others: Sequence[Output | None]
+) -> Output:
+    """Where something goes beside the motion: none of the `others`; checked as any output. Raises InvalidInput."""
     if path == STREAM:
-        raise InvalidInput("--forces must be a file; - was given")
+        raise InvalidInput(f"{option} must be a file; - was given")
     if path is None and scene_path == STREAM:
-        path = "scene.forces.npz"
-    kept = output_for(path, scene_path, ".forces.npz", (keys_path,))
-    if not out.is_stream and same_file(kept.path, out.path):
-        raise InvalidInput(f"--forces must be a file of its own; {kept.path} is that of the motion")
-    return kept
-
-
-def scene_output(path: str | None, scene_path: str, keys_path: str, others: Sequence[Output | None]) -> Output:
-    """Where the scene goes, which is none of the `others`, checked as any output. Raises InvalidInput."""
-    if path == STREAM:
-        raise InvalidInput("--save must be a file; - was given")
-    if path is None and scene_path == STREAM:
-        path = "scene.controlled.json"
-    saved = output_for(path, scene_path, ".controlled.json", (keys_path,), text=True)
-    if is_among(saved.path, [each.path for each in others if each]):
-        raise InvalidInput(f"--save must be a file of its own; {saved.path} is another output")
-    return saved
+        path = f"scene{suffix}"
+    out = output_for(path, scene_path, suffix, (keys_path,), text=True)
+    if is_among(out.path, [each.path for each in others if each]):
+        raise InvalidInput(f"{option} must be a file of its own; {out.path} is another output")
+    return out
 
 
 def refuse_unused(moves: control_moves.Moves, forces: str | None, saved: str | None, table: str | None) -> None:
@@ -206,7 +199,7 @@ def report(found: Control, kept: Output | None, saved: Output | None, out: Outpu
         rows.append([f"{key.time:.4g} s", metres(far), metres(key.rmse) + speed + ("" if key.near else "  missed")])
     console.table(rows)
     files = ", ".join(each.name for each in (kept, saved, out) if each)
-    console.say(f"{control_results.ended(found)} → {files}")
+    console.say(f"{ended(found)} → {files}")
     if found.at_bound:
         console.warn(f"{found.at_bound} forces are at their bound (--most)")
     for key in found.keys:
@@ -236,3 +229,65 @@ def summary(found: Control, kept: Output | None, saved: Output | None, out: Outp
         "scene": saved.path if saved else None,
         "output": out.path,
     }
+
+
+# ---- What is written beside forces and motion: a table of the forces, a page, pictures.
+
+@dataclass(frozen=True)
+class Shows:
+    """What is asked for."""
+
+    table: Output | None
+    page: Output | None
+    command: str  # that makes them
+
+    @property
+    def files(self) -> tuple[str | None, ...]:
+        """Where they go."""
+        return tuple(None if each is None else each.path for each in (self.table, self.page))
+
+    def write(
+        self, scene: Scene, keys: Sequence[Key], found: Control, pictures: Pictures,
+        written: tuple[Output | None, Output | None], files: Sequence[str], console: Console,
+    ) -> None:  # fmt: skip
+        """Write what is asked for; nobody waits for pictures who has asked for the end. `written` is where forces and
+        scene went, `files` are what was read beside the scene.
+        """
+        if self.table is not None and found.forces is not None:
+            from clothfit.scene.forces import table
+
+            self.table.put(table(found.forces.times, found.forces.values))
+            console.say(f"table → {self.table.name}")
+        if self.page is None and not any(pictures.files):
+            return
+        if found.status == Status.INTERRUPTED:
+            console.say("nothing is drawn, as the search was interrupted")
+            return
+        from clothfit.control.control import course
+
+        over = course(scene, found.scene.with_forces(found.forces), keys, found.motion)
+        if self.page is not None:
+            from clothfit.report.page import control_page
+
+            kept, saved = written
+            played = ["clothfit", "simulate", saved.name if saved else scene.name]
+            again = shlex.join([*played, *(["--forces", kept.name] if kept else [])])
+            page = control_page(over, found, [self.command, again], pages.digests([scene], dict.fromkeys(files)))
+            self.page.write(page)
+            console.say(f"page, {len(page) / 1e6:.2g} MB → {self.page.name}")
+        pictures.controlled(over, ended(found), console)
+
+
+def asked(table: str | None, page: str | None, used: Sequence[str | None]) -> Shows:
+    """What is asked for, checked before the work begins; `used` are other files. Raises InvalidInput."""
+    if table is not None and not table.lower().endswith(".csv"):
+        raise InvalidInput(f"--table must be a file .csv; {table} was given")
+    command = pages.command_line(click.get_current_context())
+    return Shows(beside(table, used), page_beside(page, (*used, table)), command)
+
+
+def ended(found: Control) -> str:
+    """How a search ended, in a line."""
+    evaluations = counted(found.evaluations, "evaluation", "evaluations")
+    effort = f"effort {found.effort:.4g} N² s, " if found.forces is not None else ""
+    return f"{found.status}: {effort}{evaluations} in {found.seconds:.1f} s"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,7 +12,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.options import section, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import one_stream, read_scene
 from clothfit.formats.axes import Convention, Reading
@@ -29,24 +28,20 @@ LEAST_ROUNDING = 1e-12
 """m: a rounding that is worth a word."""
 
 
-SECTIONS = {
-    "The scene or the mesh of the motion": ("--scene", "--mesh"),
-    "The file IN": motions.FILE_OPTIONS,
-    "The file OUT": ("--to-scale", "--to-up", "--to-handedness"),
-}
-
-
-@standard_command("convert", SECTIONS)
+@standard_command("convert")
 @click.argument("in_path", metavar="IN")
 @click.argument("out_path", metavar="OUT")
+@section("The scene or the mesh of the motion")
 @click.option("--scene", "scene_path", metavar="SCENE",
               help="Scene of the motion: checks it, and gives times and faces.")
 @click.option("--mesh", "mesh_path", metavar="FILE", help="Mesh whose faces are written, in any format that has faces.")
+@section("The file IN")
 @motions.reads
-@partial(motions.axes, prefix="to-", what="OUT")
+@section("The file OUT")
+@motions.axes("to-", "OUT")
 def command(
     in_path: str, out_path: str, scene_path: str | None, mesh_path: str | None, reading: Reading,
-    to_scale: float | None, to_up: str | None, to_handedness: str | None, as_json: bool, console: Console,
+    to_scale: float | None, to_up: str | None, to_handedness: str | None, console: Console,
 ) -> None:
     """Convert a motion from the format of IN to that of OUT; their suffixes name the formats.
 
@@ -74,11 +69,10 @@ def command(
         loaded = of_scene(loaded, scene, out)
     faces = chosen_faces(mesh, loaded, mesh_path)
     output = written(loaded, out, scene, faces, convention, console)
-    if as_json:
-        taken = loaded.interpretation.summary()
-        summary = {name: taken[name] for name in ("frames", "points")}
-        summary |= {"seconds": taken["duration"], "reading": [taken], **output, "output": out.path}
-        print_json("convert", summary, out)
+    taken = loaded.interpretation.summary()
+    summary = {name: taken[name] for name in ("frames", "points")}
+    summary |= {"seconds": taken["duration"], "reading": [taken], **output, "output": out.path}
+    print_json(summary)
 
 
 def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> Output:

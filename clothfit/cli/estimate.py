@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
 from clothfit.cli.common import motions, pictures, running, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_least, check_numbers, duration, standard_command
+from clothfit.cli.common.options import check_least, check_numbers, duration, refuse, section, standard_command
 from clothfit.cli.common.output import keep_scene, uninterrupted
 from clothfit.cli.common.progress import progress
 from clothfit.cli.common.scenes import read_scene, under_forces, warn_of_steps
@@ -28,37 +27,19 @@ from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.formats.axes import Reading
-    from clothfit.objective.memory_needs import Needs
     from clothfit.scene.scene import Scene
 
 
 MOST_STARTS = 10_000
 """Of one scene; each is kept until the end."""
 
-SECTIONS = {  # of the help
-    "What to fit to": (
-        "--target", "--forces", "--objective", "--loss", "--loss-scale", "--fit-time", "--fit-placement",
-        "--fit-scale", "--keep-markers",
-    ),
-    "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
-    "How to fit": (
-        "--model", "--substeps", "--keep-step", "--windows", "--start", "--bounds", "--method", "--prior",
-        "--budget", "--max-evaluations", "--rmse", "--tolerance",
-    ),
-    "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
-    "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
-    "Long and large fits": ("--checkpoint", "--resume", "--memory", "--watch", "--end-with-input"),
-    "In another tool": estimate_simulator.NAMES,
-    "Many fits": ("--starts", "--seed", "--jobs", "--cluster"),
-}  # fmt: skip
 
-
-@standard_command("estimate", SECTIONS)
+@standard_command("estimate")
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
+@section("What to fit to")
 @click.option("--target", "target_paths", metavar="MOTION[@SCENE]", multiple=True,
               help="Motion to match, and the scene it was recorded in; may be repeated.  "
               "[default: the scene's own motion]")
-@motions.reads
 @scenes.forces
 @click.option("--objective", "objectives", metavar="NAME[=WEIGHT]", multiple=True,
               help="Quantity to compare: position, velocity, edge-length or spectrum; may be repeated.  "
@@ -75,6 +56,9 @@ SECTIONS = {  # of the help
               help="Fit how large the target's unit is too.")
 @click.option("--keep-markers", is_flag=True,
               help="Take the target's markers as they are, also where they are swapped or show no vertex.")
+@section("The file of the target")
+@motions.reads
+@section("How to fit")
 @click.option("--model", metavar="MODEL",
               help="How to fit the masses, stiffnesses and rest lengths that SCENE flags: F, one factor on their "
               "values; R, a factor for each family and region; M, smooth maps; G, one value; L, each by itself; or "
@@ -103,42 +87,47 @@ SECTIONS = {  # of the help
 @click.option("--rmse", type=float, metavar="METRES",
               help="Stop when the RMSE is below this.  [default: 1e-8, or the rounding of the target's numbers]")
 @click.option("--tolerance", type=float, metavar="T", help="Relative tolerance of the linear solver.  [default: 1e-10]")
-@click.option("--checkpoint", metavar="FILE", help="Save the state of the fit here.  [default: <output>.checkpoint]")
-@click.option("--resume", is_flag=True, help="Continue an interrupted fit from its checkpoint.")
 @click.option("--prior", default="auto", metavar="TAU",
               help="Prior width of the values around the start, in their logarithms; or none; or auto, which the data "
               "determine.  [default: auto]")
+@section("How far to trust it")
 @click.option("--holdout", type=float, metavar="FRACTION",
               help="Exclude this share of the target, and report the error on it.")
 @click.option("--holdout-of", default="frames", metavar="WHAT",
               help="Exclude the last frames, or vertices.  [default: frames]")
 @click.option("--no-intervals", is_flag=True,
               help="Skip the analysis of which parameters the motion determines, and the 95 % intervals.")
-@click.option("--memory", metavar="SIZE",
-              help="Use at most this much memory, such as 200MB.  [default: half of what is free]")
+@section("What is written")
 @click.option("-o", "--output", "path", metavar="SCENE",
               help="File of the fitted scene.  [default: <stem>.fitted<suffix>]")
 @click.option("--report", "report_path", metavar="FILE",
               help="Write a page that shows the fit, as clothfit report does.")
 @click.option("--in-place", is_flag=True, help="Write the fitted values into SCENE itself.")
+@click.option("--log", metavar="FILE", help="Write a line of JSON for each iteration, and the summary.")
+@pictures.options
+@section("Long and large fits")
+@click.option("--checkpoint", metavar="FILE", help="Save the state of the fit here.  [default: <output>.checkpoint]")
+@click.option("--resume", is_flag=True, help="Continue an interrupted fit from its checkpoint.")
+@click.option("--memory", metavar="SIZE",
+              help="Use at most this much memory, such as 200MB.  [default: half of what is free]")
+@running.option("Fit again, from the last result,", start=True)
+@running.ends_with_input
+@section("In another tool")
+@estimate_simulator.options
+@section("Many fits")
 @click.option("--starts", type=int, default=1, metavar="K",
               help="Fit from K starts and keep the best result.  [default: 1]")
 @click.option("--seed", type=int, default=0, metavar="S",
               help="Seed of the random starts after the first.  [default: 0]")
 @click.option("--jobs", type=int, metavar="N", help="Run N fits at a time.  [default: one per core]")
 @click.option("--cluster", metavar="ADDRESS", help="Run the fits on a Dask cluster; tcp://host:port of its scheduler.")
-@click.option("--log", metavar="FILE", help="Write a line of JSON for each iteration, and the summary.")
-@estimate_simulator.options
-@running.option("Fit again, from the last result,", start=True)
-@running.ends_with_input
-@pictures.options
 def command(
     scene_paths: tuple[str, ...], target_paths: tuple[str, ...], reading: Reading, forces_path: str | None,
     objectives: tuple[str, ...], start: str | None, substeps: str | None, time_budget: str | None,
     bounds: tuple[str, ...], max_evaluations: int, rmse: float | None, tolerance: float | None, checkpoint: str | None,
     resume: bool, no_intervals: bool, path: str | None, report_path: str | None, in_place: bool, starts: int, seed: int,
     jobs: int | None, cluster: str | None, log: str | None, pictures: pictures.Pictures, tool: estimate_simulator.Asked,
-    as_json: bool, console: Console, **as_given: Any,
+    console: Console, **as_given: Any,
 ) -> int:
     """Fit the parameters that SCENE flags and write the scene with only those numbers changed.
 
@@ -164,10 +153,10 @@ def command(
     check_numbers(tolerance=tolerance)
     if any(as_given[name] for name in ("fit_time", "fit_placement", "fit_scale")) and not target_paths:
         raise click.UsageError("--fit-time, --fit-placement and --fit-scale are for the motion of --target; add that")
-    tool.check()
+    tool.check(as_given["model"])
     if tool.simulator:
         files = Files(target_paths, start, path, in_place, checkpoint, resume, reading, forces_path)
-        return estimate_simulator.fit(scene_paths, files, tool, substeps, console, as_json)
+        return estimate_simulator.fit(scene_paths, files, tool, substeps, as_given["model"], console)
     options = FitOptions(
         max_evaluations=max_evaluations, rmse=rmse, tolerance=tolerance, objective=weights(objectives),
         intervals=not no_intervals, bounds=bounds_of(bounds), substeps=substeps_of(substeps),
@@ -178,19 +167,19 @@ def command(
     page = estimate_results.page_of(report_path, scene_paths, single, files)
     if not single:
         alone = {"--plot": pictures.plot, "--gif": pictures.gif, "--log": log, "--forces": forces_path}
-        refuse_recording(alone)
+        refuse(alone, "{} is for one scene fitted from one start on this machine")
         from clothfit.cli.parts import estimate_many
 
         effort = estimate_many.Effort(starts, seed, jobs, cluster)
-        return estimate_many.fit(scene_paths, files, options, effort, console, as_json)
+        return estimate_many.fit(scene_paths, files, options, effort, console)
     recording = Recording(pictures, log)
     own = files.of(scene_paths[0])
-    return fit_one(scene_paths[0], own, options, recording, page, console, as_json)
+    return fit_one(scene_paths[0], own, options, recording, page, console)
 
 
 def fit_one(
     scene_path: str, files: Files, options: FitOptions, recording: Recording, page: estimate_results.Page | None,
-    console: Console, as_json: bool,
+    console: Console,
 ) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)
@@ -222,13 +211,13 @@ def fit_one(
             report = page.listening(recording.report(show)) if page else recording.report(show)
             own = replace(
                 options, on_progress=report, checkpoint=kept, resume=files.resume,
-                on_memory=partial(report_needs, console),
+                on_memory=lambda needs: (console.detail if needs.snapshots is None else console.say)(str(needs)),
                 on_hint=lambda hint: console.say(f"hint: {hint.text}"), on_found=partial(keep_scene, out=out),
             )  # fmt: skip
             found = fitting.fit(scene, targets or None, first, own)
         with uninterrupted(), checkpoints.named_if_lost(kept):
             more = motions.readings_summary(readings)
-            code = estimate_results.finish(scene, found, out, console, as_json, more, recording.log)
+            code = estimate_results.finish(scene, found, out, console, more, recording.log)
             checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
         late = interrupts.requested() and found.status != Status.INTERRUPTED
     if late:
@@ -250,13 +239,6 @@ def check_start(scene: Scene, start: Any) -> None:
         given_start(scene, start, parameters(scene))
 
 
-def refuse_recording(given: Mapping[str, object]) -> None:
-    """Raise UsageError where a picture, a log or forces are asked for of several fits."""
-    for name, value in given.items():
-        if value is not None:
-            raise click.UsageError(f"{name} is for one scene fitted from one start on this machine")
-
-
 def substeps_of(text: str | None) -> int | str | None:
     """The number of time steps to a frame, or "auto". Raises InvalidInput."""
     if text is None or text == "auto":
@@ -265,11 +247,6 @@ def substeps_of(text: str | None) -> int | str | None:
         return int(text)
     except ValueError:
         raise InvalidInput(f"--substeps must be auto or a whole number from 1 on; {text!r} was given") from None
-
-
-def report_needs(console: Console, needs: Needs) -> None:
-    """Say what memory a fit will need, where that is asked for or some states must be computed again."""
-    (console.detail if needs.snapshots is None else console.say)(str(needs))
 
 
 def check_values(max_evaluations: int, rmse: float | None, starts: int, seed: int, jobs: int | None) -> None:

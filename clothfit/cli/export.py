@@ -11,14 +11,13 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.options import section, standard_command
 from clothfit.cli.common.output import STREAM, print_json, write_into
 from clothfit.cli.common.scenes import read_scene
 from clothfit.export.tools import TOOLS
 
 if TYPE_CHECKING:
     from clothfit.scene.cloth import Cloth
-    from clothfit.scene.scene import Scene
 
 ONNX = "onnx"
 """What a subspace can be exported to."""
@@ -27,12 +26,13 @@ MOST_NAMES = 5
 """Of files in the line that says where they are."""
 
 
-@standard_command("export", {"What is written": ("--to", "--output")})
+@standard_command("export")
 @click.argument("fitted_path", metavar="FITTED")
+@section("What is written")
 @click.option("--to", "tool", type=click.Choice([*TOOLS, ONNX]), required=True, metavar="TOOL",
               help="Tool: csv, obi, blender, vellum, gltf or usd; of a subspace onnx.")
 @click.option("-o", "--output", "path", metavar="FOLDER", help="Folder of the files.  [default: <stem>-<tool>]")
-def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> None:
+def command(fitted_path: str, tool: str, path: str | None, console: Console) -> None:
     """Write the masses and stiffnesses of FITTED, or the paths of its pins, in the form that other tools read.
 
     csv: tables of objects, vertices and springs. obi: masses and compliances, 1/k, of Obi Cloth for Unity, as JSON.
@@ -49,7 +49,7 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     clothfit export scene.model.npz --to onnx
     """
     if tool == ONNX:
-        of_model(fitted_path, path, as_json, console)
+        of_model(fitted_path, path, console)
         return
     scene = read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)
@@ -67,11 +67,11 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     )
     names = ", ".join(made) if len(made) <= MOST_NAMES else f"{len(made)} files"
     console.say(f"{scene.name}: {', '.join(parts)} → {folder}: {names}")
-    if as_json:
-        print_json("export", summary(scene, tool, folder, list(made)))
+    objects = [{"object": number, **described(cloth)} for number, cloth in enumerate(scene.cloths)]
+    print_json({"scene": scene.name, "to": tool, "output": folder, "files": list(made), "objects": objects})
 
 
-def of_model(model_path: str, path: str | None, as_json: bool, console: Console) -> None:
+def of_model(model_path: str, path: str | None, console: Console) -> None:
     """Export a subspace."""
     from clothfit.subspace import onnx
     from clothfit.subspace.model import NETWORK, load_model
@@ -87,8 +87,7 @@ def of_model(model_path: str, path: str | None, as_json: bool, console: Console)
         console.warn(f"{name}: its steps are physics, which is no graph; the decoder alone is written")
     sizes = ", ".join(f"{each} ({len(data) / 1e6:.2g} MB)" for each, data in made.items())
     console.say(f"{name}: {model.method} → {folder}: {sizes}")
-    if as_json:
-        print_json("export", {"model": name, "method": model.method, "to": ONNX, "output": folder, "files": list(made)})
+    print_json({"model": name, "method": model.method, "to": ONNX, "output": folder, "files": list(made)})
 
 
 def folder_of(path: str | None, fitted_path: str, tool: str) -> str:
@@ -96,12 +95,6 @@ def folder_of(path: str | None, fitted_path: str, tool: str) -> str:
     if path == STREAM or (path is None and fitted_path == STREAM):
         raise InvalidInput("an export is several files, which need a folder; name one with -o")
     return path or f"{Path(fitted_path).stem}-{tool}"
-
-
-def summary(scene: Scene, tool: str, folder: str, names: list[str]) -> dict[str, Any]:
-    """What --json prints."""
-    objects = [{"object": number, **described(cloth)} for number, cloth in enumerate(scene.cloths)]
-    return {"scene": scene.name, "to": tool, "output": folder, "files": names, "objects": objects}
 
 
 def described(cloth: Cloth) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
-from clothfit.cli.common.output import print_json
+from clothfit.cli.common.output import Printed, print_json
 from clothfit.cli.common.scenes import read_scene, vector
 from clothfit.formats.registry import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, kind_of
 
@@ -35,7 +35,7 @@ MOST_LISTED = 5
 
 @standard_command("info")
 @click.argument("path_given", metavar="FILE")
-def command(path_given: str, as_json: bool, console: Console) -> None:
+def command(path_given: str, console: Console) -> None:
     """Print what FILE holds. Of a scene: counts, masses, stiffnesses, the parameters to fit, the stable steps and the
     memory it takes; of a motion: frames, points, rate, axes, size, gaps. Meshes, forces, checkpoints and logs are known
     too.
@@ -47,7 +47,7 @@ def command(path_given: str, as_json: bool, console: Console) -> None:
     """
     kind = kind_of(path_given)
     if kind in RECORDS:
-        show_record(path_given, str(kind), as_json, console)
+        show_record(path_given, str(kind), console)
     elif kind == PAGE:
         raise InvalidInput(f"{path_given} is a page; open it in a browser")
     elif kind == MAP:
@@ -55,10 +55,10 @@ def command(path_given: str, as_json: bool, console: Console) -> None:
     elif kind == EXPORT:
         raise InvalidInput(f"{path_given} is an export for another tool; name the scene that it was made of")
     else:
-        of_scene(path_given, as_json, console)
+        of_scene(path_given, console)
 
 
-def show_record(path: str, kind: str, as_json: bool, console: Console) -> None:
+def show_record(path: str, kind: str, console: Console) -> None:
     """Print what a file holds that is no scene."""
     from clothfit.cli.parts import info_records
 
@@ -69,35 +69,26 @@ def show_record(path: str, kind: str, as_json: bool, console: Console) -> None:
     rows = getattr(info_records, f"{own['kind']}_rows")(own)
     console.result(f"{os.path.basename(path)}: {own['kind']}")
     console.result("\n".join(f"{name:<13}  {cell}" for name, cell in rows.items()))
-    if as_json:
-        print_json("info", own)
+    print_json(own)
 
 
-def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
+def of_scene(scene_path: str, console: Console) -> None:
     """Print what a scene holds."""
     scene = read_scene(scene_path, console)
     from clothfit.base.memory import free
+    from clothfit.evaluation import overview
     from clothfit.evaluation.forecast import forecast, inputs_of
-    from clothfit.evaluation.overview import (
-        beyond_bounds,
-        beyond_editor,
-        divisions,
-        doubts,
-        facts,
-        flagged,
-        misspelt_fields,
-        unknown_fields,
-    )
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.subspace.worth import worth
 
-    objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
-    parted = [divisions(cloth) for cloth in scene.cloths]
-    ahead, strange = forecast(scene), unknown_fields(scene)
+    objects, wanted = [overview.facts(cloth) for cloth in scene.cloths], overview.flagged(scene)
+    parted = [overview.divisions(cloth) for cloth in scene.cloths]
+    ahead, strange = forecast(scene), overview.unknown_fields(scene)
     meshes = [None if each is None else len(each) for each in numberings(scene)]
-    for sentence in (*misspelt_fields(scene), *beyond_bounds(scene)):
+    for sentence in (*overview.misspelt_fields(scene), *overview.beyond_bounds(scene)):
         console.warn(f"{scene.name}: {sentence}")
-    unlikely = [doubts([b - a for a, b in zip(own.low, own.high, strict=True)], own.mass.total) for own in objects]
+    sizes = [[b - a for a, b in zip(own.low, own.high, strict=True)] for own in objects]
+    unlikely = [overview.doubts(size, own.mass.total) for size, own in zip(sizes, objects, strict=True)]
     for index, sentences in enumerate(unlikely):
         for sentence in sentences:
             console.warn(f"{scene.name}: objects[{index}]: {sentence}")
@@ -105,10 +96,13 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
     show_scene(scene, console)
     for each in moving:
         console.result(str(each))
-    if foreign := beyond_editor(scene):
+    if foreign := overview.beyond_editor(scene):
         console.result(foreign)
     for begin in range(0, len(objects), BESIDE):
-        show_objects(range(len(objects))[begin : begin + BESIDE], objects, wanted, console)
+        chosen = range(len(objects))[begin : begin + BESIDE]
+        columns = [column(objects[index], [each for each in wanted if each.object == index]) for index in chosen]
+        cells = [[name, *(each[name] for each in columns)] for name in columns[0]]
+        console.table([["", *(f"objects[{index}]" for index in chosen)], *cells])
     for index, own in enumerate(parted):
         for sentence in own.sentences:
             console.result(f"objects[{index}]: {sentence}")
@@ -116,7 +110,7 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
         if count is not None:
             console.result(f"objects[{index}] was welded from a mesh of {count} vertices")
     show_rest(scene, ahead, [each.name for each in wanted if each.object is None], strange, console)
-    if as_json:
+    if Printed.as_json:
         needed = {"motion": ahead.motion, "fit": ahead.fit, "free": free()}
         each_object = [
             {**asdict(own), "mesh_vertices": count, **asdict(part)}
@@ -127,7 +121,7 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
         ahead_of = worth(scene)
         others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
         others["subspace"] = {} if ahead_of is None else ahead_of._asdict()
-        print_json("info", {**whole(scene), **found, **others, "warnings": scene.warnings, "doubts": unlikely})
+        print_json({**whole(scene), **found, **others, "warnings": scene.warnings, "doubts": unlikely})
 
 
 def whole(scene: Scene) -> dict[str, Any]:
@@ -218,14 +212,6 @@ def show_scene(scene: Scene, console: Console) -> None:
         console.result(collider_line(each))
     if len(own["colliders"]) > MOST_LISTED:
         console.result(f"and {len(own['colliders']) - MOST_LISTED} more colliders")
-
-
-def show_objects(chosen: range, objects: Sequence[Facts], wanted: Sequence[Flagged], console: Console) -> None:
-    """A table with a column for each object."""
-    columns = [column(objects[index], [each for each in wanted if each.object == index]) for index in chosen]
-    rows = [["", *(f"objects[{index}]" for index in chosen)]]
-    rows += [[name, *(each[name] for each in columns)] for name in columns[0]]
-    console.table(rows)
 
 
 def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, spans
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.options import section, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
-from clothfit.cli.parts.new_cloth import Cloth, held, mesh, placed, plane, regions
-from clothfit.cli.parts.new_options import PLANE, Asked, numbers, understood
+from clothfit.cli.parts.new_options import PLANE, Asked, box, numbers, ranges, side, understood
 
 if TYPE_CHECKING:
-    from clothfit.base.arrays import Flags
+    from clothfit.base.arrays import Flags, Indices
     from clothfit.evaluation.overview import Divisions
+    from clothfit.meshes.mesh import Mesh
+    from clothfit.meshes.problems import Problem
     from clothfit.scene.cloth import Cloth as SceneCloth
     from clothfit.scene.scene import Scene
 
@@ -30,34 +31,24 @@ MOST_NAMED = 12
 """Vertices that are named."""
 
 
-SECTIONS = {
-    "A plane": ("--size", "--divisions", "--upright"),
-    "A mesh from a file": ("--scale", "--up", "--handedness", "--weld"),
-    "Where it is": ("--rotate", "--move"),
-    "What it is made of": (
-        "--density", "--stiffness", "--bending", "--no-bending", "--damping", "--drag", "--warp", "--region",
-    ),
-    "What holds it": ("--fix-box", "--fix-vertices", "--fix-side"),
-    "The world": ("--sphere", "--wind"),
-    "Simulation and fit": ("--fit", "--integrator", "--delta", "--fps", "--frames", "--tolerance"),
-    "What is written": ("--title", "--output"),
-}  # fmt: skip
-
-
-@standard_command("new", SECTIONS)
+@standard_command("new")
 @click.argument("given", metavar="plane|MESH", required=False)
+@section("A plane")
 @click.option("--size", metavar="W[xH]", help="Size of the plane in m.  [default: 1]")
 @click.option("--divisions", type=click.IntRange(0), metavar="N", help="Give the longer side of the plane N + 2 "
               "vertices.  [default: 10]")
 @click.option("--upright", is_flag=True, help="Make the plane stand instead of lie.")
+@section("A mesh from a file")
 @click.option("--scale", type=float, metavar="METRES", help="Metres per unit of the file.  [default: the format's]")
 @click.option("--up", type=click.Choice(["y", "z"]), help="Axis of the file that points up.  [default: the format's]")
 @click.option("--handedness", type=click.Choice(["left", "right"]),
               help="Handedness of its axes.  [default: the format's]")
 @click.option("--weld", is_flag=False, flag_value="", metavar="[METRES]", help="Join vertices that lie at one place, "
               "and remove triangles without area and unused vertices.  [distance: a millionth of the mesh]")
+@section("Where it is")
 @click.option("--rotate", metavar="X,Y,Z", help="Rotate by these degrees about z, x, y in turn, as in Unity.")
 @click.option("--move", metavar="X,Y,Z", help="Then move by these distances in m.")
+@section("What it is made of")
 @click.option("--density", type=float, default=0.2, metavar="D", help="Mass per area in kg/m².  [default: 0.2]")
 @click.option("--stiffness", type=float, default=50.0, metavar="E",
               help="Stiffness of the springs in N/m.  [default: 50]")
@@ -68,17 +59,20 @@ SECTIONS = {
               help="Damping of vertices and springs.  [default: 0.1]")
 @click.option("--drag", metavar="C|air", help="Drag coefficient of the faces, or air for that of real "
               "air.  [default: 0.1; where the wind is fitted, air, which is then fitted too]")
+@click.option("--region", multiple=True, metavar="NAME=PLACE", help="Name a part for fits in mode R: a box, "
+              "vertices, or a side, written as in the --fix options, such as collar=top=0.05.")
+@click.option("--warp", type=click.Choice(["x", "y", "z"]), help="Axis of the scene that is along the cloth.  "
+              "[default: u of the mesh's texture, else as its grid shows]")
+@section("What holds it")
 @click.option("--fix-box", multiple=True, metavar="X,Y,Z:X,Y,Z",
               help="Fix the vertices in the box between two corners.")
 @click.option("--fix-vertices", metavar="0,11,20-30", help="Fix vertices by their numbers in the mesh.")
 @click.option("--fix-side", multiple=True, metavar="SIDE[=METRES]", help="Fix the vertices within a distance of the "
               "top, bottom, left, right, front or back.  [distance: 0.001 of the size]")
-@click.option("--region", multiple=True, metavar="NAME=PLACE", help="Name a part for fits in mode R: a box, "
-              "vertices, or a side, written as in the --fix options, such as collar=top=0.05.")
-@click.option("--warp", type=click.Choice(["x", "y", "z"]), help="Axis of the scene that is along the cloth.  "
-              "[default: u of the mesh's texture, else as its grid shows]")
+@section("The world")
 @click.option("--sphere", multiple=True, metavar="X,Y,Z,R", help="Add a sphere to fall on: centre and radius in m.")
 @click.option("--wind", metavar="X,Y,Z", help="Wind in m/s.  [default: none]")
+@section("Simulation and fit")
 @click.option("--fit", multiple=True, metavar="LETTERS|NAME[=L]",
               help="Parameters to fit. Two letters for masses and stiffnesses: n none, F one factor on what is there, "
               "R one per family and region, M a smooth map, G the same for all, L each its own; or "
@@ -92,9 +86,10 @@ SECTIONS = {
               help="Number of frames that a fit compares.  [default: 100]")
 @click.option("--tolerance", type=float, default=1e-8, metavar="T",
               help="Relative tolerance of the linear solver.  [default: 1e-8]")
+@section("What is written")
 @click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
-def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> None:
+def command(given: str | None, path: str | None, console: Console, **options: Any) -> None:
     """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …).
 
     \b
@@ -117,8 +112,7 @@ def command(given: str | None, path: str | None, as_json: bool, console: Console
 
     out.write(dumps(scene))
     report(scene, cloth, out, console)
-    if as_json:
-        print_json("new", summary(scene, cloth, out), out)
+    print_json(summary(scene, cloth, out))
 
 
 def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:
@@ -208,3 +202,119 @@ def summary(scene: Scene, cloth: Cloth, out: Output) -> dict[str, Any]:
         "problems": left,
         "output": out.path,
     }
+
+
+# ---- The mesh that a cloth is made of: a plane or a file's, welded, placed and held.
+
+class Cloth(NamedTuple):
+    """What a scene is to be made of."""
+
+    mesh: Mesh
+    numbering: Indices | None  # vertex now of each vertex of the file, where welding changed that
+    problems: list[Problem]  # that are left
+
+
+def plane(asked: Asked) -> Cloth:
+    """A plane."""
+    from clothfit.meshes.mesh import plane as made
+
+    divisions = 10 if asked.divisions is None else asked.divisions
+    return Cloth(made(divisions, *asked.extent, upright=asked.upright), None, [])
+
+
+def mesh(path: str, asked: Asked, console: Console) -> Cloth:
+    """The mesh of a file, welded where that is asked for. Raises InvalidInput where no cloth can be made of it."""
+    asked.distance  # noqa: B018  a wrong distance is refused before the file is read
+    from clothfit.meshes.mesh_file import read_mesh
+    from clothfit.meshes.problems import problems, weld
+
+    found, notes = read_mesh(path, asked.up, asked.handedness, asked.scale)
+    name = Path(path).name
+    for sentence in notes:
+        console.say(f"{name}: {sentence}")
+    numbering = None
+    if asked.weld is not None:
+        welded = weld(found, asked.distance)
+        found, numbering = welded.mesh, welded.vertices if welded.renumbered else None
+        console.say(f"{name}: welded: {counted(welded.joined, 'vertex', 'vertices')} joined to others, "
+                    f"{counted(welded.triangles, 'triangle', 'triangles')} and "
+                    f"{counted(welded.unused, 'vertex', 'vertices')} left out")
+    left = problems(found, asked.distance)
+    harmless = [problem for problem in left if not problem.fatal]
+    for problem in harmless:
+        console.warn(f"{name}: {problem.sentence}")
+    fatal = [problem.sentence for problem in left if problem.fatal]
+    for sentence in fatal[1:]:
+        console.say(f"{name}: {sentence}")
+    if fatal:
+        raise InvalidInput(f"{name}: no cloth can be made of this mesh: {fatal[0]}{more(len(fatal) - 1)}")
+    return Cloth(found, numbering, harmless)
+
+
+def more(count: int) -> str:
+    """Tells of further problems."""
+    return f" (and {counted(count, 'more problem', 'more problems')})" if count else ""
+
+
+def placed(mesh: Mesh, asked: Asked) -> Any:
+    """The positions, turned and moved."""
+    from clothfit.meshes.mesh_file import turned
+
+    found = mesh.positions
+    if asked.rotate is not None:
+        found = turned(found, numbers("--rotate", asked.rotate, 3, "0,90,0"))
+    if asked.move is not None:
+        found = found + numbers("--move", asked.move, 3, "0,1.5,0")
+    return found
+
+
+def held(cloth: Cloth, asked: Asked) -> Flags:
+    """Which vertices do not move. Raises InvalidInput."""
+    import numpy as np
+
+    from clothfit.meshes.new_scene import at_side, in_box
+
+    positions = cloth.mesh.positions
+    fixed = np.zeros(len(positions), bool)
+    for corner, opposite in asked.boxes:
+        fixed |= in_box(positions, corner, opposite)
+    for name, reach in asked.sides:
+        fixed |= at_side(positions, name, reach)
+    fixed[numbered(cloth, asked.ranges, "fix vertices")] = True
+    return fixed
+
+
+def numbered(cloth: Cloth, chosen: list[tuple[int, int]], option: str) -> Indices:
+    """The vertices in ranges of those of the file. Raises InvalidInput."""
+    import numpy as np
+
+    from clothfit.meshes.new_scene import listed
+
+    own = np.arange(len(cloth.mesh.positions), dtype=np.int32) if cloth.numbering is None else cloth.numbering
+    named = own[listed(len(own), chosen, option)]
+    return named[named >= 0]
+
+
+def regions(cloth: Cloth, asked: Asked) -> dict[str, Indices]:
+    """The vertices of each region that is asked for; one that is named again has both places. Raises InvalidInput."""
+    import numpy as np
+
+    found: dict[str, Indices] = {}
+    for name, where in asked.parts:
+        own = place(cloth, where, f"region {name}")
+        found[name] = np.union1d(found.get(name, own), own).astype(np.int32)
+    return found
+
+
+def place(cloth: Cloth, where: str, option: str) -> Indices:
+    """The vertices in a box, at a side, or with these numbers in the mesh. Raises InvalidInput."""
+    import numpy as np
+
+    from clothfit.meshes.new_scene import at_side, in_box
+
+    positions = cloth.mesh.positions
+    if ":" in where:
+        return np.flatnonzero(in_box(positions, *box("--region", where))).astype(np.int32)
+    if where[:1].isalpha():
+        return np.flatnonzero(at_side(positions, *side("--region", where), option)).astype(np.int32)
+    return numbered(cloth, ranges("--region", where), option)

@@ -15,7 +15,7 @@ import click
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.options import check_numbers, section, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
 
@@ -33,29 +33,25 @@ SILENT = ("quiet", "verbose", "as_json")
 """Parameters of a command that change no result."""
 
 
-SECTIONS = {
-    "What to show": ("--target", "--steps", "--forces", "--log"),
-    "The file of the target": motions.FILE_OPTIONS,
-    "What is written": ("--output",),
-}
-
-
-@standard_command("report", SECTIONS)
+@standard_command("report")
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_paths", metavar="FITTED...", nargs=-1, required=True)
+@section("What to show")
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
-@motions.reads
 @click.option("--steps", type=int, metavar="N",
               help="Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]")
 @scenes.forces
 @click.option("--log", "log_paths", metavar="FILE", multiple=True,
               help="Show the course of the fit and its intervals, from a log of estimate --log; may be repeated, in "
               "the order of the fits.")
+@section("The file of the target")
+@motions.reads
+@section("What is written")
 @click.option("-o", "--output", "path", metavar="FILE",
               help="File of the page.  [default: <stem of the first FITTED>.report.html]")
 def command(
     scene_path: str, fitted_paths: tuple[str, ...], target_path: str | None, reading: Reading, steps: int | None,
-    forces_path: str | None, log_paths: tuple[str, ...], path: str | None, as_json: bool, console: Console,
+    forces_path: str | None, log_paths: tuple[str, ...], path: str | None, console: Console,
 ) -> None:
     """Write a page that plays FITTED over SCENE, or over a target motion, in 3-D, with charts.
 
@@ -90,8 +86,7 @@ def command(
     origin = [same, command_line(click.get_current_context())], digests([truth, fitted, *others], files)
     show, size = write(truth, [fitted, *others], target, frames, logs, origin, out)
     show_result(show, size, out, console, show.evaluation.diverged)
-    if as_json:
-        print_json("report", summary(show, size, out) | motions.readings_summary(readings), out)
+    print_json(summary(show, size, out) | motions.readings_summary(readings))
     if show.evaluation.diverged:
         from clothfit.motion.divergence import Diverged
 

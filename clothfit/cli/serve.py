@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import sys
+import webbrowser
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.options import section, standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 
@@ -23,22 +24,19 @@ if TYPE_CHECKING:
     from clothfit.formats.axes import Reading
     from clothfit.live.server import Server
 
-SECTIONS = {
-    "What to serve": ("--target", "--port", "--open"),
-    "The file of the target": motions.FILE_OPTIONS,
-}
 
-
-@standard_command("serve", SECTIONS)
+@standard_command("serve")
 @click.argument("scene_path", metavar="SCENE")
+@section("What to serve")
 @click.option("--target", "target_path", metavar="MOTION",
               help="Show this motion as a ghost, and fit to it.  [default: the scene's own motion]")
-@motions.reads
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="P",
               help="Port on this machine.  [default: a free one]")
 @click.option("--open", "opens", is_flag=True, help="Open the page in a browser.")
+@section("The file of the target")
+@motions.reads
 def command(
-    scene_path: str, target_path: str | None, reading: Reading, port: int, opens: bool, as_json: bool, console: Console,
+    scene_path: str, target_path: str | None, reading: Reading, port: int, opens: bool, console: Console,
 ) -> None:
     """Serve a page on this machine that plays SCENE, with sliders, a hand and a fit.
 
@@ -51,7 +49,10 @@ def command(
     """
     one_stream(scene_path, target_path)
     check_there(scene_path, *filter(None, [target_path]))
-    check_library()
+    try:
+        import tornado  # noqa: F401
+    except ImportError:
+        raise InvalidInput("serve needs tornado; install it with: pip install 'clothfit[serve]'") from None
     from clothfit.live.server import Server
 
     scene = read_scene(scene_path, console)
@@ -60,12 +61,10 @@ def command(
 
     def ready(server: Server) -> None:
         console.say("open this address in a browser; Ctrl-C ends")
-        if as_json:
-            print_json("serve", {"scene": scene.name, "address": server.address, "port": server.port})
-        else:
+        if not print_json({"scene": scene.name, "address": server.address, "port": server.port}):
             click.echo(server.address)
-        if opens:
-            show(server.address, console)
+        if opens and not webbrowser.open(server.address):
+            console.warn("there is no browser to open; open the address yourself")
 
     memory.tidy()  # it may run for days
     server = Server(scene, target, port)
@@ -91,19 +90,3 @@ async def served(server: Server, ready: Callable[[Server], None]) -> None:
         await ended.wait()
     finally:
         await server.close()
-
-
-def check_library() -> None:
-    """Raise InvalidInput where the library of the server is missing, with how to get it."""
-    try:
-        import tornado  # noqa: F401
-    except ImportError:
-        raise InvalidInput("serve needs tornado; install it with: pip install 'clothfit[serve]'") from None
-
-
-def show(address: str, console: Console) -> None:
-    """Open an address in a browser."""
-    import webbrowser
-
-    if not webbrowser.open(address):
-        console.warn("there is no browser to open; open the address yourself")

@@ -10,16 +10,8 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions, pictures, running, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.options import check_numbers, section, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json, same_file
-from clothfit.cli.common.scenes import (
-    frames_of,
-    read_scene,
-    under_forces,
-    warn_of_contacts,
-    warn_of_steps,
-    warn_of_stretch,
-)
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
@@ -37,15 +29,9 @@ MOST_ROWS = 10  # of the table, besides the start
 ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which an energy counts as 0
 
 
-SECTIONS = {
-    "What to simulate": ("--steps", "--tolerance", "--forces", "--feedback"),
-    "What is written": ("--output", "--energy", "--dump", "--plot", "--gif", "--watch"),
-    "The file of the motion": ("--scale", "--up", "--handedness"),
-}
-
-
-@standard_command("simulate", SECTIONS)
+@standard_command("simulate")
 @click.argument("scene_path", metavar="SCENE")
+@section("What to simulate")
 @click.option("--steps", type=int, metavar="N",
               help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option("--tolerance", type=float, metavar="T",
@@ -53,18 +39,20 @@ SECTIONS = {
 @scenes.forces
 @click.option("--feedback", is_flag=True,
               help="With --forces: pull a disturbed cloth back to the motion that they were found for.")
+@section("What is written")
 @click.option("--energy", "with_energy", is_flag=True,
               help="Print a table of the energies, and store them with the motion.")
 @click.option("--dump", "dump_path", metavar="FILE", help="If the motion diverges, write its last states here (.npz).")
 @click.option("-o", "--output", "path", metavar="MOTION",
               help="File of the motion, in any format.  [default: <stem>.motion.npz]")
 @running.option("Simulate again")
-@motions.writes
 @pictures.options
+@section("The file of the motion")
+@motions.writes
 def command(
     scene_path: str, steps: int | None, tolerance: float | None, forces_path: str | None, feedback: bool,
     with_energy: bool, dump_path: str | None, path: str | None, convention: Convention, pictures: pictures.Pictures,
-    as_json: bool, console: Console,
+    console: Console,
 ) -> None:
     """Simulate the cloths of SCENE and write their positions.
 
@@ -80,13 +68,13 @@ def command(
     check_numbers(steps, tolerance)
     if feedback and forces_path is None:
         raise click.UsageError("--feedback goes with --forces only")
-    scene = under_forces(read_scene(scene_path, console), forces_path, feedback)
-    frames = frames_of(steps, scene)
+    scene = scenes.under_forces(scenes.read_scene(scene_path, console), forces_path, feedback)
+    frames = scenes.frames_of(steps, scene)
     out = output_for(path, scene_path, ".motion.npz", (forces_path,))
     motions.check(out, convention, (scene_path,), frames)
     dump = dump_of(dump_path, scene_path, out)
     pictures.check(scene_path, out.path, dump_path)
-    warn_of_steps(scene, frames, console)
+    scenes.warn_of_steps(scene, frames, console)
     import clothfit
 
     console.announce_compilation()
@@ -97,17 +85,16 @@ def command(
     seconds = passing() - began
     console.detail("simulated")
     energy = clothfit.energies(scene, motion) if with_energy else None
-    motions.write(motion, out, scene, convention, console, energy_arrays(energy))
-    warn_of_contacts(scene, motion, console, energy)
+    kept = {} if energy is None else {f"energy_{name}": array for name, array in energy_columns(energy).items()}
+    motions.write(motion, out, scene, convention, console, kept)
+    scenes.warn_of_contacts(scene, motion, console, energy)
     if error is None:
         report(scene, motion, seconds, out, console)
     else:
         console.say(f"the {len(motion.times)} frames before it are in {out.name}")
     dumped = keep(scene, error, dump, console)
     show_energy(energy, console)
-    if as_json:
-        result = summary(scene, motion, seconds, out, error) | {"dump": dumped} | energy_summary(energy)
-        print_json("simulate", result, out)
+    print_json(summary(scene, motion, seconds, out, error) | {"dump": dumped} | energy_summary(energy))
     pictures.simulated(scene, motion, energy, console)
     if error is not None:
         raise error
@@ -131,7 +118,7 @@ def report(scene: Scene, motion: Motion, seconds: float, out: Output, console: C
     done = len(motion.times) - 1
     for sentence in motion.remedies.sentences(done * len(scene.cloths)):
         console.warn(sentence)
-    warn_of_stretch(scene, motion, console)
+    scenes.warn_of_stretch(scene, motion, console)
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
 
 
@@ -181,11 +168,6 @@ def energy_columns(energy: Energy) -> dict[str, Array]:
     """All energies of each frame, (frames,) J each."""
     own = {name: array for name, array in asdict(energy).items() if name != "times"}
     return {**own, "total": energy.total, "dissipated": energy.dissipated, "numerical": energy.numerical}
-
-
-def energy_arrays(energy: Energy | None) -> dict[str, Array]:
-    """The energies that a motion file keeps, by their names in it."""
-    return {} if energy is None else {f"energy_{name}": array for name, array in energy_columns(energy).items()}
 
 
 def show_energy(energy: Energy | None, console: Console) -> None:

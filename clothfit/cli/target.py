@@ -10,33 +10,22 @@ from clothfit.base.limits import check_capture
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.options import check_numbers, section, standard_command
 from clothfit.cli.common.output import output_for, print_json
-from clothfit.cli.common.scenes import (
-    frames_of,
-    read_scene,
-    under_forces,
-    warn_of_contacts,
-    warn_of_steps,
-    warn_of_stretch,
-)
 
 if TYPE_CHECKING:
     from clothfit.formats.axes import Convention
 
 
-SECTIONS = {
-    "What to simulate": ("--steps", "--tolerance", "--forces"),
-    "What a capture sees of it": ("--noise", "--observed", "--every", "--fps", "--seed"),
-    "What is written": ("--output",),
-    "The file of the motion": ("--scale", "--up", "--handedness"),
-}
-
-
-@standard_command("target", SECTIONS)
+@standard_command("target")
 @click.argument("scene_path", metavar="SCENE")
+@section("What to simulate")
 @click.option("--steps", type=int, metavar="N",
               help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")
+@click.option("--tolerance", type=float, metavar="T",
+              help="Relative tolerance of the linear solver.  [default: as tight as a fit's]")
+@scenes.forces
+@section("What a capture sees of it")
 @click.option("--noise", type=float, default=0.0, metavar="METRES",
               help="Add noise of this standard deviation per coordinate.  [default: 0]")
 @click.option("--observed", type=float, default=1.0, metavar="FRACTION",
@@ -46,16 +35,14 @@ SECTIONS = {
               help="Record F frames per second, interpolated between steps.  [default: all steps]")
 @click.option("--seed", type=click.IntRange(0), default=0, metavar="S",
               help="Seed of the random numbers.  [default: 0]")
-@click.option("--tolerance", type=float, metavar="T",
-              help="Relative tolerance of the linear solver.  [default: as tight as a fit's]")
-@scenes.forces
+@section("What is written")
 @click.option("-o", "--output", "path", metavar="MOTION",
               help="File of the motion, in any format.  [default: <stem>.target.npz]")
+@section("The file of the motion")
 @motions.writes
 def command(
     scene_path: str, steps: int | None, noise: float, observed: float, every: int, fps: float | None, seed: int,
-    tolerance: float | None, forces_path: str | None, path: str | None, convention: Convention, as_json: bool,
-    console: Console,
+    tolerance: float | None, forces_path: str | None, path: str | None, convention: Convention, console: Console,
 ) -> None:
     """Record the motion of SCENE with its own parameters, perfect or as a capture would see it.
 
@@ -69,23 +56,22 @@ def command(
     """
     check_capture(noise, observed, every, fps)
     check_numbers(steps, tolerance)
-    scene = under_forces(read_scene(scene_path, console), forces_path)
-    frames = frames_of(steps, scene)
+    scene = scenes.under_forces(scenes.read_scene(scene_path, console), forces_path)
+    frames = scenes.frames_of(steps, scene)
     out = output_for(path, scene_path, ".target.npz", (forces_path,))
     motions.check(out, convention, (scene_path,), gaps=observed < 1)
     from clothfit.fit.estimate import record_target
     from clothfit.motion.degrade import degrade
 
-    warn_of_steps(scene, frames, console)
+    scenes.warn_of_steps(scene, frames, console)
     console.announce_compilation()
     recorded = record_target(scene, frames, tolerance)
-    warn_of_stretch(scene, recorded, console)
-    warn_of_contacts(scene, recorded, console)
+    scenes.warn_of_stretch(scene, recorded, console)
+    scenes.warn_of_contacts(scene, recorded, console)
     motion = degrade(recorded, noise, observed, every, seed, fps)
     motions.write(motion, out, scene, convention, console)
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
     spoiled = f"noise {metres(noise)}" if noise else "no noise"
     console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, {spoiled} → {out.name}")
-    if as_json:
-        counts = {"frames": len(motion.times), "observed": seen, "noise": noise}
-        print_json("target", {"scene": scene.name, **counts, "output": out.path}, out)
+    counts = {"frames": len(motion.times), "observed": seen, "noise": noise}
+    print_json({"scene": scene.name, **counts, "output": out.path})

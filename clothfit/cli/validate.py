@@ -28,7 +28,7 @@ class Verdict:
 
 @standard_command("validate")
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
-def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> None:
+def command(scene_paths: tuple[str, ...], console: Console) -> None:
     """Check scenes and print every problem, without simulating.
 
     \b
@@ -42,9 +42,8 @@ def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> No
     for verdict in verdicts:
         show(verdict, len(verdicts) == 1, console)
     wrong = [verdict for verdict in verdicts if verdict.error is not None]
-    if as_json:
-        own = [summary(verdict) for verdict in verdicts]
-        print_json("validate", own[0] if len(own) == 1 else {"valid": not wrong, "scenes": own})
+    own = [summary(verdict) for verdict in verdicts]
+    print_json(own[0] if len(own) == 1 else {"valid": not wrong, "scenes": own})
     if len(verdicts) == 1 and verdicts[0].error:
         raise verdicts[0].error
     if wrong:

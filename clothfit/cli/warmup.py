@@ -17,7 +17,7 @@ from clothfit.cli.common.output import print_json
 @standard_command("warmup")
 @click.option("--small", is_flag=True,
               help="Leave out what only cloths of 3000 free vertices and more need.")
-def command(small: bool, as_json: bool, console: Console) -> None:
+def command(small: bool, console: Console) -> None:
     """Compile everything for this machine ahead, so that no command has to wait for it.
 
     The compiled code is stored in NUMBA_CACHE_DIR if that is set, else with the package or, if that is not writable, in
@@ -47,6 +47,5 @@ def command(small: bool, as_json: bool, console: Console) -> None:
     folder = os.fspath(KernelCache.used or "")
     what = f"{compiled} functions compiled in {seconds:.1f} s, kept" if compiled else "everything is compiled, kept"
     console.say(f"{what} in {folder}")
-    if as_json:
-        own = [part._asdict() for part in parts]
-        print_json("warmup", {"compiled": compiled, "seconds": seconds, "folder": folder, "parts": own})
+    own = [part._asdict() for part in parts]
+    print_json({"compiled": compiled, "seconds": seconds, "folder": folder, "parts": own})

@@ -27,7 +27,6 @@ SYMBOL = "clothfit_address_of"
 BYTE, LONG = ir.IntType(8), ir.IntType(64)
 
 
-@ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
 def _address(place: int, length: int) -> int | None:
     """The address of the code of a kernel, compiled now where it is not yet; None where that failed."""
     try:
@@ -39,7 +38,8 @@ def _address(place: int, length: int) -> int | None:
     return made
 
 
-binding.add_symbol(SYMBOL, ctypes.cast(_address, ctypes.c_void_p).value)
+_kept = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(_address)
+binding.add_symbol(SYMBOL, ctypes.cast(_kept, ctypes.c_void_p).value)
 
 
 def call(function: Any, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

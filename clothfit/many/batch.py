@@ -11,46 +11,28 @@ import queue
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.interrupts import SAME_REQUEST, handled
-from clothfit.many.job import FAULT, INTERRUPTED, NOT_STARTED, Died, Job, Lost, Outcome, failed
+from clothfit.many.job import FAULT, INTERRUPTED, NOT_STARTED, PREPARATION, Died, Job, Lost, Outcome, failed
+
+if TYPE_CHECKING:
+    from clothfit.many.cluster import Cluster
+    from clothfit.many.processes import Processes
 
 TICK = 0.25  # s between checks whether the pool still exists
 
-PREPARATION, REQUEST, NO_EVENT = -1, -2, -3
-"""Events other than the end of a job, which is its number."""
+REQUEST, NO_EVENT = -2, -3
+"""Events other than the end of a job, which is its number, or of what precedes them all."""
 
 CUT_SHORT = Outcome(None, INTERRUPTED, "ended at once, by a second request; nothing is written")
 
 
-class Pool(Protocol):
-    """Where jobs run. Each job has a number; `done` is called with it from another thread when the job ends."""
-
-    retried_alone: bool  # whether a job whose process died is tried again
-
-    @property
-    def width(self) -> int:
-        """Jobs at a time."""
-
-    def prepare(self, done: Callable[[int], None]) -> bool:
-        """Begin what must precede all jobs, as number PREPARATION; returns whether there is anything to do."""
-
-    def submit(self, number: int, job: Job, done: Callable[[int], None]) -> None:
-        """Begin a job."""
-
-    def outcome(self, number: int) -> Outcome:
-        """The outcome of a job that has ended. Raises Died, Lost."""
-
-    def check(self) -> None:
-        """Raise Lost when the pool is gone and no job will ever end."""
-
-    def interrupt(self) -> None:
-        """Let running jobs end with their best so far."""
-
-    def close(self, kill: bool = False) -> None:
-        """Release the pool; with `kill` running jobs end at once."""
+Pool: TypeAlias = "Processes | Cluster"
+"""Where jobs run, `width` at a time. Each has a number; `done` is called with it from another thread when the job ends.
+Where `retried_alone`, a job whose process died is tried again.
+"""
 
 
 class Batch:

@@ -20,9 +20,11 @@ from clothfit.optimise.status import Status
 from clothfit.scene.text import name_of
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from clothfit.base.arrays import Array
     from clothfit.fit.result import Fit
-    from clothfit.objective.experiment import Recorded
+    from clothfit.objective.experiment import Recorded, Targets
     from clothfit.optimise.checkpoint import Checkpoint
     from clothfit.scene.scene import Scene
 
@@ -32,6 +34,9 @@ EXIT_CODES = {Status.CONVERGED: 0, Status.STALLED: 5, Status.LIMIT: 5, Status.IN
 NEVER_FINITE = "no values that were tried gave a simulation that stays finite; nothing is written"
 FAULT, INTERRUPTED = 1, 130
 """Exit codes where there is no fit."""
+
+PREPARATION = -1
+"""The number of what precedes all jobs."""
 
 
 class Died(Exception):
@@ -61,7 +66,7 @@ class Job:
     scene: File
     targets: tuple[JobTarget, ...] = ()  # none: the scene's own motion
     start: float | Array | File | None = None
-    number: int = 0  # of the start (`clothfit.many.starts`)
+    number: int = 0  # of the start (`numbered`)
     seed: int = 0
     options: FitOptions = field(default_factory=FitOptions)
     checkpoint: Checkpoint | None = None
@@ -138,7 +143,6 @@ def fitted(job: Job) -> Fit:
     """Do the fit of a job."""
     from clothfit.base import threads
     from clothfit.fit.estimate import fit
-    from clothfit.many import starts
     from clothfit.scene.bounds import from_user
 
     if job.version != __version__:
@@ -147,7 +151,7 @@ def fitted(job: Job) -> Fit:
         scene = loaded(job.scene).with_bounds(from_user(job.options.bounds or {}))
         targets = [target_of(item, scene) for item in job.targets] or None
         first = loaded(job.start) if isinstance(job.start, File) else job.start
-        start = starts.numbered(scene, targets, first, job.number, job.seed, job.options.tolerance)
+        start = numbered(scene, targets, first, job.number, job.seed, job.options.tolerance)
         return fit(scene, targets, start, replace(job.options, checkpoint=job.checkpoint, resume=job.resume))
 
 
@@ -174,3 +178,58 @@ def loaded(file: File) -> Scene:
     opened = Named(file.data)
     opened.name = file.name
     return load(opened, folder=file.folder)
+
+
+# ---- Several starts for one fit: where one ends in a poor minimum, another may not.
+#
+# Start number 0 is the one that a fit takes anyway. Each other start multiplies the masses, stiffnesses and lengths of
+# a cloth by one factor per kind, drawn log-uniformly between 1/10 and 10, and shifts values that may be negative by up
+# to their typical size. A start depends only on the seed and its number, so the fifth of eight is also the fifth of a
+# hundred. Values that are not identifiable stay as they are.
+
+FACTOR = 10.0
+
+
+def numbered(
+    scene: Scene, target: Targets | None, start: float | Array | Scene | None, number: int, seed: int,
+    tolerance: float | None = None,
+) -> float | Array | Scene | None:
+    """The start with that number: `start` itself for 0, else a scene with drawn values.
+
+    They are drawn around `start`. Without one they are drawn around the scene's values, or, where these are the hidden
+    truth (`target` is None), around the best values of a coarse search. `tolerance` is that of the fit.
+    """
+    if number == 0:
+        return start
+    import numpy as np
+
+    from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance
+    from clothfit.motion.simulate import simulate_cloths
+    from clothfit.objective.objective import Objective
+    from clothfit.scene.fit_vector import fitted_cloths, with_parameters
+    from clothfit.strategy.start import choose_start
+
+    hidden = target is None
+    if target is None:
+        target = simulate_cloths(scene, fitted_cloths(scene), tolerance=checked_tolerance(tolerance, FIT_TOLERANCE))
+    middle = choose_start(Objective(scene, target), start, hidden)
+    return with_parameters(scene, drawn(scene, middle, np.random.default_rng([seed, number])))
+
+
+def drawn(scene: Scene, middle: Array, draw: np.random.Generator) -> Array:
+    """Draw values (P,) around `middle` (P,), within the bounds."""
+    import numpy as np
+
+    from clothfit.objective.identifiability import identifiable
+    from clothfit.scene.fit_vector import bounds, parameters
+
+    p = middle.copy()
+    lower, upper = bounds(scene)
+    for block in scene.blocks:
+        kind, part = block.kind, block.part
+        if kind.log:
+            p[part] *= np.where(block.constant, FACTOR ** draw.uniform(-1.0, 1.0), 1.0)
+        else:
+            steps = draw.uniform(-1.0, 1.0, kind.components)
+            p[part] += np.resize(steps, block.count) * max(kind.scale, float(np.abs(middle[part]).max()))
+    return np.where(identifiable(scene), np.clip(p, lower, upper), parameters(scene))

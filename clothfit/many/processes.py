@@ -25,8 +25,7 @@ from clothfit.base import interrupts
 from clothfit.base.interrupts import REQUESTS
 from clothfit.derivative import adjoint
 from clothfit.kernels.cache import is_kept
-from clothfit.many.batch import PREPARATION
-from clothfit.many.job import FAULT, NOT_STARTED, Died, Job, Outcome, run
+from clothfit.many.job import FAULT, NOT_STARTED, PREPARATION, Died, Job, Outcome, run
 
 LIBRARIES = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "VECLIB_MAXIMUM", "NUMBA_NUM", "NUMEXPR_NUM")
 ONE_THREAD = {f"{name}_THREADS": "1" for name in LIBRARIES}

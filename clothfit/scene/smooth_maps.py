@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.graph import connected_components
+from clothfit.base.eigen import connected_components
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.directions import Slots, angles, edges_of, keys
 

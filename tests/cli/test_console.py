@@ -1,16 +1,30 @@
-"""What is said, how loudly, and on which stream."""
+"""What is said, how loudly, on which stream; what a terminal and a file show of a fit while it runs."""
 
 import io
+import math
 import re
 import sys
+from dataclasses import replace
 
 import numba
 import pytest
+from rich.console import Console as Rich
 
 from clothfit.base.messages import metres
-from clothfit.cli.common import console
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.progress import progress
+from clothfit.cli.common.progress import (
+    BARS,
+    CURVE_WIDTH,
+    Pace,
+    Shown,
+    duration,
+    pace,
+    plain,
+    progress,
+    sparkline,
+    stage,
+    state,
+)
 from clothfit.cli.program import run
 from clothfit.optimise.progress import Progress
 
@@ -56,6 +70,9 @@ def test_names_in_errors_cannot_act_on_a_terminal(capsys):
 def test_all_messages_go_to_standard_error(capsys, quiet, verbose, expected):
     speaker = Console(quiet, verbose)
     speaker.say("a"), speaker.warn("b"), speaker.detail("c")
+    with progress(speaker) as show:
+        assert (show is None) == quiet
+    assert not speaker.animated
     out, err = capsys.readouterr()
     assert out == ""
     assert re.fullmatch(expected, err)
@@ -84,14 +101,10 @@ def test_characters_that_a_terminal_does_not_know_are_spelled(monkeypatch, encod
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(12.345, "12.3 m"), (1.0, "1 m"), (0.5, "500 mm"), (2.5e-6, "2.5 µm"), (4.19e-9, "4.19 nm"), (1e-12, "0.001 nm")],
+    [(12.345, "12.3 m"), (1.0, "1 m"), (0.5, "500 mm"), (2.5e-6, "2.5 µm"), (4.19e-9, "4.19 nm"), (1e-12, "0.001 nm"),
+     (0.0, "0 nm"), (float("inf"), "inf m")],
 )
 def test_lengths_have_a_unit_of_their_size(value, text):
-    assert metres(value) == text
-
-
-@pytest.mark.parametrize(("value", "text"), [(0.0, "0 nm"), (float("inf"), "inf m")])
-def test_lengths_at_the_ends(value, text):
     assert metres(value) == text
 
 
@@ -103,32 +116,6 @@ def test_animation_is_for_terminals_that_want_it(monkeypatch, name, value):
     assert Console().animated
     monkeypatch.setenv(name, value)
     assert not Console().animated
-
-
-def test_a_file_is_not_animated(capsys):
-    assert not Console().animated
-
-
-def test_plain_progress_is_a_line_now_and_then(capsys, monkeypatch):
-    clock = iter([0.0, 1.0, 5.0, 9.0, 10.5])
-    with monkeypatch.context() as patch:
-        patch.setattr(console.time, "perf_counter", lambda: next(clock))
-        with progress(Console(began=0.0)) as show:
-            for evaluations in (1, 2, 3, 4):
-                show(step(evaluations))
-    out, err = capsys.readouterr()
-    lines = err.splitlines()
-    assert out == ""
-    assert lines == [
-        "   0.5 s  cost 7.500e-04  RMSE 2.5 µm  evaluation 2  4 evaluations/s",
-        "   0.5 s  cost 3.750e-04  RMSE 2.5 µm  evaluation 4  8 evaluations/s",
-    ]
-
-
-def test_quiet_has_no_progress(capsys):
-    with progress(Console(quiet=True)) as show:
-        assert show is None
-    assert capsys.readouterr() == ("", "")
 
 
 def test_a_terminal_has_a_bar_that_leaves_no_trace(monkeypatch, capsys):
@@ -164,3 +151,100 @@ def test_the_first_compilation_is_announced_and_no_other():
         numba.njit(lambda x, number=number: x + number)(1)
     assert len(heard) == 1
     assert heard[0].startswith("compiling for this machine")
+
+
+
+
+def far(evaluations, **fields):
+    told = {"iteration": 7, "step": 0.032, "stage": "gauss-newton", "window": 20, "frames": 100, "window_rmse": 1.2e-3}
+    return Progress(evaluations, 1000, 0.5 / evaluations, 2.5e-3 / evaluations, 0.25 * evaluations, **(told | fields))
+
+
+def screen(shown, width=100):
+    """What a panel looks like on a terminal."""
+    console = Rich(file=io.StringIO(), record=True, force_terminal=True, width=width, color_system=None)
+    console.print(shown.panel())
+    return console.export_text()
+
+
+def test_the_panel_tells_all_there_is_to_know():
+    shown = Shown()
+    for evaluations in range(1, 41):
+        shown.update(far(evaluations))
+    text = screen(shown)
+    for fact in ("fitting", "cost 1.250e-02", "RMSE 62.5 µm", "evaluation 40 of at most 1000", "gauss-newton",
+                 "20 of 100 frames", "RMSE there 1.2 mm", "step 3.2 %", "4 evaluations/s",
+                 "2.5 mm → 62.5 µm"):  # fmt: skip
+        assert fact in text
+    assert any(bar in text for bar in BARS)
+
+
+def test_before_the_first_evaluation_the_panel_says_so():
+    assert "looking at target and start" in screen(Shown())
+
+
+@pytest.mark.parametrize("width", [20, 76, 200])
+def test_the_panel_has_lines_of_one_length_that_fit(width):
+    shown = Shown(min(width, 76))
+    shown.update(far(1)), shown.update(far(2))
+    lengths = {len(line) for line in screen(shown, width).splitlines()}
+    assert lengths == {min(width, 76)}
+
+
+def test_a_plain_line_tells_the_same(monkeypatch):
+    clock = iter([0.0, 1.0, 9.0, 10.5])
+    said = []
+    with monkeypatch.context() as patch:
+        patch.setattr("time.perf_counter", lambda: next(clock))
+        show = plain(said.append)
+        show(far(10)), show(far(40)), show(far(50))
+    assert said == [
+        "  10.0 s  cost 1.250e-02  RMSE 62.5 µm  evaluation 40  gauss-newton  20 of 100 frames  RMSE there 1.2 mm  "
+        "step 3.2 %  4 evaluations/s"
+    ]
+
+
+@pytest.mark.parametrize(("unit", "text"), [("m", "RMSE 12 mm "), ("m/s", "RMSE 12 mm/s "), ("", "RMSE 0.012 ")])
+def test_an_error_has_the_unit_of_what_is_compared(unit, text):
+    progress = Progress(3, 100, 1e-4, 0.012, 1.0, unit=unit)
+    assert text in state(progress)
+
+
+def test_nothing_is_told_that_is_not_known():
+    assert stage(Progress(1, 10, 1.0, 1.0, 1.0)) == []
+    assert pace(Progress(1, 10, 1.0, 1.0, 0.0), 0.0, None) == []
+    assert pace(Progress(1, 10, 1.0, 1.0, 0.0), 2.0, None) == ["2 evaluations/s"]
+
+
+def test_the_pace_is_that_of_the_last_seconds_and_no_time_is_left_after_the_budget():
+    known = Pace()
+    assert known.update(far(1, )) == 4.0  # as far as is known
+    for second in range(1, 100):
+        rate = known.update(Progress(100 * second, 5000, 1.0, 1.0, float(second)))
+    assert rate == pytest.approx(100.0)
+    for second in range(100, 120):
+        rate = known.update(Progress(9900 + second, 5000, 1.0, 1.0, float(second)))
+    assert rate == pytest.approx(1.0)
+    assert pace(Progress(4997, 5000, 1.0, 1.0, 1.0), rate, 50.0)[1] == "roughly 5.0 s left"  # until the limit
+
+
+def test_the_panel_shows_roughly_what_the_trend_leaves():
+    shown = Shown()
+    for k in range(1, 41):  # to 1 by a factor e in 2 s, for 10 s
+        shown.update(replace(far(k, window=100), cost=1.0 + 1e3 * math.exp(-0.125 * k)))
+    # the cost is 7.7; in the last third it fell by 27.5, 3600 times its thousandth: 2 s · ln 3600 = 16 s are left
+    assert "roughly 20 s left" in screen(shown)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.24, "0.2 s"), (12.4, "12 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (59.9, "60 s")]
+)
+def test_durations_are_in_units_that_suit(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_a_sparkline_falls_with_the_logarithm():
+    assert sparkline([10.0**-k for k in range(8)]) == BARS[::-1]
+    assert sparkline([1.0]) == BARS[0]
+    assert len(sparkline([1.0 / k for k in range(1, 500)])) == CURVE_WIDTH
+    assert sparkline([math.inf, 1.0, 0.0]) == BARS[-1] + BARS[0]

@@ -79,34 +79,6 @@ def test_forces_that_are_too_weak_miss_the_key(place, capsys):
     assert "not all keys are reached" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [
-        (["control", "scene.json"], 2, "missing option '--keyframes'"),
-        (["control", "scene.json", "--keyframes", "none.json"], 3, "none.json: there is no such file"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--most", "0"], 3, "--most must be above 0"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--smooth", "-1"], 3, "--smooth must be at least 0"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--actuate", "9"], 3, "vertex 9 does not exist"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--actuate", "0"], 3, "all of these vertices are fixed"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--forces", "keys.json"], 3, "it is an input"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--report", "keys.json"], 3, "it is an input"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--report", "-"], 3, "--report must be a file"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--table", "f.txt"], 3, "--table must be a file .csv"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--table", "-"], 3, "--table must be a file .csv"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--forces", "m.npz", "-o", "m.npz"], 3, "of its own"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--velocity", "--save", "m.npz", "-o", "m.npz"], 3,
-         "of its own"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--smooth", "1e200"], 3, "at most 1e+06"),
-        (["simulate", "scene.json", "--feedback"], 2, "--feedback goes with --forces only"),
-        (["simulate", "scene.json", "--forces", "keys.json"], 3, "keys.json: cannot be read as forces"),
-    ],
-)
-@pytest.mark.usefixtures("place")
-def test_what_cannot_be_is_refused(arguments, code, said, capsys):
-    assert run(arguments) == code
-    assert said in capsys.readouterr().err
-
-
 def test_forces_wherever_a_scene_is_simulated(place, capsys):
     """A fit, its check, its figures and its page under known forces; and keys for a fitted scene."""
     flagged = document(cloth(3, 2, springStiffness=[20.0] * 9, damping=0.5, optimizationSettings="nG"))

@@ -1,7 +1,6 @@
 """`clothfit info` and `clothfit validate`: what they print, and for whom."""
 
 import json
-import subprocess
 import sys
 
 import numpy as np
@@ -33,21 +32,6 @@ def test_the_text_of_info_is_its_result(capsys):
         assert told in out
 
 
-def test_infos_summary(capsys):
-    assert run(["info", str(EXAMPLES / "drape.json"), "--json", "-q"]) == 0
-    out, err = capsys.readouterr()
-    found = json.loads(out)
-    assert err == ""
-    assert set(found) == INFO
-    assert found["spheres"] == [{"centre": [0.0, -4.1, 0.0], "radius": 4.0}]
-    assert found["flagged"] == [{"object": 0, "name": "mass", "mode": "G", "count": 1}]
-    assert found["objects"][0]["mass"]["total"] == pytest.approx(4.9, rel=1e-11)  # 0.1 kg/m² of 7 m by 7 m
-    assert found["memory"]["motion"] == 100 * 144 * 24
-    assert found["subspace"]["full_us"] < found["subspace"]["physics_us"]  # 144 vertices
-    assert found["subspace"]["vertices_from"] > 144
-    assert found["stability"][2] == {"integrator": "implicit", "limit": None, "stable": True}
-
-
 def test_info_of_several_objects_and_all_that_a_scene_may_have(tmp_path, capsys):
     objects = [cloth(3, 3, optimizationSettings="Ln", mine=1), cloth(2, 2, vertVel=[{"x": 1, "y": 0, "z": 0}] * 4),
                *[cloth(2, 2, springRestLength=[1.5] * 5, meshVertices=[0, 1, 2, 3, -1, 0])] * 3]  # fmt: skip
@@ -71,20 +55,21 @@ def test_a_step_that_the_editor_does_not_have_is_said(tmp_path, capsys):
     first, second = capsys.readouterr().out.splitlines()
     assert first.endswith("2.json: valid")
     assert "3.json: valid; the editor in Unity cannot play its step (bdf2, integrationMethod 3)" in second
-    assert run(["info", foreign, "--json", "-q"]) == 0
-    assert json.loads(capsys.readouterr().out)["of_the_editor"] is False
 
 
-def test_info_through_a_pipe(capsys, standard_input):
-    standard_input(SIDE)
+def test_the_summary_of_a_scene_through_a_pipe(capsys, standard_input):
+    standard_input(EXAMPLES / "drape.json")
     assert run(["info", "-", "--json", "-q"]) == 0
-    assert json.loads(capsys.readouterr().out)["scene"] == "standard input"
-
-
-def test_info_of_what_is_no_scene(tmp_path, capsys):
-    assert run(["info", write_scene(tmp_path, {"delta": 1})]) == 3
-    assert capsys.readouterr().err.startswith("error: scene.json: integrationMethod: is missing")
-    assert run(["info", "absent.json"]) == 3
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert (err, set(found), found["scene"], found["of_the_editor"]) == ("", INFO, "standard input", True)
+    assert found["spheres"] == [{"centre": [0.0, -4.1, 0.0], "radius": 4.0}]
+    assert found["flagged"] == [{"object": 0, "name": "mass", "mode": "G", "count": 1}]
+    assert found["objects"][0]["mass"]["total"] == pytest.approx(4.9, rel=1e-11)  # 0.1 kg/m² of 7 m by 7 m
+    assert found["memory"]["motion"] == 100 * 144 * 24
+    assert found["subspace"]["full_us"] < found["subspace"]["physics_us"]  # 144 vertices
+    assert found["subspace"]["vertices_from"] > 144
+    assert found["stability"][2] == {"integrator": "implicit", "limit": None, "stable": True}
 
 
 # --- validate
@@ -92,27 +77,15 @@ def test_info_of_what_is_no_scene(tmp_path, capsys):
 TWO_WRONG = changed(changed(trial("nG", 5), ("objects", 0, "vertMass", 3), -1), ("objects", 0, "springs", 3), 144)
 
 
-def test_valid_scenes_are_said_to_be(capsys):
-    assert run(["validate", SIDE, str(EXAMPLES / "flag.json")]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    assert out == f"{SIDE}: valid\n{EXAMPLES / 'flag.json'}: valid\n"
-
-
-def test_every_problem_is_told(tmp_path, capsys):
-    path = write_scene(tmp_path, TWO_WRONG)
-    assert run(["validate", path]) == 3
-    out, last = capsys.readouterr()
-    springs = "objects[0].springs[3]: vertex 144 does not exist (the object has 16 vertices)"
-    mass = "objects[0].vertMass[3]: the mass -1.0 kg must be above 0"
-    assert set(out.splitlines()) == {f"{path}: {springs}", f"{path}: {mass}"}
-    assert last.startswith("error: scene.json: objects[0].")
-    assert last.endswith(" (and 1 more problem)\n")
-
-
 def test_a_single_problem_is_in_the_result_and_in_the_error(tmp_path, capsys, monkeypatch):
-    path = write_scene(tmp_path, changed(trial("nG", 5), ("delta",), 0))
-    problem = "delta: 0 is too small; it must be above 0"
+    wrong = [(("objects", 0, "meshVertices"), [0], "objects[0].meshVertices: must be a list"),
+             (("delta",), MISSING, "delta: is missing, and it has no default"),
+             (("delta",), 0, "delta: 0 is too small; it must be above 0")]  # fmt: skip
+    for place, value, problem in wrong:
+        path = write_scene(tmp_path, changed(trial("nG", 5), place, value))
+        assert run(["validate", path, "--json"]) == 3
+        found = json.loads(capsys.readouterr().out)["problems"][0]
+        assert f"{found['place']}: {found['message']}".startswith(problem)
     assert run(["validate", path]) == 3
     out, err = capsys.readouterr()
     assert (out, err) == (f"{path}: {problem}\n", f"error: scene.json: {problem}\n")
@@ -121,8 +94,16 @@ def test_a_single_problem_is_in_the_result_and_in_the_error(tmp_path, capsys, mo
     assert capsys.readouterr() == ("", err)
 
 
-def test_one_of_several_is_enough(tmp_path, capsys):
+def test_every_problem_is_told_and_one_of_several_scenes_is_enough(tmp_path, capsys):
     path = write_scene(tmp_path, TWO_WRONG)
+    assert run(["validate", SIDE, path]) == 3
+    springs = "objects[0].springs[3]: vertex 144 does not exist (the object has 16 vertices)"
+    mass = "objects[0].vertMass[3]: the mass -1.0 kg must be above 0"
+    assert set(capsys.readouterr().out.splitlines()) == {f"{SIDE}: valid", f"{path}: {springs}", f"{path}: {mass}"}
+    assert run(["validate", path, "-q"]) == 3
+    last = capsys.readouterr().err
+    assert last.startswith("error: scene.json: objects[0].")
+    assert last.endswith(" (and 1 more problem)\n")
     assert run(["validate", SIDE, path, "absent.json", "-q", "--json"]) == 3
     out, err = capsys.readouterr()
     found = json.loads(out)
@@ -143,17 +124,6 @@ def test_the_summary_of_one_scene(tmp_path, capsys):
     assert found["warnings"] == [{"place": "colliders[0]", "message": message}]
 
 
-def test_the_numbers_of_a_mesh_are_looked_at(tmp_path, capsys):
-    path = write_scene(tmp_path, changed(trial("nG", 5), ("objects", 0, "meshVertices"), [0]))
-    assert run(["validate", path]) == 3
-    assert "meshVertices: must be a list" in capsys.readouterr().err
-
-
-def test_standard_input_is_one_of_them_at_most(capsys):
-    assert run(["validate", "-", "-"]) == 3
-    assert "can be only one of the inputs" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("sentence", "place"),
     [("objects[0].springs[3]: vertex 144 does not exist", "objects[0].springs[3]"), ("delta: is missing", "delta"),
@@ -167,13 +137,6 @@ def test_problems_are_split_into_place_and_message(sentence, place):
     assert sentence == (found["message"] if place is None else f"{place}: {found['message']}")
 
 
-def test_validate_and_info_load_no_compiler_and_no_scipy():
-    call = "import sys; from clothfit.cli.program import run; [run([name, sys.argv[1]]) for name in sys.argv[2:]]; "
-    call += "print({'numba', 'scipy.linalg', 'scipy.sparse'} & set(sys.modules))"
-    words = [sys.executable, "-c", call, SIDE, "validate", "info"]
-    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()[-1] == "set()"
-
-
 def test_a_scene_without_flags_and_springs(tmp_path, capsys):
     point = {"vertPos": [{"x": 0, "y": 0, "z": 0}], "vertIsFixed": [False], "vertMass": [1.0], "springs": [],
              "springStiffness": []}  # fmt: skip
@@ -182,13 +145,6 @@ def test_a_scene_without_flags_and_springs(tmp_path, capsys):
     assert json.loads(out)["memory"]["fit"] is None
     assert "1 without springs" in err
     assert np.isfinite(json.loads(out)["objects"][0]["mass"]["total"])
-
-
-def test_a_value_that_is_missing_is_a_place_too(tmp_path, capsys):
-    assert run(["validate", write_scene(tmp_path, changed(trial("nG", 5), ("delta",), MISSING)), "--json"]) == 3
-    assert json.loads(capsys.readouterr().out)["problems"] == [
-        {"place": "delta", "message": "is missing, and it has no default"}
-    ]
 
 
 def test_forces(tmp_path, capsys, monkeypatch):

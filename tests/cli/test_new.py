@@ -13,7 +13,6 @@ from helpers.paths import DOCS
 from clothfit import load, read_mesh
 from clothfit.cli.program import group, run
 from clothfit.meshes import mesh
-from clothfit.meshes.mesh import Mesh
 from clothfit.scene.mesh_numbering import numberings
 
 pytestmark = pytest.mark.slow  # starts processes
@@ -62,13 +61,10 @@ def test_a_plane_by_default(capsys):
     assert (cloth.settings, cloth.damping, cloth.drag, scene.method, scene.tolerance) == ("nF", 0.1, 0.1, 3, 1e-8)
 
 
-def test_the_options_of_a_plane():
+def test_the_options_of_a_plane_and_of_springs():
     (cloth,) = made("plane", "--size", "2x1", "--divisions", "3", "--upright", "--density", "0.5").cloths
     np.testing.assert_array_equal(cloth.positions, mesh.plane(3, 2.0, 1.0, upright=True).positions)
     assert cloth.mass.sum() == pytest.approx(1.0, rel=1e-13)  # kg, 0.5 kg/m² of 2 m²
-
-
-def test_the_options_of_springs():
     (cloth,) = made("plane", "--stiffness", "80", "--bending", "0.5", "--damping", "0.3", "--drag", "2").cloths
     np.testing.assert_array_equal(cloth.stiffness, mesh.springs(mesh.plane(10, 1.0), 80.0, 0.5).stiffness)
     assert (cloth.damping, cloth.drag) == (0.3, 2.0)
@@ -79,6 +75,10 @@ def test_the_drag_of_air_goes_with_the_wind():
     (still,), (windy,) = (made("plane", "--drag", "air", *wind).cloths for wind in ((), ("--wind", "0,3,4")))
     assert windy.drag == pytest.approx(5 * still.drag, rel=1e-14)
     assert still.drag == pytest.approx(1.2 / (8 * (1 / 242) ** 2), rel=1e-9)  # faces of 1/242 m²
+    given = ((), ("--drag", "air"), ("--drag", "2"))
+    drags = [made("plane", "--fit", "wind", *each).cloths[0].drag for each in given]
+    assert drags == pytest.approx([5 * still.drag, 5 * still.drag, 2.0], rel=1e-14)  # a wind to be found is of 5 m/s
+    assert made("plane", "--fit", "damping").cloths[0].drag == 0.1
 
 
 def test_the_options_of_a_scene():
@@ -103,14 +103,6 @@ def test_what_to_fit(options, settings, fits):
     scene = made("plane", *options)
     assert (scene.cloths[0].settings, scene.cloths[0].fits) == (settings, fits)
     assert scene.fits == ({"wind": "G"} if "wind" in options else {})
-
-
-def test_where_the_wind_is_to_be_found_the_drag_is_that_of_air():
-    (still,) = made("plane", "--drag", "air").cloths
-    given = ((), ("--drag", "air"), ("--drag", "2"))
-    drags = [made("plane", "--fit", "wind", *each).cloths[0].drag for each in given]
-    assert drags == pytest.approx([5 * still.drag, 5 * still.drag, 2.0], rel=1e-14)  # of 5 m/s
-    assert made("plane", "--fit", "damping").cloths[0].drag == 0.1
 
 
 @pytest.mark.parametrize(
@@ -186,16 +178,11 @@ def test_welding_gives_the_cube_its_8_vertices_and_keeps_the_meshs_numbers(optio
 
 
 def test_a_mesh_that_needs_no_welding_stays_as_it_is():
-    found = Mesh(*trimesh_plane())
+    found = mesh.plane(2, 1.0)
     trimesh.Trimesh(found.positions, found.triangles, process=False).export("p.obj")
     scene = made("p.obj", "--weld", name="p.json")
     assert "meshVertices" not in scene.source.text
     np.testing.assert_array_equal(scene.cloths[0].positions, read_mesh("p.obj")[0].positions)
-
-
-def trimesh_plane():
-    sheet = mesh.plane(2, 1.0)
-    return sheet.positions, sheet.triangles
 
 
 def test_a_mesh_of_which_no_cloth_can_be_made_is_refused_with_all_that_is_wrong(folder, capsys):
@@ -212,12 +199,6 @@ def test_a_mesh_of_which_no_cloth_can_be_made_is_refused_with_all_that_is_wrong(
 # --- where it goes
 
 
-def test_it_is_written_to_standard_output_where_that_is_asked_for(capsys):
-    assert run(["new", "plane", "-q", "-o", "-"]) == 0
-    out, err = capsys.readouterr()
-    assert (err, len(json.loads(out)["objects"][0]["vertMass"])) == ("", 144)
-
-
 def test_a_file_that_is_there_is_replaced_but_never_the_mesh(capsys):
     Path("plane.json").write_text("old")
     made("plane")
@@ -228,59 +209,7 @@ def test_a_file_that_is_there_is_replaced_but_never_the_mesh(capsys):
     assert Path("box.obj").read_bytes() == before
 
 
-def test_of_a_sequence_no_file_is_written_over(capsys):
-    for number in (1, 2):
-        torn_box(f"shot_{number}.obj")
-    before = Path("shot_2.obj").read_bytes()
-    assert run(["new", "shot_*.obj", "-o", "shot_2.obj"]) == 3
-    assert "it is an input" in capsys.readouterr().err
-    assert Path("shot_2.obj").read_bytes() == before
-
-
 # --- usage and values
-
-
-@pytest.mark.parametrize(
-    "options",
-    [["plane", "--scale", "2"], ["plane", "--up", "z"], ["plane", "--handedness", "left"], ["plane", "--weld"],
-     ["box.obj", "--size", "2"], ["box.obj", "--divisions", "0"], ["box.obj", "--upright"],
-     ["plane", "--fps", "9", "--delta", "1"], ["plane", "--bending", "0", "--no-bending"], [], ["--weld"]],
-)  # fmt: skip
-def test_options_that_do_not_go_together_are_wrong_usage(options, capsys):
-    torn_box()
-    assert run(["new", *options]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not Path("box.json").exists()
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("--size", "2x"), ("--size", "1x2x3"), ("--size", "big"), ("--size", "0"), ("--rotate", "1,2"),
-     ("--move", "1;2;3"), ("--move", "1,2,nan"), ("--fix-box", "0,0,0"), ("--fix-box", "0,0:0,0,0,0"),
-     ("--fix-vertices", "1-"),
-     ("--fix-vertices", "5-2"), ("--divisions", "100000"), ("--fix-vertices", ""),
-     ("--fix-vertices", "a"), ("--fix-vertices", "144"),
-     ("--fix-side", "left=far"), ("--fix-side", "top"), ("--sphere", "0,0,0"), ("--sphere", "0,0,0,0"),
-     ("--wind", "5"), ("--fit", "xx"), ("--fit", "mass"), ("--fit", "wind=L"), ("--fit", "n"), ("--frames", "1"),
-     ("--delta", "0"), ("--density", "0"), ("--divisions", "-1"), ("--integrator", "magic"), ("--tolerance", "2"),
-     ("--stiffness", "nan"), ("--drag", "wind"), ("--drag", "-1")],
-)  # fmt: skip
-def test_a_value_that_cannot_be_is_one_line_and_no_file(option, value, capsys, folder):
-    assert run(["new", "plane", f"{option}={value}"]) == 3
-    assert capsys.readouterr().err.count("\n") == 1
-    assert list(folder.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [(["--size", "1x"], "--size: '1x' is not understood; give it as in 2 or 2x1.5"),
-     (["--size", "1,2"], "--size: '1,2' is not understood; give it as in 2 or 2x1.5"),
-     (["--fix-vertices", "5-2"], "--fix-vertices: '5-2' is not understood; give it as in 0,11,20-30"),
-     (["--divisions", "1000"], "a plane of 1000 divisions would have 1004004 vertices; it may have at most 1000000")],
-)  # fmt: skip
-def test_messages_show_what_was_given(options, message, capsys):
-    assert run(["new", "plane", *options]) == 3
-    assert capsys.readouterr().err == f"error: {message}\n"
 
 
 def test_steps_that_will_not_stay_stable_are_told(capsys):
@@ -324,22 +253,6 @@ def test_regions_and_the_warp_are_written_and_said(capsys):
     assert own.warp.tolist() == [0.0, 0.0, 1.0]
     assert run(["info", "plane.json"]) == 0
     assert "objects[0]: regions: hem (36 vertices, 132 springs)" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("option", "word"),
-    [(["--region", "a"], "'a' is not understood"), (["--region", "=top"], "--region: '=top' is not understood"),
-     (["--region", "a="], "'a=' is not understood"), (["--region", "a=middle"], "region a: there is no 'middle'"),
-     (["--region", "a=top"], "region a: the mesh is flat along y"), (["--region", "a=0-144"], "vertex 144 does not"),
-     (["--region", "a=3-1"], "--region: '3-1'"), (["--region", "a=0,0:1,1,1"], "--region: '0,0'"),
-     (["--region", "a=9,9,9:10,10,10"], "region: 'a' has no vertices"), (["--region", "elsewhere=0"], "cannot be a")],
-)  # fmt: skip
-def test_regions_that_are_not_understood_are_refused(option, word, capsys):
-    assert run(["new", "plane", *option]) == 3
-    err = capsys.readouterr().err
-    assert word in err
-    assert len(err.splitlines()) == 1
-    assert not Path("plane.json").exists()
 
 
 def test_vertices_of_a_region_are_those_of_the_file_also_after_welding():

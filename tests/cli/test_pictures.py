@@ -1,11 +1,10 @@
 """--plot and --gif of the commands."""
 
 import re
-import sys
 
 import pytest
 from helpers.paths import DOCS
-from helpers.scenes import names, trial, write_scene
+from helpers.scenes import trial, write_scene
 
 from clothfit.cli.program import run
 
@@ -53,47 +52,6 @@ def test_a_motion_that_diverges_is_drawn_as_far_as_it_is_good(path, tmp_path):
     assert run(["simulate", wild, "-q", "--plot", "wild.png", "--gif", "wild.gif"]) == 4
     assert signed("wild.png")
     assert signed("wild.gif")
-
-
-@pytest.mark.parametrize("command", [["simulate"], ["estimate"], ["evaluate", "scene.json"]])
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        (["--plot", "x.jpg"], "x.jpg: a picture's name ends in .png, .svg or .pdf"),
-        (["--gif", "x.png"], "x.png: a picture's name ends in .gif"),
-        (["--plot", "absent/x.png"], "cannot write absent/x.png: the folder"),
-        (["--plot", "scene.json"], "cannot write scene.json: it is an input or another output"),
-    ],
-)
-def test_what_cannot_be_drawn_is_said_before_anything_is_done(path, capsys, command, option, message):
-    assert run([command[0], path, *command[1:], *option]) == 3
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith(f"error: {message}")
-    assert names() == ["scene.json"]
-
-
-@pytest.mark.parametrize(
-    ("option", "module", "library"), [("--plot x.png", "matplotlib", "matplotlib"), ("--gif x.gif", "PIL", "Pillow")]
-)
-@pytest.mark.parametrize("command", ["simulate scene.json", "estimate scene.json", "evaluate scene.json scene.json"])
-def test_a_missing_library_is_named_before_anything_is_done(
-    path, capsys, monkeypatch, command, option, module, library
-):
-    monkeypatch.setitem(sys.modules, module, None)
-    assert run([*command.split(), *option.split()]) == 3
-    name = option.split()[1]
-    line = f"error: {name}: a picture needs {library}; install it with: pip install 'clothfit[plot]'\n"
-    assert capsys.readouterr() == ("", line)
-    assert names() == ["scene.json"]
-
-
-@pytest.mark.parametrize("option", ["--plot=x.png", "--gif=x.gif", "--log=x.jsonl"])
-@pytest.mark.parametrize("several", [["scene.json"], ["--starts", "2"], ["--cluster", "tcp://h:1"]])
-def test_several_fits_have_no_pictures_and_no_log(path, capsys, option, several):
-    assert run(["estimate", path, *several, option]) == 2
-    assert "is for one scene fitted from one start on this machine" in capsys.readouterr().err
-    assert names() == ["scene.json"]
 
 
 def test_the_python_of_the_page_draws(path, tmp_path):

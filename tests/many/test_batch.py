@@ -6,8 +6,8 @@ import signal
 import pytest
 
 from clothfit.base.errors import InvalidInput
-from clothfit.many.batch import CUT_SHORT, PREPARATION, Batch
-from clothfit.many.job import FAULT, NOT_STARTED, Died, File, Job, Lost, Outcome
+from clothfit.many.batch import CUT_SHORT, Batch
+from clothfit.many.job import FAULT, NOT_STARTED, PREPARATION, Died, File, Job, Lost, Outcome
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -101,39 +101,30 @@ def test_a_job_whose_process_died_is_begun_once_more_alone_after_all_others():
     assert (pool.begun[-1], pool.together[-1]) == (0, {0})
 
 
-def test_one_that_dies_again_is_a_fault_of_its_own():
-    pool = Plain(j1=[Died("it died"), Died("it died")])
-    expected = Outcome(None, FAULT, "it died, and again when it was alone")
-    assert outcomes(told(pool)) == [DONE, expected, DONE, DONE]
-    assert pool.begun.count(1) == 2
-
-
-def test_a_pool_that_has_tried_again_by_itself_is_not_asked_to():
-    pool = Plain(j1=[Died("all died")])
-    pool.retried_alone = False
-    assert outcomes(told(pool)) == [DONE, Outcome(None, FAULT, "all died"), DONE, DONE]
+@pytest.mark.parametrize(
+    ("again", "times", "error"), [(True, 2, "it died, and again when it was alone"), (False, 1, "it died")]
+)
+def test_one_that_dies_again_or_in_a_pool_that_has_tried_again_is_a_fault_of_its_own(again, times, error):
+    pool = Plain(j1=[Died("it died")] * times)
+    pool.retried_alone = again
+    assert outcomes(told(pool)) == [DONE, Outcome(None, FAULT, error), DONE, DONE]
+    assert pool.begun.count(1) == times
 
 
 def test_a_lost_pool_ends_what_is_not_done():
-    found = outcomes(told(Plain(j1=[Lost("it is gone")]), 4))
-    assert found[0] == DONE
-    assert found[1:] == [Outcome(None, 3, "it is gone")] * 3
-
-
-def test_a_pool_that_is_lost_while_jobs_run_is_noticed():
     class Silent(Plain):
         def check(self):
             raise Lost("it is gone")
 
-    found = outcomes(told(Silent(j0=["hangs"], j1=["hangs"]), 3))
-    assert found == [Outcome(None, 3, "it is gone")] * 3
+    gone = Outcome(None, 3, "it is gone")
+    assert outcomes(told(Plain(j1=[Lost("it is gone")]), 4)) == [DONE, gone, gone, gone]
+    assert outcomes(told(Silent(j0=["hangs"], j1=["hangs"]), 3)) == [gone] * 3
 
 
 def test_a_request_to_end_lets_what_runs_end_and_begins_no_more():
     pool = Plain(j0=["hangs"], j1=["asks"])
-    assert outcomes(told(pool, 4))[:1] == [BEST]
-    assert outcomes(told(Plain(j0=["hangs"], j1=["asks"]), 4))[-1] == NOT_STARTED
-    assert pool.calls == ["interrupt"]
+    found = outcomes(told(pool, 4))
+    assert (found[0], found[-1], pool.calls) == (BEST, NOT_STARTED, ["interrupt"])
     with pytest.raises(KeyboardInterrupt):  # the handler is back
         os.kill(os.getpid(), signal.SIGINT)
 

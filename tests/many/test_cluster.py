@@ -158,13 +158,11 @@ def test_where_no_scheduler_is_the_command_ends(tmp_path, address, message, caps
     assert message in capsys.readouterr().err
 
 
-def test_without_dask_the_extra_is_named(monkeypatch):
+def test_what_this_machine_or_a_worker_lacks_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InvalidInput, match=r"install clothfit\[cluster\]"):
         Cluster("tcp://localhost:1")
-
-
-def test_what_a_worker_lacks_is_named():
+    monkeypatch.undo()
     lacking = Cluster.__new__(Cluster)
     lacking._results = {0: ModuleNotFoundError("No module named 'numba'")}
     lacking._futures = {0: SimpleNamespace(release=lambda: None)}

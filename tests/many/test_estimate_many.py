@@ -13,9 +13,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.options import options_of
 from clothfit.many.estimate_many import estimate_many, fit_all, result
-from clothfit.many.job import Job, Outcome, read
+from clothfit.many.job import Job, Outcome, numbered, read
 from clothfit.many.processes import Processes
-from clothfit.many.starts import numbered
 from clothfit.scene.scene import dumps, load
 
 pytestmark = [

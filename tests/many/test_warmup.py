@@ -26,14 +26,7 @@ pytestmark = [
 AFTERWARDS = """
 import json, sys
 from clothfit.kernels.cache import KernelCache
-import clothfit
-from clothfit.kernels import cache as kernel_cache
-from clothfit.engine.solve import multigrid
-from clothfit.engine.solve import sparse
-from clothfit.kernels.cache import KernelCache
-from clothfit.engine.step import implicit
-from clothfit.engine.system import build
-from clothfit.many.warmup import NEVER, use_everything
+from clothfit.many.warmup import use_everything
 from clothfit.cli.program import run
 use_everything(lambda part: None, small=True)
 asked, load = [], KernelCache.load_overload
@@ -121,14 +114,13 @@ def test_where_it_cannot_keep_anything_it_fails(tmp_path):
     assert error.startswith("error: the compiled code could not be stored")
 
 
-def test_one_of_those_scenes_is_solved_directly():
-    """Else the way there would not be tested above."""
-    assert clothfit.simulate(clothfit.load(SCENES["beyond"])).remedies.direct_solves > 0
-
-
-def test_one_of_those_scenes_has_clamped_steps():
-    """The same."""
-    assert clothfit.simulate(clothfit.load(SCENES["compressed"])).remedies.clamped_steps > 0
+def test_of_those_scenes_one_is_solved_directly_and_one_has_clamped_steps():
+    """Else the ways there would not be tested above; and in that of the warm-up acts all that can."""
+    beyond, compressed = (clothfit.simulate(clothfit.load(SCENES[name])).remedies for name in ("beyond", "compressed"))
+    assert (beyond.direct_solves > 0, compressed.clamped_steps > 0) == (True, True)
+    scene = strip_scene()
+    (own,) = scene.cloths
+    assert all((scene.spheres, scene.wind.any(), own.drag > 0, own.triangles.size, (own.rest > 0).all()))
 
 
 def test_without_compilation_there_is_nothing_to_do():
@@ -158,15 +150,6 @@ def test_compilations_are_counted_within_the_block_only():
 
 def doubled(x):
     return x + x
-
-
-def test_its_scene_has_all_that_can_act_on_a_cloth():
-    scene = strip_scene()
-    assert scene.spheres
-    assert scene.wind.any()
-    assert scene.cloths[0].drag > 0
-    assert scene.cloths[0].triangles.size
-    assert (scene.cloths[0].rest > 0).all()
 
 
 def test_a_strip_can_be_called_large():

@@ -6,13 +6,13 @@ import sys
 import numba
 import numpy as np
 import pytest
-from clothfit.inspection.forecast import inputs_of
 from helpers.modules import script
 from helpers.paths import EXAMPLES
 
 import clothfit
 from clothfit.engine.forces.touch import depths
 from clothfit.engine.system import at_rest
+from clothfit.evaluation.forecast import inputs_of
 
 KEYFRAMES, WORLD = EXAMPLES / "keyframes", EXAMPLES / "world"
 SHORT = 25

@@ -52,7 +52,8 @@ def failed(message: str, code: int, arguments: Sequence[str], error: BaseExcepti
     message = as_typed(message) if isinstance(error, InvalidInput) else message
     with suppress(OSError):
         print(spelled(harmless(f"error: {message}"), sys.stderr.encoding), file=sys.stderr, flush=True)
-    if wants_json(arguments) and not Printed.summary:
+    words = list(arguments)  # which may not have been understood as a whole
+    if "--json" in (words[: words.index("--")] if "--" in words else words) and not Printed.summary:
         found = {"error": message, "where": where(message, arguments, error), "code": code}
         with suppress(OSError):
             text = json.dumps(plain(document(Printed.command, found)))
@@ -67,12 +68,6 @@ def as_typed(message: str) -> str:
         return message
     option = OTHERWISE.get(found[1], f"--{found[1].replace('_', '-').replace(' ', '-')}")
     return option + message[found.end() :] if option in Printed.options else message
-
-
-def wants_json(arguments: Sequence[str]) -> bool:
-    """Whether --json is among the options, which may not have been understood as a whole."""
-    words = list(arguments)
-    return "--json" in (words[: words.index("--")] if "--" in words else words)
 
 
 def where(message: str, arguments: Sequence[str], error: BaseException | None) -> str | None:

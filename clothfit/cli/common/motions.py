@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import Action, F
+from clothfit.cli.common.options import Action, F, gathered
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.axes import HANDS, UPS, Convention, Reading
 
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from clothfit.motion.foreign import Loaded
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
-
-FILE_OPTIONS = ("--fps", "--frames", "--scale", "--up", "--handedness", "--map")
-"""Those that say what a motion file does not."""
 
 UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
@@ -40,52 +37,48 @@ READ_BY = ("target_path", "target_paths", "in_path", "keys_path")
 """Parameters of commands that are motions to read."""
 
 
-def axes(function: F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> F:
+def axes(prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> Callable[[F], F]:
     """Add the options that say how a file's coordinates are meant, else as `whose` are."""
-    up, hands = (click.Choice(choices) for choices in (UPS, HANDS))
-    own = f"[default: {whose}]"
-    for option in (
-        click.option(f"--{prefix}handedness", type=hands, help=f"Handedness of the axes of {what}.  {own}"),
-        click.option(f"--{prefix}up", type=up, help=f"Axis of {what} that points up.  {own}"),
-        click.option(f"--{prefix}scale", type=float, metavar="M", help=f"Metres per unit of {what}.  {own}"),
-    ):
-        function = option(function)
-    return function
+
+    def decorate(function: F) -> F:
+        up, hands = (click.Choice(choices) for choices in (UPS, HANDS))
+        own = f"[default: {whose}]"
+        for option in (
+            click.option(f"--{prefix}handedness", type=hands, help=f"Handedness of the axes of {what}.  {own}"),
+            click.option(f"--{prefix}up", type=up, help=f"Axis of {what} that points up.  {own}"),
+            click.option(f"--{prefix}scale", type=float, metavar="M", help=f"Metres per unit of {what}.  {own}"),
+        ):
+            function = option(function)
+        return function
+
+    return decorate
 
 
 def reads(function: Action) -> Action:
     """Add the options that say what a motion file does not; they come as one argument, `reading`."""
 
     @wraps(function)
-    def reading(**rest: Any) -> int | None:
-        said = Reading(**{name: rest.pop(name) for name in READING})
-        if not said.plain and not any(rest.get(name) for name in READ_BY):
+    def described(reading: Reading, **rest: Any) -> int | None:
+        if not reading.plain and not any(rest.get(name) for name in READ_BY):
             raise click.UsageError(
                 "--scale, --up, --handedness, --fps, --frames and --map describe the motion of --target; add that",
                 click.get_current_context(),
             )
-        return function(**rest, reading=said)
+        return function(**rest, reading=reading)
 
     by_default = "[default: its times, else one frame per time step]"
-    made: Action = reading
-    for option in (
+    return gathered(
+        "reading", Reading,
+        axes(whose="the file's, else the format's"),
+        click.option("--fps", type=float, metavar="F", help=f"Frames per second of the motion file.  {by_default}"),
+        click.option("--frames", metavar="A:B", help="Frames of the motion file, as a Python slice.  [default: all]"),
         click.option("--map", "markers", metavar="FILE",
                      help="CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]"),
-        click.option("--frames", metavar="A:B", help="Frames of the motion file, as a Python slice.  [default: all]"),
-        click.option("--fps", type=float, metavar="F", help=f"Frames per second of the motion file.  {by_default}"),
-    ):
-        made = option(made)
-    return axes(made, whose="the file's, else the format's")
+    )(described)  # fmt: skip
 
 
-def writes(function: Action) -> Action:
-    """Add the options that say how a motion file is written; they come as one argument, `convention`."""
-
-    @wraps(function)
-    def convention(scale: float | None, up: str | None, handedness: str | None, **rest: Any) -> int | None:
-        return function(**rest, convention=Convention(scale, up, handedness))
-
-    return axes(convention)
+writes = gathered("convention", Convention, axes())
+"""Adds the options that say how a motion file is written; they come as one argument, `convention`."""
 
 
 def read(

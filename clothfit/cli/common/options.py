@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Callable, Iterator, Mapping
 from functools import wraps
@@ -38,29 +39,53 @@ def as_object(function: F) -> F:
     return click.option("--json", "as_json", is_flag=True, help=text)(function)
 
 
-def standard_command(name: str, sections: Sections | None = None) -> Callable[[Action], click.Command]:
-    """A command with the options that every command has; its function receives a `console` for its messages.
+def section(title: str) -> Callable[[Action], Action]:
+    """Show the options below, down to those of the next section, under this title in the help."""
 
-    `sections` groups its other options in the help.
-    """
+    def mark(function: Action) -> Action:
+        for option in getattr(function, "__click_params__", ()):
+            vars(option).setdefault("title", title)
+        return function
+
+    return mark
+
+
+def gathered(name: str, kind: type[Any], *options: Callable[[Any], Any]) -> Callable[[Action], Action]:
+    """Add options, which a command is given as one argument: a dataclass whose fields have their names."""
+    fields = [each.name for each in dataclasses.fields(kind)]
+
+    def decorate(function: Action) -> Action:
+        @wraps(function)
+        def run(**rest: Any) -> int | None:
+            own = {field: rest.pop(field) for field in fields}
+            return function(**rest, **{name: kind(**own)})
+
+        for option in reversed(options):
+            run = option(run)
+        return run
+
+    return decorate
+
+
+def standard_command(name: str) -> Callable[[Action], click.Command]:
+    """A command with the options that every command has; its function receives a `console` for its messages."""
 
     def decorate(function: Action) -> click.Command:
         @wraps(function)
-        def speaking(quiet: bool, verbose: bool, **arguments: Any) -> int | None:
+        def speaking(quiet: bool, verbose: bool, as_json: bool, **arguments: Any) -> int | None:
             context = click.get_current_context()
             before: dict[str, bool] = context.obj or {}
-            arguments["as_json"] = arguments["as_json"] or before.get("as_json", False)
-            elsewhere = streams(arguments)
-            Printed.begin(name, elsewhere, {each for one in context.command.params for each in one.opts})
-            data = elsewhere or arguments["as_json"]
+            known = {each for one in context.command.params for each in one.opts}
+            Printed.begin(name, streams(arguments), known, as_json or before.get("as_json", False))
             check_places(name, arguments)
+            data = Printed.elsewhere or Printed.as_json
             console = Console(quiet or before.get("quiet", False), verbose or before.get("verbose", False), data)
             return function(**arguments, console=console)
 
         made = loudness(click.version_option(__version__, prog_name="clothfit")(speaking))
         made = as_object(made)
         settings = {"help_option_names": ["-h", "--help"]}
-        return complete_values(click.command(name, ExamplesFirst, context_settings=settings, sections=sections)(made))
+        return complete_values(click.command(name, ExamplesFirst, context_settings=settings)(made))
 
     return decorate
 
@@ -79,6 +104,13 @@ def check_least(least: int, **options: int | None) -> None:
             raise InvalidInput(f"--{name.replace('_', '-')} must be at least {least}; {value} was given")
 
 
+def refuse(given: Mapping[str, object], why: str) -> None:
+    """Raise UsageError, with the name in the place of {} in it, at the first option that is given."""
+    for name, value in given.items():
+        if value is not None:
+            raise click.UsageError(why.format(name), click.get_current_context())
+
+
 # ---- What `--help` shows, and in which order: what the command does, examples to copy, then the rest.
 #
 # A command's docstring is its help text: paragraphs between empty lines, the first a plain sentence or two, one of them
@@ -88,10 +120,11 @@ def check_least(least: int, **options: int | None) -> None:
 
 COMMON = ("as_json", "quiet", "verbose", "version")
 """Parameters that every command has, besides the help itself."""
-EXAMPLE_WIDTH = 78  # columns of an example: 80 and the indentation of two
 
-Sections = Mapping[str, tuple[str, ...]]
-"""Titles of sections to the options in them, by their long names."""
+LAST = "Common options"
+"""The title of their section, which is the last one."""
+
+EXAMPLE_WIDTH = 78  # columns of an example: 80 and the indentation of two
 
 FILE_NAMES = {"SCENE", "FITTED", "MOTION", "FILE", "FOLDER", "MESH", "IN", "OUT", "PATH"}
 """Words in the name of a value that make it the name of a file."""
@@ -127,24 +160,17 @@ def wrapped(example: str, width: int = EXAMPLE_WIDTH) -> Iterator[str]:
 
 
 def sections(command: click.Command, context: click.Context) -> dict[str, list[click.Parameter]]:
-    """Titles of sections to the options in them, in the order in which they are shown; empty ones are left out."""
-    wanted: Sections = getattr(command, "sections", {})
-    of = {name: title for title, names in wanted.items() for name in names}
-    found: dict[str, list[click.Parameter]] = {"Options": [], **{title: [] for title in wanted}, "Common options": []}
+    """Titles of sections to the options in them, in the order in which they are shown."""
+    found: dict[str, list[click.Parameter]] = {}
     for option in command.get_params(context):
         if option.param_type_name == "option":
-            title = next((of[name] for name in option.opts if name in of), "Options")
             common = option.name in COMMON or "--help" in option.opts
-            found["Common options" if common else title].append(option)
-    return {title: options for title, options in found.items() if options}
+            found.setdefault(LAST if common else vars(option).get("title", "Options"), []).append(option)
+    return dict(sorted(found.items(), key=lambda each: each[0] == LAST))
 
 
 class ExamplesFirst(click.Command):
     """A command whose help shows its examples first, and its options in sections."""
-
-    def __init__(self, *arguments: Any, sections: Sections | None = None, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self.sections = sections or {}
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the text: summary, examples, rest."""

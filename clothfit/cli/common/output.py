@@ -30,13 +30,16 @@ class Printed:
 
     command: str | None = None  # its name, as soon as that is known
     elsewhere = False  # whether standard output is for a motion, a scene or a page, and JSON goes to standard error
-    summary = False  # whether its JSON was printed
+    as_json = False  # whether its summary is
+    summary = False  # whether that was printed
     options: Collection[str] = ()  # that it has
 
     @classmethod
-    def begin(cls, command: str | None = None, elsewhere: bool = False, options: Collection[str] = ()) -> None:
+    def begin(
+        cls, command: str | None = None, elsewhere: bool = False, options: Collection[str] = (), as_json: bool = False
+    ) -> None:
         """Nothing is printed yet."""
-        cls.command, cls.elsewhere, cls.summary, cls.options = command, elsewhere, False, options
+        cls.command, cls.elsewhere, cls.options, cls.as_json, cls.summary = command, elsewhere, options, as_json, False
 
 
 @contextmanager
@@ -218,8 +221,9 @@ def streams(arguments: Mapping[str, Any]) -> bool:
     path = arguments.get("path", arguments.get("out_path"))
     if path is not None or "path" not in arguments:
         return bool(path == STREAM)
-    scenes = arguments.get("scene_paths") or (arguments.get("fitted_path") or arguments.get("scene_path"),)
-    return bool(scenes[0] == STREAM)
+    inputs = ("scene_paths", "fitted_paths", "fitted_path", "scene_path", "subspace_path")
+    named = next((arguments[name] for name in inputs if name in arguments), None)
+    return (named[0] if isinstance(named, tuple) else named) == STREAM
 
 
 def document(command: str | None, summary: dict[str, Any]) -> dict[str, Any]:
@@ -227,11 +231,15 @@ def document(command: str | None, summary: dict[str, Any]) -> dict[str, Any]:
     return {"schema_version": SCHEMA_VERSION, "command": command, **summary}
 
 
-def print_json(command: str, summary: dict[str, Any], out: Output | None = None) -> None:
-    """Print a summary as JSON on standard output, or on standard error when the result itself goes there."""
-    text = json.dumps(plain(document(command, summary)), allow_nan=False)
-    Printed.summary = True
-    print(text, file=sys.stderr if out is not None and out.is_stream else sys.stdout, flush=True)
+def print_json(summary: dict[str, Any]) -> bool:
+    """Where --json asks for it, print a summary as JSON on standard output, or on standard error when the result itself
+    goes there; returns whether it does.
+    """
+    if Printed.as_json:
+        text = json.dumps(plain(document(Printed.command, summary)), allow_nan=False)
+        Printed.summary = True
+        print(text, file=sys.stderr if Printed.elsewhere else sys.stdout, flush=True)
+    return Printed.as_json
 
 
 def plain(value: Any) -> Any:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial, wraps
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.options import gathered
 from clothfit.cli.common.output import check_unused
 from clothfit.optimise.status import Status
 
@@ -59,22 +60,12 @@ class Pictures:
 
     def simulated(self, scene: Scene, motion: Motion, energy: Energy | None, console: Console) -> None:
         """Draw a motion, which may have diverged after its frames."""
-        if self.plot is not None:
-            from clothfit.pictures import picture_file as picture
-            from clothfit.pictures import plots
-
-            picture.save(self.plot, partial(plots.simulation, scene, motion.times, motion.positions, energy))
-            console.say(f"picture → {self.plot}")
+        self.drawn("simulation", (scene, motion.times, motion.positions, energy), console)
         self.animated(scene, motion.times, motion.positions, None, console)
 
     def controlled(self, course: Course, title: str, console: Console) -> None:
         """Draw a motion that goes through keys; `title` says how it was found."""
-        if self.plot is not None:
-            from clothfit.pictures import picture_file as picture
-            from clothfit.pictures import plots
-
-            picture.save(self.plot, partial(plots.controlled, course, title))
-            console.say(f"picture → {self.plot}")
+        self.drawn("controlled", (course, title), console)
         if self.gif is not None:
             from clothfit.pictures.marks import marks
 
@@ -93,17 +84,12 @@ class Pictures:
             console.say("nothing is drawn, as the fit was interrupted")
             return
         over = over_target(found, scene, targets[0] if targets else None)
-        if self.plot is not None:
-            from clothfit.pictures import picture_file as picture
-            from clothfit.pictures import plots
-
-            fitted = over.times[min(found.frames, len(over.times)) - 1]
-            title = (
-                f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
-                f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s"
-            )
-            picture.save(self.plot, partial(plots.estimation, over, title, history, float(fitted)))
-            console.say(f"picture → {self.plot}")
+        fitted = over.times[min(found.frames, len(over.times)) - 1]
+        title = (
+            f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
+            f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s"
+        )
+        self.drawn("estimation", (over, title, history, float(fitted)), console)
         self.animated(over.scene, over.times, over.own, over.goal, console)
 
     def evaluated(
@@ -115,18 +101,21 @@ class Pictures:
         from clothfit.evaluation.evaluate import overlaid
 
         over = overlaid(truth, fitted, target, max(truth.frames, horizon))
-        if self.plot is not None:
-            from clothfit.pictures import picture_file as picture
-            from clothfit.pictures import plots
-
-            title = (
-                f"RMSE {metres(report.fitted.rmse)} over the {report.fitted.frames} fitted frames, "
-                f"{metres(report.horizon.rmse)} over {report.horizon.frames}"
-            )
-            ends = (truth.delta * (truth.frames - 1), float(over.times[-1]))
-            picture.save(self.plot, partial(plots.evaluation, over, truth, title, min(ends), ends[1]))
-            console.say(f"picture → {self.plot}")
+        title = (
+            f"RMSE {metres(report.fitted.rmse)} over the {report.fitted.frames} fitted frames, "
+            f"{metres(report.horizon.rmse)} over {report.horizon.frames}"
+        )
+        ends = (truth.delta * (truth.frames - 1), float(over.times[-1]))
+        self.drawn("evaluation", (over, truth, title, min(ends), ends[1]), console)
         self.animated(fitted, over.times, over.own, over.goal, console)
+
+    def drawn(self, name: str, what: tuple[Any, ...], console: Console) -> None:
+        """Draw the picture, where it is asked for, by that function of `plots`."""
+        if self.plot is not None:
+            from clothfit.pictures import picture_file, plots
+
+            picture_file.save(self.plot, partial(getattr(plots, name), *what))
+            console.say(f"picture → {self.plot}")
 
     def animated(
         self, scene: Scene, times: Array, x: Array, over: Array | None, console: Console, marks: Marks | None = None
@@ -162,13 +151,9 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
     return overlaid(own, own, motion, frames)
 
 
-def options(function: Any) -> Any:
-    """Add --plot and --gif; the function is given both as `pictures`."""
-
-    @wraps(function)
-    def drawing(plot: str | None, gif: str | None, **arguments: Any) -> Any:
-        return function(**arguments, pictures=Pictures(plot, gif))
-
-    plot_help = "Write a picture here: .png, .svg or .pdf. Needs matplotlib."
-    made = click.option("--gif", metavar="FILE", help="Write an animation here, as a GIF. Needs Pillow.")(drawing)
-    return click.option("--plot", metavar="FILE", help=plot_help)(made)
+options = gathered(
+    "pictures", Pictures,
+    click.option("--plot", metavar="FILE", help="Write a picture here: .png, .svg or .pdf. Needs matplotlib."),
+    click.option("--gif", metavar="FILE", help="Write an animation here, as a GIF. Needs Pillow."),
+)  # fmt: skip
+"""Adds --plot and --gif; the function is given both as `pictures`."""

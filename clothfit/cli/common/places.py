@@ -6,26 +6,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.formats.registry import (
-    CHECKPOINT,
-    EITHER,
-    EXPORT,
-    FORCES,
-    LOG,
-    MAP,
-    MESH,
-    MOTION,
-    PAGE,
-    RECORDED,
-    SCENE,
-    SUBSPACE,
-    kind_of,
-)
+from clothfit.formats import registry as kinds
 
+MOVING = (kinds.MOTION, kinds.MESH, kinds.EITHER)
 PLACES = {
-    "scene_path": (SCENE,), "scene_paths": (SCENE,), "fitted_path": (SCENE, SUBSPACE), "start": (SCENE,),
-    "target_path": (MOTION, MESH, EITHER), "target_paths": (MOTION, MESH, EITHER), "in_path": (MOTION, MESH, EITHER),
-    "given": (MESH, EITHER), "log_paths": (LOG,), "subspace_path": (SCENE, SUBSPACE, RECORDED), "inputs_path": (SCENE,),
+    "scene_path": (kinds.SCENE,), "scene_paths": (kinds.SCENE,),
+    "fitted_path": (kinds.SCENE, kinds.SUBSPACE), "start": (kinds.SCENE,),
+    "target_path": MOVING, "target_paths": MOVING, "in_path": MOVING, "given": (kinds.MESH, kinds.EITHER),
+    "log_paths": (kinds.LOG,), "subspace_path": (kinds.SCENE, kinds.SUBSPACE, kinds.RECORDED),
+    "inputs_path": (kinds.SCENE,),
 }  # fmt: skip
 """Parameters of commands that are files to read, and the kinds that they take."""
 
@@ -44,7 +33,7 @@ def check_places(command: str, arguments: Mapping[str, Any]) -> None:
         if command == "validate" and len(paths) > 1:
             continue  # each gets a line of its own
         for path in paths:
-            kind = None if path is None else kind_of(str(path))
+            kind = None if path is None else kinds.kind_of(str(path))
             if kind is not None and kind not in taken:
                 article = "an" if kind[0] in "aeiou" else "a"
                 raise InvalidInput(f"{path} is {article} {kind}; {advice(kind, command, taken)}")
@@ -52,24 +41,25 @@ def check_places(command: str, arguments: Mapping[str, Any]) -> None:
 
 def advice(kind: str, command: str, taken: tuple[str, ...]) -> str:
     """What to do with a file of that kind where others are taken."""
-    if kind in (MOTION, EITHER) and SCENE in taken and command in WITH_TARGET:
-        return "did you mean --target?" if kind == MOTION else "did you mean --target, or clothfit new?"
-    if kind == SCENE and MESH in taken and MOTION not in taken:
+    if kind in (kinds.MOTION, kinds.EITHER) and kinds.SCENE in taken and command in WITH_TARGET:
+        return "did you mean --target?" if kind == kinds.MOTION else "did you mean --target, or clothfit new?"
+    if kind == kinds.SCENE and kinds.MESH in taken and kinds.MOTION not in taken:
         return "did you mean clothfit info?"
+    resumed = "--checkpoint, with" if command == "estimate" else "clothfit estimate"
+    forced = "--forces" if command in WITH_FORCES else "clothfit info, or simulate --forces"
+    converted = "did you mean clothfit info, or clothfit convert?"
     known = {
-        SCENE: "did you mean SCENE, or to record its motion with clothfit target?",
-        MOTION: "did you mean clothfit info, or clothfit convert?" if SCENE in taken else "it has no faces; did you "
-        "mean estimate --target?",
-        MESH: "did you mean clothfit new?",
-        EITHER: "did you mean clothfit new?",
-        CHECKPOINT: "did you mean --checkpoint, with --resume?" if command == "estimate" else "did you mean clothfit "
-        "estimate --resume?",
-        LOG: "did you mean --log?" if command == "report" else "did you mean clothfit report --log?",
-        MAP: "did you mean --map?",
-        PAGE: "open it in a browser",
-        FORCES: f"did you mean {'--forces' if command in WITH_FORCES else 'clothfit info, or simulate --forces'}?",
-        EXPORT: "name the scene that it was made of",
-        SUBSPACE: "did you mean clothfit subspace play, or clothfit evaluate SCENE MODEL?",
-        RECORDED: "did you mean clothfit subspace build?",
+        kinds.SCENE: "did you mean SCENE, or to record its motion with clothfit target?",
+        kinds.MOTION: converted if kinds.SCENE in taken else "it has no faces; did you mean estimate --target?",
+        kinds.MESH: "did you mean clothfit new?",
+        kinds.EITHER: "did you mean clothfit new?",
+        kinds.CHECKPOINT: f"did you mean {resumed} --resume?",
+        kinds.LOG: "did you mean --log?" if command == "report" else "did you mean clothfit report --log?",
+        kinds.MAP: "did you mean --map?",
+        kinds.PAGE: "open it in a browser",
+        kinds.FORCES: f"did you mean {forced}?",
+        kinds.EXPORT: "name the scene that it was made of",
+        kinds.SUBSPACE: "did you mean clothfit subspace play, or clothfit evaluate SCENE MODEL?",
+        kinds.RECORDED: "did you mean clothfit subspace build?",
     }
     return known[kind]

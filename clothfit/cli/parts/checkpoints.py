@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
+from clothfit.base import checkpoint as files
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, Output, is_among
@@ -21,14 +22,7 @@ ENDED = (Status.CONVERGED, Status.STALLED)
 """Statuses after which there is nothing to go on with."""
 
 
-class Kept(Protocol):
-    """A checkpoint of any search."""
-
-    def check(self) -> None:
-        """Raise InvalidInput where it cannot be one."""
-
-
-Some = TypeVar("Some", bound=Kept)
+Some = TypeVar("Some", bound=files.Checkpoint)
 
 
 def chosen(

@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import Output
+from clothfit.cli.common.options import gathered
 from clothfit.cli.parts import checkpoints
 
 if TYPE_CHECKING:
@@ -27,21 +26,6 @@ if TYPE_CHECKING:
 MOST_MODES = 10_000
 
 
-OPTIONS = (
-    click.option("--actuate", metavar="all|VERTICES",
-                 help="Forces on these vertices of the first object with keys, such as 0,11,20-30, or on a region of "
-                 "the scene.  [default: all, unless something else is to move]"),
-    click.option("--handles", metavar="VERTICES",
-                 help="Vertices that are led along a path, such as 0,132-143: each number, range or region is one "
-                 "handle. pins: those of the scene."),
-    click.option("--wind", is_flag=True, help="The wind, over time."),
-    click.option("--velocity", is_flag=True, help="The velocities at the start."),
-    click.option("--every", type=float, metavar="SECONDS",
-                 help="Time between two keys of paths, of the wind and, then, of forces.  "
-                 "[default: 0.1; forces of each step]"),
-    click.option("--modes", type=int, metavar="COUNT",
-                 help="Forces in the first so many modes of vibration only."),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -93,19 +77,23 @@ class Moves:
         return Controls(pushed, handles, self.wind, self.velocity, self.every, self.modes)
 
 
-def options(function: Any) -> Any:
-    """Add what may move; the function is given it as `moves`."""
-
-    @wraps(function)
-    def moving(
-        actuate: str | None, handles: str | None, wind: bool, velocity: bool, every: float | None, modes: int | None,
-        **arguments: Any,
-    ) -> Any:  # fmt: skip
-        return function(**arguments, moves=Moves(actuate, handles, wind, velocity, every, modes))
-
-    for added in reversed(OPTIONS):
-        moving = added(moving)
-    return moving
+options = gathered(
+    "moves", Moves,
+    click.option("--actuate", metavar="all|VERTICES",
+                 help="Forces on these vertices of the first object with keys, such as 0,11,20-30, or on a region of "
+                 "the scene.  [default: all, unless something else is to move]"),
+    click.option("--handles", metavar="VERTICES",
+                 help="Vertices that are led along a path, such as 0,132-143: each number, range or region is one "
+                 "handle. pins: those of the scene."),
+    click.option("--wind", is_flag=True, help="The wind, over time."),
+    click.option("--velocity", is_flag=True, help="The velocities at the start."),
+    click.option("--every", type=float, metavar="SECONDS",
+                 help="Time between two keys of paths, of the wind and, then, of forces.  "
+                 "[default: 0.1; forces of each step]"),
+    click.option("--modes", type=int, metavar="COUNT",
+                 help="Forces in the first so many modes of vibration only."),
+)  # fmt: skip
+"""Adds what may move; the function is given it as `moves`."""
 
 
 def actuated(text: str, cloth: int, scene: Scene) -> list[Flags]:
@@ -154,15 +142,6 @@ def handles_of(text: str, cloth: int, scene: Scene) -> tuple[Handle, ...]:
     if not found:
         raise InvalidInput(f"--handles pins: objects[{cloth}] has no pins")
     return tuple(found)
-
-
-def checkpoint(path: str | None, resume: bool, out: Output, used: Sequence[str], console: Console) -> Checkpoint | None:
-    """Where a search keeps its state; None where there is no place. Raises InvalidInput when what is asked for cannot
-    be.
-    """
-    from clothfit.base.checkpoint import Checkpoint
-
-    return checkpoints.chosen(path, resume, out, used, console, partial(Checkpoint, resume=resume))
 
 
 @contextmanager

@@ -40,7 +40,7 @@ AS_IN_FIT = (
 
 
 def finish(
-    scene: Scene, found: Fit, out: Output, console: Console, as_json: bool, more: dict[str, Any] | None = None,
+    scene: Scene, found: Fit, out: Output, console: Console, more: dict[str, Any] | None = None,
     log: FitLog | None = None,
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
@@ -48,22 +48,21 @@ def finish(
     for warning in found.warnings:
         console.warn(f"{scene.name}: {warning}")
     if found.status == Status.DIVERGED:
-        conclude(result | {"output": None}, out, as_json, log)
+        conclude(result | {"output": None}, log)
         from clothfit.motion.divergence import Diverged
 
         raise Diverged(f"{scene.name}: {NEVER_FINITE}", 0)
     write_scene(found.scene, out)
     describe(found, out, console)
-    conclude(result, out, as_json, log)
+    conclude(result, log)
     return EXIT_CODES[found.status]
 
 
-def conclude(result: dict[str, Any], out: Output, as_json: bool, log: FitLog | None) -> None:
+def conclude(result: dict[str, Any], log: FitLog | None) -> None:
     """Write the summary to the log and print it as JSON, where asked for."""
     if log is not None:
         log.end(document("estimate", result))
-    if as_json:
-        print_json("estimate", result, out)
+    print_json(result)
 
 
 def describe(found: Fit, out: Output, console: Console) -> None:
@@ -98,20 +97,13 @@ def describe(found: Fit, out: Output, console: Console) -> None:
 
 def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
     """The targets with the markers, the clock and the place that the fit found."""
-    marked = found.markers or []
-    if len(marked) == len(targets):
-        targets = [
-            (each.applied(target[0]), target[1]) if isinstance(target, tuple) else each.applied(target)
-            for target, each in zip(targets, marked, strict=True)
-        ]
-    known = found.registration or []
-    if len(known) != len(targets):
-        return targets
-    return [
-        (each.applied(target[0], target[1].delta), target[1]) if isinstance(target, tuple)
-        else each.applied(target, scene.delta)
-        for target, each in zip(targets, known, strict=True)
-    ]  # fmt: skip
+    pairs = [target if isinstance(target, tuple) else (target, scene) for target in targets]
+    marked, timed = found.markers or [], found.registration or []
+    if len(marked) == len(pairs):
+        pairs = [(each.applied(motion), own) for each, (motion, own) in zip(marked, pairs, strict=True)]
+    if len(timed) == len(pairs):
+        pairs = [(each.applied(motion, own.delta), own) for each, (motion, own) in zip(timed, pairs, strict=True)]
+    return [pair if isinstance(target, tuple) else pair[0] for pair, target in zip(pairs, targets, strict=True)]
 
 
 def describe_choices(found: Fit, console: Console) -> None:

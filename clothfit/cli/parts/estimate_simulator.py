@@ -3,37 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.options import gathered, refuse
 from clothfit.cli.common.output import STREAM, print_json, write_into
 from clothfit.cli.common.scenes import read_scene
 from clothfit.cli.parts.estimate_files import Files, read_target
 
 if TYPE_CHECKING:
-    from clothfit.scene.scene import Scene
     from clothfit.simulators.estimate import Options
     from clothfit.simulators.values import Fitted
-
-OPTIONS = (
-    click.option("--simulator", metavar="TOOL",
-                 help="Fit the values of another tool's cloth, so that it moves like the target: xpbd, or blender, "
-                 "which needs Blender."),
-    click.option("--iterations", type=int, metavar="N",
-                 help="Iterations of xpbd in a substep; --substeps is how many of those there are in a step.  "
-                 "[default: 10, and 1 substep]"),
-    click.option("--bends-by", default="distance", metavar="WHAT",
-                 help="Bending of xpbd: by distance, as the springs, or by angle.  [default: distance]"),
-    click.option("--blender", "blender_path", metavar="PROGRAM",
-                 help="Blender, or a Python that has it as a module.  [default: CLOTHFIT_BPY, else blender]"),
-)  # fmt: skip
-NAMES = ("--simulator", "--iterations", "--bends-by", "--blender")
 
 MODELS = {"xpbd": ("G", "L"), "blender": ("G",)}
 """The few values of a tool, or those of each constraint and vertex."""
@@ -50,9 +35,8 @@ class Asked:
     iterations: int | None
     bends_by: str
     blender: str | None
-    model: str | None = None
 
-    def check(self) -> None:
+    def check(self, model: str | None) -> None:
         """Raise UsageError, InvalidInput on what cannot be."""
         from clothfit.simulators.estimate import SIMULATORS
 
@@ -60,13 +44,13 @@ class Asked:
             raise InvalidInput(f"--simulator: there is no {self.simulator!r}; use {' or '.join(SIMULATORS)}")
         if self.simulator != "xpbd" and (self.iterations is not None or self.bends_by != "distance"):
             raise click.UsageError("--iterations and --bends-by are for --simulator xpbd")
-        if self.simulator and self.model not in (None, *MODELS[self.simulator]):
+        if self.simulator and model not in (None, *MODELS[self.simulator]):
             known = " and ".join(MODELS[self.simulator])
-            raise InvalidInput(f"--model {self.model}: the values of {self.simulator} are fitted by {known}")
+            raise InvalidInput(f"--model {model}: the values of {self.simulator} are fitted by {known}")
         if self.simulator != "blender" and self.blender is not None:
             raise click.UsageError("--blender is for --simulator blender")
 
-    def options(self, substeps: str | None, console: Console) -> Options:
+    def options(self, substeps: str | None, model: str | None, console: Console) -> Options:
         """What to fit in. Raises InvalidInput."""
         from clothfit.simulators import xpbd
         from clothfit.simulators.estimate import Options
@@ -76,34 +60,34 @@ class Asked:
         iterations = 10 if self.iterations is None else self.iterations
         own = xpbd.Settings(int(substeps or 1), iterations, self.bends_by)
         own.check()
-        return Options(str(self.simulator), own, self.blender, report=console.detail, model=self.model or "G")
+        return Options(str(self.simulator), own, self.blender, report=console.detail, model=model or "G")
 
 
-def options(function: Any) -> Any:
-    """Add the options; the function is given them as `tool`."""
-
-    @wraps(function)
-    def with_tool(
-        simulator: str | None, iterations: int | None, bends_by: str, blender_path: str | None, **arguments: Any
-    ) -> Any:
-        return function(**arguments, tool=Asked(simulator, iterations, bends_by, blender_path, arguments.get("model")))
-
-    for added in reversed(OPTIONS):
-        with_tool = added(with_tool)
-    return with_tool
+options = gathered(
+    "tool", Asked,
+    click.option("--simulator", metavar="TOOL",
+                 help="Fit the values of another tool's cloth, so that it moves like the target: xpbd, or blender, "
+                 "which needs Blender."),
+    click.option("--iterations", type=int, metavar="N",
+                 help="Iterations of xpbd in a substep; --substeps is how many of those there are in a step.  "
+                 "[default: 10, and 1 substep]"),
+    click.option("--bends-by", default="distance", metavar="WHAT",
+                 help="Bending of xpbd: by distance, as the springs, or by angle.  [default: distance]"),
+    click.option("--blender", metavar="PROGRAM",
+                 help="Blender, or a Python that has it as a module.  [default: CLOTHFIT_BPY, else blender]"),
+)  # fmt: skip
+"""Adds the options; the function is given them as `tool`."""
 
 
 def fit(
-    scene_paths: tuple[str, ...], files: Files, asked: Asked, substeps: str | None, console: Console, as_json: bool
+    scene_paths: tuple[str, ...], files: Files, asked: Asked, substeps: str | None, model: str | None, console: Console
 ) -> int:
     """Fit a tool to one scene's target and write its values into a folder; returns the exit code."""
-    options = asked.options(substeps, console)
+    options = asked.options(substeps, model, console)
     if len(scene_paths) != 1 or len(files.targets) > 1:
         raise click.UsageError("--simulator takes one SCENE and one --target")
     given = dict(zip(WITHOUT, (files.start, files.checkpoint, files.forces), strict=True))
-    for name, value in given.items():
-        if value is not None:
-            raise click.UsageError(f"{name} does not go with --simulator")
+    refuse(given, "{} does not go with --simulator")
     (scene_path,) = scene_paths
     files = files.of(scene_path)
     if files.in_place or files.path == STREAM or (scene_path == STREAM and files.path is None):
@@ -112,7 +96,8 @@ def fit(
     folder = files.path or f"{Path(scene_path).stem}-{asked.simulator}"
     motion = None
     if files.pairs:
-        motion, scene = one_target(files, scene, console)
+        own = read_target(files.pairs[0], scene, files.reading, console, [])
+        motion, scene = own if isinstance(own, tuple) else (own, scene)
     if asked.simulator == "blender":
         from clothfit.simulators.blender import left_out
 
@@ -128,16 +113,9 @@ def fit(
     for number, each in enumerate(found):
         describe(number, each, console)
     console.say(f"{scene.name}: values of {asked.simulator} → {folder}: {', '.join(made)}")
-    if as_json:
-        print_json("estimate", {"scene": scene.name, "output": folder, "files": list(made),
-                                **written.summary(found, options)})
+    print_json({"scene": scene.name, "output": folder, "files": list(made),
+                            **written.summary(found, options)})
     return 0
-
-
-def one_target(files: Files, scene: Scene, console: Console) -> tuple[Any, Scene]:
-    """The motion to fit to, and its scene."""
-    own = read_target(files.pairs[0], scene, files.reading, console, [])
-    return own if isinstance(own, tuple) else (own, scene)
 
 
 def describe(number: int, found: Fitted, console: Console) -> None:

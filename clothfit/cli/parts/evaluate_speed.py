@@ -36,7 +36,7 @@ class SpeedOptions:
     plot: str | None  # file of the diagram
 
 
-def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Console) -> None:
+def measure(scene_path: str, asked: SpeedOptions, console: Console) -> None:
     """Measure integrators; print and draw the result."""
     check_values(asked.error, asked.budget)
     scene = read_scene(scene_path, console)
@@ -53,8 +53,7 @@ def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Consol
 
         with uninterrupted():
             save_diagram(found, asked.plot, asked.error)
-    if as_json:
-        print_json("evaluate", summary(found, scene, asked))
+    if print_json(summary(found, scene, asked)):
         return
     show(found, scene, asked.error, console)
     if asked.plot is not None:
@@ -129,7 +128,8 @@ def plain_row(row: Row) -> dict[str, Any]:
 def show(found: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
     """Print table and advice."""
     done = [row for row in found.rows if row.status == "done"]
-    shown = [row for row in done if console.verbose or is_shown(row, scene)]
+    short = [row for row in done if row.pareto or row.own or row.setting.tolerance in (None, scene.tolerance)]
+    shown = done if console.verbose else short
     if shown:
         console.table([SPEED_COLUMNS, *map(cells, shown)])
     if len(shown) < len(done):
@@ -140,11 +140,6 @@ def show(found: WorkPrecision, scene: Scene, error: float | None, console: Conso
     console.result("")
     show_reference(found, console)
     show_advice(found, scene, error, console)
-
-
-def is_shown(row: Row, scene: Scene) -> bool:
-    """Whether a row is in the short table."""
-    return row.pareto or row.own or row.setting.tolerance in (None, scene.tolerance)
 
 
 def cells(row: Row) -> tuple[str, ...]:

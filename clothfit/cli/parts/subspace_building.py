@@ -11,7 +11,7 @@ from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import length
+from clothfit.cli.common.options import length, refuse
 from clothfit.cli.common.output import Output, print_json
 from clothfit.many.job import INTERRUPTED
 
@@ -45,12 +45,10 @@ def options_of(given: dict[str, Any]) -> Options:
 def school_of(given: dict[str, Any], out: Output) -> Schooling | None:
     """How to train; None for physics. Raises InvalidInput."""
     if given["method"] != "network":
-        asked = [f"--{name}" for name in ("minutes", "rounds", "resume") if given[name] is not None]
-        if asked:
-            raise click.UsageError(f"{asked[0]} goes with --method network", click.get_current_context())
+        training = ("minutes", "rounds", "resume")
+        refuse({f"--{name}": given[name] for name in training}, "{} goes with --method network")
         return None
-    if given["cubature"] is not None:
-        raise click.UsageError("--cubature does not go with --method network", click.get_current_context())
+    refuse({"--cubature": given["cubature"]}, "{} does not go with --method network")
     if given["minutes"] is not None and given["rounds"] is not None:
         raise click.UsageError("--minutes and --rounds: give one of them", click.get_current_context())
     from clothfit.subspace.network.learn import Schooling
@@ -69,8 +67,7 @@ def state_of(out: Output) -> str:
 
 
 def built(
-    data: Data, options: Options, school: Schooling | None, out: Output, about: dict[str, Any], as_json: bool,
-    console: Console,
+    data: Data, options: Options, school: Schooling | None, out: Output, about: dict[str, Any], console: Console,
 ) -> int | None:  # fmt: skip
     """Build a model, write it, and say how good it is."""
     from clothfit.base import threads
@@ -89,10 +86,9 @@ def built(
         show(f"objects[{c}]", each, console)
         show_worth(data.scene, c, each, model.method, console)
     console.say(f"→ {out.name}")
-    if as_json:
-        more = {"training": model.built["training"]} if school else {}
-        objects = [summary(each) for each in found]
-        print_json("subspace", {"recorded": about, "objects": objects, **more, "output": out.path}, out)
+    more = {"training": model.built["training"]} if school else {}
+    objects = [summary(each) for each in found]
+    print_json({"recorded": about, "objects": objects, **more, "output": out.path})
     return None if ended else INTERRUPTED
 
 

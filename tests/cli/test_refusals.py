@@ -1,0 +1,285 @@
+"""What cannot be asked for: one line that says why, the exit code, and no file made or changed."""
+
+import re
+import shlex
+import sys
+
+import numpy as np
+import pytest
+from helpers.scenes import cloth, document, even, needs_full_disk, trial, write_scene
+
+from clothfit.cli.program import run
+
+pytestmark = pytest.mark.slow  # simulates to fill the folder
+
+KEYS = "--keyframes keys.json"
+DRAWING = ("simulate scene.json", "estimate scene.json", "evaluate scene.json fitted.json")
+INPUT = "cannot write …: it is an input"
+
+USAGE = [
+    ("fold", "no such command 'fold' (see clothfit --help)"),
+    ("simulate", "missing argument 'SCENE' (see clothfit simulate --help)"),
+    ("evaluate scene.json", "missing argument 'FITTED' (see clothfit evaluate --help)"),
+    ("control scene.json", "missing option '--keyframes'"),
+    ("estimate scene.json --fast", "no such option '--fast'"),
+    ("simulate scene.json b.json", "got unexpected extra argument (b.json)"),
+    ("simulate scene.json --steps", "option '--steps' requires an argument"),
+    ("target scene.json --quiet=3", "option '--quiet' does not take a value"),
+    ("simulate scene.json --feedback", "--feedback goes with --forces only"),
+    # slips of the pen
+    ("estimat scene.json", "no such command 'estimat'; did you mean estimate? (see clothfit --help)"),
+    ("Evaluate scene.json", "no such command 'Evaluate'; did you mean evaluate? (see clothfit --help)"),
+    ("sim scene.json", "no such command 'sim'; did you mean simulate? (see clothfit --help)"),
+    ("simulate a.json --stpes 3", "no such option '--stpes'; did you mean --steps? (see clothfit simulate --help)"),
+    ("estimate a.json --max-eval 3", "no such option '--max-eval'; did you mean --max-evaluations? (see clothfit "),
+    ("--quite simulate a.json", "no such option '--quite'; did you mean --quiet? (see clothfit --help)"),
+    ("simulate a.json -x", "no such option '-x' (see clothfit simulate --help)"),
+    # options that do not go together
+    ("evaluate scene.json --speed fitted.json", "--speed takes one scene; FITTED does not go with it"),
+    ("evaluate scene.json --speed --target t.npz", "--speed takes one scene; --target does not go with it"),
+    ("evaluate scene.json --speed --gif x.gif", "--speed takes one scene; --gif does not go with it"),
+    ("evaluate scene.json fitted.json --error 0.1", "--error goes with --speed only"),
+    ("estimate scene.json --fit-time", "--fit-time, --fit-placement and --fit-scale are for the motion of --target"),
+    ("estimate - --end-with-input", "--end-with-input watches standard input, which cannot be the scene as well"),
+    ("new", "missing argument 'plane|MESH'"),
+    ("new --weld", "missing argument 'plane|MESH'"),
+    *[(f"new plane {option}", f"{option.split()[0]} is for meshes from files; leave it out")
+      for option in ("--scale 2", "--up z", "--handedness left", "--weld")],
+    *[(f"new box.obj {option}", f"{option.split()[0]} is for planes; leave it out")
+      for option in ("--size 2", "--divisions 0", "--upright")],
+    ("new plane --fps 9 --delta 1", "--delta and --fps say the same; give one of them"),
+    ("new plane --bending 0 --no-bending", "--bending and --no-bending say the same; give one of them"),
+    # of several scenes
+    ("estimate a.json b.json -o one.json", "-o one.json: 2 scenes need a folder, or a name with {stem}"),
+    ("estimate a.json b.json -o a.json", "-o a.json: 2 scenes need a folder"),
+    ("estimate a.json b.json -o -", "standard input and output (-) are for one scene, not for 2"),
+    ("estimate a.json b.json -", "standard input and output (-) are for one scene, not for 3"),
+    ("estimate a.json b.json --target -", "standard input and output (-) are for one scene"),
+    ("estimate a.json b.json --checkpoint c", "--checkpoint: 2 scenes need one each: put {stem} into the name"),
+    ("estimate a.json b.json --cluster tcp://localhost:1 --resume", "--checkpoint and --resume are for fits on this"),
+    ("estimate a.json b.json --cluster tcp://localhost:1 --jobs 2", "--jobs is for this machine"),
+    *[(f"estimate scene.json {several} --{option}", "… is for one scene fitted from one start on this machine")
+      for several in ("a.json", "--starts 2", "--cluster tcp://h:1")
+      for option in ("plot=x.png", "gif=x.gif", "log=x.jsonl", "forces=t.npz")],
+]
+
+VALUES = [
+    ("simulate scene.json --steps many", "invalid value for '--steps': 'many' is not a valid integer"),
+    ("simulate scene.json --steps 1.5", "invalid value for '--steps'"),
+    *[(f"{command} --steps {steps}", f"--steps must be at least 1; {steps} was given")
+      for command, steps in (("simulate scene.json", 0), ("simulate scene.json", -3), ("target scene.json", 0),
+                             ("evaluate scene.json fitted.json", 0), ("evaluate scene.json --speed", 0),
+                             ("check scene.json", 0))],
+    *[(f"{command} scene.json --tolerance {value}", f"--tolerance must be above 0 and below 1; {value} was given")
+      for command, value in (("simulate", 0), ("simulate", 1), ("simulate", "nan"), ("estimate", 2))],
+    ("simulate scene.json --scale -1 -o x.pc2", "--scale must be above 0 and finite"),
+    ("convert t.npz y.pc2 --to-scale 0", "--to-scale must be above 0"),
+    ("target scene.json --noise -1", "--noise must be at least 0 and finite; -1 m was given"),
+    ("target scene.json --noise nan", "--noise must be at least 0 and finite; nan m was given"),
+    ("target scene.json --noise loud", "invalid value for '--noise'"),
+    ("target scene.json --observed 0", "--observed must be a fraction above 0 and at most 1; 0 was given"),
+    ("target scene.json --observed 1.1", "--observed must be a fraction above 0 and at most 1; 1.1 was given"),
+    ("target scene.json --every 0", "--every must be at least 1; 0 was given"),
+    ("target scene.json --seed -1", "invalid value for '--seed'"),
+    ("check scene.json --seed -1", "invalid value for '--seed'"),
+    ("check scene.json --memory lots", "--memory: 'lots' is not a size"),
+    ("check scene.json --memory 1kB", "--memory: 1 kB is too little"),
+    ("evaluate scene.json --speed --error 0", "--error must be above 0 and finite; 0 m was given"),
+    ("evaluate scene.json --speed --error nan", "--error must be above 0 and finite; nan m was given"),
+    ("evaluate scene.json --speed --budget -1", "--budget must be above 0 and finite; -1 s was given"),
+    ("evaluate scene.json --speed --budget inf", "--budget must be above 0 and finite; inf s was given"),
+    # of a fit
+    ("estimate scene.json --max-evaluations 0", "--max-evaluations must be at least 1; 0 was given"),
+    ("estimate scene.json --rmse -1", "--rmse must be at least 0; -1 m was given"),
+    ("estimate scene.json --rmse nan", "--rmse must be at least 0; nan m was given"),
+    ("estimate scene.json --method magic", "--method: there is no 'magic'; use auto, momentum, gauss-newton, l-bfgs-b"),
+    ("estimate scene.json --start nan", "--start: nan is not within the bounds 0.0001 … 10000"),
+    ("estimate scene.json --start 1e9", "--start: 1e+09 is not within the bounds"),
+    ("estimate scene.json --start -2", "--start: -2 is not within the bounds"),
+    ("estimate scene.json --prior much", "--prior must be auto, none or a width in log parameters above 0; 'much' was"),
+    ("estimate scene.json --holdout 1.5", "--holdout must be a fraction above 0 and below 1; 1.5 was given"),
+    ("estimate scene.json --holdout-of days", "--holdout: there is nothing called 'days'"),
+    ("estimate scene.json --objective speed", "--objective: there is no 'speed'; use position, velocity, edge-length,"),
+    ("estimate scene.json --objective velocity=fast", "--objective: velocity=fast: the weight is not a number, as in"),
+    ("estimate scene.json --objective velocity=", "--objective: velocity=: the weight is not a number"),
+    ("estimate scene.json --objective velocity=-1", "--objective: velocity: the weight must be above 0 and finite; -1"),
+    ("estimate scene.json --objective velocity --objective velocity=2", "--objective: velocity is given twice"),
+    ("estimate scene.json --loss cauchy", "--loss: there is no 'cauchy'; use linear, soft_l1, huber"),
+    ("estimate scene.json --loss-scale 0.1", "--loss-scale: the linear loss has none; choose the loss soft_l1 or"),
+    ("estimate scene.json --loss huber --loss-scale 0", "--loss-scale must be above 0 and finite; 0 m was given"),
+    ("estimate scene.json --target t.npz --model Q", "--model: there is no 'Q'; use auto, F, G, R, M, L"),
+    *[(f"estimate scene.json --target t.npz --substeps {given}",
+       f"--substeps must be auto or a whole number from 1 on; {told} was given")
+      for given, told in (("0", "0"), ("few", "'few'"), ("1.5", "'1.5'"))],
+    ("estimate scene.json --target t.npz --substeps 2 --keep-step", "--substeps: the step is to be kept; use either"),
+    ("estimate scene.json --substeps 2", "--substeps: a target is needed"),
+    ("estimate scene.json --model auto", "model auto: a target is needed"),
+    ("estimate scene.json --target t.npz --frames a", "--frames: 'a' is not A:B"),
+    ("estimate plain.json", "plain.json: nothing to fit: no object flags anything; set its optimizationSettings"),
+    ("estimate a.json b.json --starts 0", "--starts must be at least 1; 0 was given"),
+    ("estimate a.json b.json --seed -1", "--seed must be at least 0; -1 was given"),
+    ("estimate a.json b.json --jobs 0", "--jobs must be at least 1; 0 was given"),
+    ("estimate a.json b.json --method magic", "--method: there is no 'magic'"),
+    # of forces that lead
+    (f"control sheet.json {KEYS} --most 0", "--most must be above 0"),
+    (f"control sheet.json {KEYS} --smooth -1", "--smooth must be at least 0"),
+    (f"control sheet.json {KEYS} --smooth 1e200", "--smooth must be at least 0 and at most 1e+06"),
+    (f"control sheet.json {KEYS} --actuate 9", "--actuate: vertex 9 does not exist"),
+    (f"control sheet.json {KEYS} --actuate 0", "--actuate 0: all of these vertices are fixed"),
+    (f"control sheet.json {KEYS} --table f.txt", "--table must be a file .csv"),
+    (f"control sheet.json {KEYS} --table -", "--table must be a file .csv"),
+    (f"control sheet.json {KEYS} --report -", "--report must be a file"),
+    ("simulate sheet.json --forces keys.json", "keys.json: cannot be read as forces"),
+    # of a new scene
+    *[(f"new plane --{given}", "") for given in (
+        "size=2x", "size=1x2x3", "size=big", "size=0", "rotate=1,2", "'move=1;2;3'", "move=1,2,nan", "fix-box=0,0,0",
+        "fix-box=0,0:0,0,0,0", "fix-vertices=1-", "divisions=100000", "fix-vertices=", "fix-vertices=a",
+        "fix-vertices=144", "fix-side=left=far", "fix-side=top", "sphere=0,0,0", "sphere=0,0,0,0", "wind=5",
+        "fit=xx", "fit=mass", "fit=wind=L", "fit=n", "frames=1", "delta=0", "density=0", "divisions=-1",
+        "integrator=magic", "tolerance=2", "stiffness=nan", "drag=wind", "drag=-1")],
+    ("new plane --size 1x", "--size: '1x' is not understood; give it as in 2 or 2x1.5"),
+    ("new plane --size 1,2", "--size: '1,2' is not understood; give it as in 2 or 2x1.5"),
+    ("new plane --fix-vertices 5-2", "--fix-vertices: '5-2' is not understood; give it as in 0,11,20-30"),
+    ("new plane --fix-vertices 999", "--fix-vertices: vertex 999 does not exist"),
+    ("new plane --fix-side inner", "--fix-side: there is no 'inner'"),
+    ("new plane --divisions 1000", "a plane of 1000 divisions would have 1004004 vertices; it may have at most"),
+    *[(f"new plane --region {given}", f"…{told}") for given, told in (
+        ("a", "'a' is not understood"), ("=top", "--region: '=top' is not understood"),
+        ("a=", "'a=' is not understood"), ("a=middle", "region a: there is no 'middle'"),
+        ("a=top", "region a: the mesh is flat along y"), ("a=0-144", "vertex 144 does not"),
+        ("a=3-1", "--region: '3-1'"), ("a=0,0:1,1,1", "--region: '0,0'"),
+        ("a=9,9,9:10,10,10", "region: 'a' has no vertices"), ("elsewhere=0", "cannot be a"))],
+]
+
+FILES = [
+    # what is read
+    ("simulate absent.json", "absent.json: there is no such file"),
+    ("simulate .", "…Is a directory"),
+    ("simulate wrong.json", "wrong.json: objects[0].vertMass[3]: the mass -1.0 kg must be above 0"),
+    *[(f"{command} empty.json", "empty.json: the file is empty") for command in ("simulate", "target", "estimate")],
+    ("estimate scene.json --start absent.json", "absent.json: there is no such file"),
+    ("estimate scene.json --target absent.npz", "absent.npz: there is no such file"),
+    ("estimate scene.json --target absent.npz@t.json", "t.json: there is no such file"),
+    ("estimate scene.json --target=", "…"),
+    ("estimate scene.json --start=", "…"),
+    ("estimate other.json --target t.npz", "t.npz: positions: has shape (5, 16, 3), (frames, 12, 3) fits other.json"),
+    ("evaluate scene.json absent.json", "absent.json: there is no such file"),
+    ("evaluate scene.json other.json", "other.json: its objects have "),
+    ("evaluate scene.json fitted.json --target absent.npz", "absent.npz: there is no such file"),
+    ("evaluate scene.json fitted.json --target scene.json", "scene.json is a scene; did you mean SCENE"),
+    ("evaluate scene.json fitted.json --target= --steps 20", "…"),
+    ("check scene.json --target absent.npz", "absent.npz: there is no such file"),
+    ("control scene.json --keyframes none.json", "none.json: there is no such file"),
+    # standard input, once
+    *[(line, "standard input (-) can be only one of the inputs")
+      for line in ("evaluate - -", "evaluate scene.json - --target -", "validate - -", "check - --target -",
+                   "estimate - --target -", "estimate - --start -")],
+    # what is written over nothing that is read
+    ("target scene.json -o scene.json", INPUT),
+    ("simulate scene.json -o ''", "cannot write : it does not name a file"),
+    *[(f"simulate scene.json -o {place}", f"cannot write {place}: {reason}") for place, reason in (
+        ("folder", "it is a folder"), ("absent/x.npz", "the folder … does not exist"),
+        ("scene.json", "it is an input, which is never written over; name another file"),
+        ("./folder/../scene.json", "it is an input"), ("link.txt", "it is an input"), ("hard.txt", "it is an input"))],
+    *[(f"simulate scene.json --dump {place}", told) for place, told in (
+        ("-", "--dump must be a file of its own"), ("scene.motion.npz", "--dump must be a file of its own"),
+        ("./scene.motion.npz", "--dump must be a file of its own"), ("scene.json", "…it is an input"),
+        ("absent/x.npz", "…does not exist"))],
+    *[(f"simulate scene.json -o '{name}'", "") for name in ("a.obj", "nowhere/a_*.obj", "a_*_*.obj")],
+    *[(f"estimate scene.json --target t.npz@a.json --start fitted.json -o {name}", INPUT)
+      for name in ("scene.json", "t.npz", "a.json", "fitted.json")],
+    ("estimate scene.json --target t.trc --map map.csv -o map.csv", INPUT),
+    ("estimate - --in-place", "--in-place writes into the scene's file"),
+    ("estimate scene.json --in-place -o x.json", "--in-place writes into the scene's file"),
+    ("estimate a.json b.json ./a.json", "a.json and ./a.json would both be written to ./a.fitted.json; use {folder}"),
+    ("estimate a.json b.json a.json --in-place", "a.json and a.json would both be written to a.json"),
+    ("estimate a.json b.json a.fitted.json", "cannot write a.fitted.json: it is an input, which is never written over"),
+    ("estimate a.json b.json -o {stem}.json", "cannot write a.json: it is an input, which is never written over"),
+    ("estimate a.json b.json -o t.npz/x/", "cannot make the folder t.npz/x/: Not a directory"),
+    ("estimate scene.json --log absent/fit.jsonl", "cannot write absent/fit.jsonl: the folder"),
+    *[(f"estimate scene.json --log {name}", f"--log: {name}: must be a file of its own, not an input or an output")
+      for name in ("scene.json", "-", "scene.fitted.json")],
+    ("evaluate scene.json --speed --plot x.gif", "x.gif: a picture's name ends in .png, .svg or .pdf"),
+    ("evaluate scene.json --speed --plot -", "-: a picture's name ends in"),
+    ("evaluate scene.json --speed --plot absent/x.png", "cannot write absent/x.png: the folder"),
+    ("evaluate scene.png --speed --plot scene.png", "cannot write scene.png: it is an input, which is never"),
+    *[(f"{command} {option}", message) for command in DRAWING for option, message in (
+        ("--plot x.jpg", "x.jpg: a picture's name ends in .png, .svg or .pdf"),
+        ("--gif x.png", "x.png: a picture's name ends in .gif"),
+        ("--plot absent/x.png", "cannot write absent/x.png: the folder"),
+        ("--plot scene.json", "cannot write scene.json: it is an input or another output"))],
+    *[(f"control sheet.json {KEYS} {option}", f"…{told}") for option, told in (
+        ("--forces keys.json", "it is an input"), ("--report keys.json", "it is an input"),
+        ("--forces m.npz -o m.npz", "of its own"), ("--velocity --save m.npz -o m.npz", "of its own"))],
+    ("new box.obj -o box.obj", INPUT),
+    ("new shot_*.obj -o shot_2.obj", INPUT),
+    *[(f"convert {line}", "…it is an input") for line in (
+        "t.npz t.npz", "shot_*.obj shot_*.obj", "shot_1.obj shot_*.obj", "shot_1.obj shot_1.obj",
+        "shot_1.obj a.obj --mesh a.obj", "t.trc map.csv --map map.csv")],
+]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with files of all kinds, and what they hold."""
+    folder = tmp_path_factory.mktemp("place")
+    for name in ("scene.json", "a.json", "b.json", "a.fitted.json", "fitted.json", "scene.png"):
+        write_scene(folder, even("nG", 5), name)
+    write_scene(folder, trial("nn", 5), "plain.json")
+    write_scene(folder, even("nG", 5, nx=3), "other.json")
+    write_scene(folder, trial("nG", 5, vertMass=[0.1] * 3 + [-1] + [0.1] * 12), "wrong.json")
+    write_scene(folder, document(cloth(3, 2), optimizationIterations=12), "sheet.json")
+    write_scene(folder, {"keys": [{"time": 0.2, "vertices": [4], "positions": [[1.0, 0.2, 1.0]]}]}, "keys.json")
+    np.savez(folder / "t.npz", positions=np.zeros((5, 16, 3)), times=0.02 * np.arange(5))
+    for name in ("box.obj", "shot_1.obj", "shot_2.obj", "a.obj"):
+        (folder / name).write_text("v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n")
+    (folder / "map.csv").write_text("marker,object,vertex\n")
+    (folder / "t.trc").write_text("")
+    (folder / "empty.json").write_text(" \n")
+    (folder / "folder").mkdir()
+    (folder / "link.txt").symlink_to("scene.json")
+    (folder / "hard.txt").hardlink_to(folder / "scene.json")
+    return folder, held(folder)
+
+
+def held(folder):
+    """What is in the files of a folder."""
+    return {path.name: path.read_bytes() if path.is_file() else None for path in folder.iterdir()}
+
+
+CASES = [*((line, 2, told) for line, told in USAGE), *((line, 3, told) for line, told in (*VALUES, *FILES))]
+
+
+@pytest.mark.parametrize(("line", "code", "message"), CASES, ids=[line for line, *_ in CASES])
+def test_what_cannot_be_is_one_line_and_no_file(place, monkeypatch, capsys, line, code, message):
+    folder, before = place
+    monkeypatch.chdir(folder)
+    ended = run(shlex.split(line))
+    out, err = capsys.readouterr()
+    assert (ended, out, err.count("\n")) == (code, "", 1)
+    assert len(err) < 300
+    assert re.match(".*".join(map(re.escape, f"error: {message}".split("…"))), err)
+    assert held(folder) == before
+
+
+@needs_full_disk
+@pytest.mark.parametrize("line", ["simulate scene.json -q", "estimate scene.json -q"])
+@pytest.mark.usefixtures("fits")
+def test_a_full_disk_is_named(folder, capsys, line):
+    assert run([*line.split(), "-o", "/dev/full"]) == 3
+    assert capsys.readouterr() == ("", "error: cannot write /dev/full: No space left on device\n")
+
+
+@pytest.mark.parametrize(("option", "module", "library"), [("--plot x.png", "matplotlib", "matplotlib"),
+                                                           ("--gif x.gif", "PIL", "Pillow")])  # fmt: skip
+@pytest.mark.parametrize("command", DRAWING)
+def test_a_missing_library_is_named_before_anything_is_done(
+    place, capsys, monkeypatch, command, option, module, library
+):
+    monkeypatch.chdir(place[0])
+    monkeypatch.setitem(sys.modules, module, None)
+    assert run([*command.split(), *option.split()]) == 3
+    name = option.split()[1]
+    line = f"error: {name}: a picture needs {library}; install it with: pip install 'clothfit[plot]'\n"
+    assert capsys.readouterr() == ("", line)
+    assert held(place[0]) == place[1]
