@@ -1,6 +1,8 @@
-"""Records and absent parts: what kernels get in place of a tuple, or of nothing."""
+"""Records, absent parts and kernels that are called apart: what kernels get in place of a tuple, of nothing, of code."""
 
+import signal
 import sys
+import types
 from typing import NamedTuple
 
 import numba
@@ -26,10 +28,14 @@ class Outer(NamedTuple):
     table: np.ndarray
     number: int
     nothing: None
+    pair: tuple
+    mixed: tuple
 
 
 def made():
-    return Outer(0.5, Inner(True, np.array([1.0, 2.0])), np.arange(6.0).reshape(2, 3), 7, None)
+    pair = np.arange(4, dtype=np.int32), np.arange(6, 10, dtype=np.int32)
+    mixed = 0.25, np.arange(24.0).reshape(2, 3, 4)[::-1, :, ::2], (True, 3)
+    return Outer(0.5, Inner(True, np.array([1.0, 2.0])), np.arange(6.0).reshape(2, 3), 7, None, pair, mixed)
 
 
 @kernel
@@ -51,6 +57,26 @@ def test_fields_of_a_record_and_of_one_within_it_are_read():
     assert entry(own, out) == 0.5 * 3.0 + 5.0 + 7
     assert entry(own._replace(inner=own.inner._replace(flag=False), number=0), out) == -1.5 + 5.0
     assert out.tolist() == [1.0, 2.0]
+
+
+@kernel
+def look(own, out):
+    """Parts of tuples within the record: arrays of two types, one of them with strides of its own, and numbers."""
+    scale, table, (flag, number) = own.mixed
+    out[:] = own.pair[1]
+    for i in range(table.shape[0]):
+        for j in range(table.shape[1]):
+            for k in range(table.shape[2]):
+                out[k] += scale * table[i, j, k] * (i + 1) * (j + 2)
+    return number + len(own.pair[0]) + table.size if flag else 0
+
+
+def test_tuples_within_a_record_are_read_with_the_strides_of_their_arrays():
+    own, out = made(), np.zeros(4)
+    table = own.mixed[1]
+    weights = np.array([1, 2])[:, None] * np.array([2, 3, 4])
+    assert look(own, out) == 3 + 4 + 12
+    assert out.tolist() == [*(own.pair[1][:2] + 0.25 * np.einsum("ijk,ij->k", table, weights)), 8.0, 9.0]
 
 
 @compiles
@@ -103,3 +129,82 @@ def test_nothing_is_compiled_for_a_part_that_is_absent():
     with compilations() as found:
         assert touched(None, np.array([2.0])) == 2.0
     assert not any(name.endswith(".touch") for name in found)
+
+
+def of_twice():
+    """A kernel that is called apart, and two that call it, one of them only for positive numbers."""
+
+    @kernel(apart=0.0)
+    def twice(x):
+        if x > 100.0:
+            raise ValueError("too large")
+        return 2.0 * x
+
+    @kernel
+    def thrice(x):
+        return twice(x) + x
+
+    @kernel
+    def relu(x):
+        return 0.5 * twice(x) if x > 0.0 else 0.0
+
+    twice.__module__, twice.py_func.__qualname__ = __name__, "twice"
+    return twice, thrice, relu
+
+
+@pytest.fixture
+def apart(monkeypatch):
+    """What `of_twice` makes, where it is looked for when it is called."""
+    made = of_twice()
+    place = types.ModuleType("with_twice")
+    place.twice = made[0]
+    if not numba.config.DISABLE_JIT:
+        made[0].py_func.__module__ = "with_twice"
+    monkeypatch.setitem(sys.modules, "with_twice", place)
+    return made
+
+
+def test_a_kernel_that_is_called_apart_gives_what_it_returns(apart):
+    _, thrice, relu = apart
+    assert (thrice(2.0), relu(3.0), relu(-3.0)) == (6.0, 3.0, 0.0)
+
+
+def test_its_errors_reach_the_caller(apart):
+    with pytest.raises(ValueError, match="too large"):
+        apart[1](101.0)
+
+
+@compiles
+def test_there_is_code_of_it_when_it_is_needed_and_once(apart):
+    twice, thrice, relu = apart
+    relu(-1.0)
+    assert len(twice.inner.overloads) == 0
+    relu(1.0)
+    thrice(1.0)
+    assert len(twice.inner.overloads) == 1
+
+
+@compiles
+def test_what_ends_its_compilation_is_raised_by_the_call_and_the_next_call_compiles_it(apart, monkeypatch):
+    twice, thrice, _ = apart
+    with monkeypatch.context() as patch:
+        patch.setattr(type(twice), "address", lambda self, kinds: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            thrice(1.0)
+    assert thrice(1.0) == 3.0
+
+
+@kernel(empty=4.0, apart=0.0)
+def of_rows(part, x):
+    return part[0][0] * x
+
+
+@kernel
+def with_rows(part, x):
+    return 1.0 + of_rows(part, x)
+
+
+def test_a_part_without_rows_is_as_absent_as_none():
+    empty, full = (np.zeros(0), 1.0), (np.array([3.0]), 1.0)
+    for part, value in ((None, 4.0), (empty, 4.0), (full, 6.0)):
+        assert (of_rows(part, 2.0), with_rows(part, 2.0)) == (value, 1.0 + value)
