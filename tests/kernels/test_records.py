@@ -1,4 +1,4 @@
-"""Records, absent parts and kernels that are called apart: what kernels get in place of a tuple, of nothing, of code."""
+"""Records, absent parts and kernels that are called apart: what there is in place of a tuple, of nothing, of code."""
 
 import signal
 import sys
@@ -131,7 +131,8 @@ def test_nothing_is_compiled_for_a_part_that_is_absent():
     assert not any(name.endswith(".touch") for name in found)
 
 
-def of_twice():
+@pytest.fixture
+def apart(monkeypatch):
     """A kernel that is called apart, and two that call it, one of them only for positive numbers."""
 
     @kernel(apart=0.0)
@@ -148,20 +149,12 @@ def of_twice():
     def relu(x):
         return 0.5 * twice(x) if x > 0.0 else 0.0
 
-    twice.__module__, twice.py_func.__qualname__ = __name__, "twice"
+    place = types.ModuleType("with_twice")  # where it is looked for when it is called
+    place.twice = twice
+    monkeypatch.setitem(sys.modules, place.__name__, place)
+    function = getattr(twice, "py_func", twice)
+    function.__module__, function.__qualname__ = place.__name__, "twice"
     return twice, thrice, relu
-
-
-@pytest.fixture
-def apart(monkeypatch):
-    """What `of_twice` makes, where it is looked for when it is called."""
-    made = of_twice()
-    place = types.ModuleType("with_twice")
-    place.twice = made[0]
-    if not numba.config.DISABLE_JIT:
-        made[0].py_func.__module__ = "with_twice"
-    monkeypatch.setitem(sys.modules, "with_twice", place)
-    return made
 
 
 def test_a_kernel_that_is_called_apart_gives_what_it_returns(apart):
