@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +13,7 @@ from numba.core.registry import CPUDispatcher
 from clothfit.kernels.cache import KernelCache, stem
 from clothfit.kernels.dependencies import reached, types_text
 
-EVERY = 2.5  # s between two reports
+EVERY, SOON = 2.5, 0.5  # s between two reports, and of an entry before the first
 
 
 class Compilations(event.Listener):
@@ -22,7 +23,7 @@ class Compilations(event.Listener):
 
     def __init__(self, begun: Callable[[], None], far: Callable[[int, int], None], over: Callable[[], None]) -> None:
         self.begun, self.far, self.over = begun, far, over
-        self.depth, self.announced, self.needed = 0, False, 0
+        self.depth, self.announced, self.needed, self.due = 0, False, 0, 0.0
         self.ended = threading.Event()
 
     def on_start(self, event: Any) -> None:
@@ -33,11 +34,12 @@ class Compilations(event.Listener):
             return
         self.depth += 1
         if not self.announced:
-            self.announced = True
+            self.announced, self.due = True, time.monotonic() + EVERY
             self.begun()
         if self.depth == 1:
             self.needed = len(KernelCache.names) + missing(event.data["dispatcher"].py_func, event.data["args"])
             self.ended = threading.Event()
+            self.due = max(self.due, time.monotonic() + SOON)  # one after another may take less than EVERY
             threading.Thread(target=self._tick, args=(self.ended,), name="clothfit-progress", daemon=True).start()
 
     def on_end(self, event: Any) -> None:
@@ -49,8 +51,9 @@ class Compilations(event.Listener):
                 self.over()
 
     def _tick(self, ended: threading.Event) -> None:
-        while not ended.wait(EVERY):
+        while not ended.wait(self.due - time.monotonic()):
             self.far(min(len(KernelCache.names), self.needed), self.needed)
+            self.due = time.monotonic() + EVERY
 
 
 def missing(function: Callable[..., object], kinds: tuple[Any, ...]) -> int:
