@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from clothfit.meshes import problems
     from clothfit.meshes.mesh_file import read_mesh as read_mesh
     from clothfit.meshes.new_scene import new_scene as new_scene
-    from clothfit.meshes.problems import weld as weld
     from clothfit.motion.degrade import degrade as degrade
     from clothfit.motion.divergence import Diverged as Diverged
     from clothfit.motion.energy import Energy as Energy
@@ -68,7 +67,7 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import load as load
     from clothfit.scene.scene import save as save
 
-    mesh_problems = problems
+    mesh_problems = weld = problems
 
 _HOMES = {
     "base.errors": ("ClothfitError", "InvalidInput", "InvalidMotion", "InvalidScene"),

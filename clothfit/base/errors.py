@@ -6,6 +6,8 @@ does not converge is a result with a status, not an exception.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 
 class ClothfitError(Exception):
     """Base of all errors that a user can act on. `exit_code` is the exit code of a command that ends with it."""
@@ -37,3 +39,9 @@ class InvalidScene(InvalidInput):
 
 class InvalidMotion(InvalidInput):
     """A motion, as a file or an array, that does not fit its format or the scene. Exit code 3."""
+
+
+class NotCompiled(Exception):
+    """Raised by compiled code that calls code which cannot be compiled, or not now; `reasons` ends with why."""
+
+    reasons: ClassVar[list[BaseException]] = []

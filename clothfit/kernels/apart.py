@@ -18,8 +18,8 @@ from typing import Any
 from llvmlite import binding, ir
 from numba.core import cgutils
 
+from clothfit.base.errors import NotCompiled
 from clothfit.kernels import helper
-from clothfit.kernels.kernel import NotCompiled
 
 SYMBOL = "clothfit_address_of"
 """What compiled code calls for an address."""

@@ -19,19 +19,14 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, ClassVar, TypeVar, overload
+from typing import Any, TypeVar, overload
 
+from clothfit.base.errors import NotCompiled
 from clothfit.base.threads import interpreted
 
 F = TypeVar("F", bound=Callable[..., object])
 R = TypeVar("R", bound=type)
 
-
-
-class NotCompiled(Exception):
-    """Raised in compiled code that calls a kernel which cannot be compiled, or not now; `reasons` says why."""
-
-    reasons: ClassVar[list[BaseException]] = []
 
 
 def record(own: R) -> R:

@@ -275,7 +275,7 @@ def large() -> None:
     with called(large=True):
         gradients()
         work = implicit.workspace(build(strip_scene(), 0))
-        kinds = map(numba.typeof, (work.A, work.solver.cg, *(work.solver.large or ())))
+        kinds = map(numba.typeof, (work.A, work.solver.cg, *work.solver.large))
         serve: Any = cg_multigrid.serve  # otherwise called only where there is a second processor
         serve.outer.compile(tuple(kinds))
         estimate(strip_scene(), method="momentum", max_evaluations=1, intervals=False)

@@ -9,7 +9,7 @@ import pytest
 from helpers.scenes import cloth, environment, sphere, started, trial, write_scene
 
 import clothfit
-from clothfit.engine.solve import sparse
+from clothfit.engine.solve import cg_multigrid, sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.kernels import cache as kernel_cache
@@ -157,7 +157,7 @@ def test_a_strip_can_be_called_large():
     found = []
     for large in (False, True):
         with called(large):
-            found.append(implicit.workspace(build(strip_scene(), 0)).solver.large is not None)
+            found.append(implicit.workspace(build(strip_scene(), 0)).solver.large is not cg_multigrid.NONE)
     assert found == [False, True]
     assert sparse.MULTIGRID_FROM < NEVER  # as before
 

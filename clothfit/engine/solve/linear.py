@@ -84,16 +84,7 @@ def solve(A, b, tolerance, work, w, anyhow):
 @kernel
 def solve_directly(A, b, w):
     """Solve A w = b by a factorisation."""
-    solve_joined_directly(A.joined, A, b, w)
-
-
-@kernel
-def solve_joined_directly(joined, A, b, w):
-    """The same, for the `joined` of A: an argument, as numba leaves out a branch only where an argument is None."""
-    if joined is None:
-        solve_alone_directly(A, b, w)
-        return
-    order, row, column, subdomains, diagonal, upper, _ = A
+    order, row, column, subdomains, diagonal, upper, joined = A
     vertices, rows, own, free = joined
     with objmode(solution="float64[:, ::1]"):
         pairs = Joined(vertices, rows, own, free)
@@ -101,18 +92,9 @@ def solve_joined_directly(joined, A, b, w):
     copy(solution, w)
 
 
-@kernel
-def solve_alone_directly(A, b, w):
-    """The same without pairs."""
-    order, row, column, subdomains, diagonal, upper, _ = A
-    with objmode(solution="float64[:, ::1]"):
-        solution = factorise_and_solve(order, row, column, subdomains, diagonal, upper, None, b)
-    copy(solution, w)
-
-
 def factorise_and_solve(
     order: Indices, row: Indices, column: Indices, subdomains: Indices, diagonal: Array, upper: Array,
-    joined: Joined | None, b: Array,
+    joined: Joined, b: Array,
 ) -> Array:  # fmt: skip
     """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite, or where the
     result is no solution.

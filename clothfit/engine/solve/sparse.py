@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags, Indices, aligned
+from clothfit.base.arrays import NO_NUMBERS, Array, Flags, Indices, aligned
 from clothfit.engine.solve import joined as pairs
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import (
@@ -53,6 +53,9 @@ MULTIGRID_FROM = 3000
 """Free vertices from which multigrid beats SSOR, measured between grids of 40² and 64²."""
 
 
+NO_PAIRS: Indices = np.zeros((0, 4), np.int32)
+
+
 class BlockMatrix(NamedTuple):
     """A x for x (n, 3); m free vertices, E blocks between them."""
 
@@ -62,7 +65,7 @@ class BlockMatrix(NamedTuple):
     subdomains: Indices  # (3, 2), first row and end of each subdomain; no spring joins the first two
     diagonal: Array  # (n + 1, 8), diagonal blocks; the last is only read into by loads of the one before
     upper: Array  # (E + 1, 8), blocks of the slots; the last takes what belongs to no row
-    joined: pairs.Joined | None = None  # blocks of self-contact beside the pattern; None where there is none
+    joined: pairs.Joined | None = None  # blocks of self-contact beside the pattern; None on the levels of `multigrid`
 
 
 class Pattern(NamedTuple):
@@ -138,7 +141,8 @@ def along_bandwidth(joined: Indices, m: int) -> Indices:
 
 def zeros(pattern: Pattern, n: int) -> BlockMatrix:
     """A matrix of that pattern for n vertices, all zero."""
-    return BlockMatrix(*pattern, aligned(n + 1, BLOCK_SIZE), aligned(len(pattern.column) + 1, BLOCK_SIZE))
+    blocks = aligned(n + 1, BLOCK_SIZE), aligned(len(pattern.column) + 1, BLOCK_SIZE)
+    return BlockMatrix(*pattern, *blocks, pairs.joined(NO_PAIRS, NO_NUMBERS))
 
 
 @kernel
@@ -248,6 +252,6 @@ def to_scipy(
     blocks = np.concatenate([diagonal[order], upper[:-1], upper[:-1]])[sorting][:, SQUARE]
     starts = np.searchsorted(rows[sorting], np.arange(m + 1))
     A = bsr_array((blocks, columns[sorting], starts), shape=(3 * m, 3 * m)).tocsr()
-    if joined is not None:
+    if joined is not None and len(joined.rows):
         A = (A + pairs.to_scipy(joined.vertices, joined.rows, order)).tocsr()
     return A.T  # it is symmetric

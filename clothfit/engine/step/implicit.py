@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import NO_NUMBERS, Array, Indices
+from clothfit.base.arrays import Array
 from clothfit.engine.forces import meeting, total
 from clothfit.engine.inputs.pin_derivatives import move_pins, pull_pins, pull_through, push_pins
 from clothfit.engine.inputs.tables import couple, set_pins
@@ -34,8 +34,6 @@ from clothfit.kernels.kernel import kernel, record
 from clothfit.kernels.lanes.operations import add as add_lanes
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sum3
 from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, dot, hold_fixed, vector
-
-NO_PAIRS: Indices = np.zeros((0, 4), np.int32)
 
 
 @record
@@ -62,8 +60,9 @@ def workspace(system: System) -> Workspace:
     """Memory for the steps of `system` and their derivatives."""
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(10)]
-    pairs = (system.contact.vertices, system.contact.free) if system.contact else (NO_PAIRS, NO_NUMBERS)
-    A = sparse.zeros(system.pattern, n)._replace(joined=joined(*pairs))
+    A = sparse.zeros(system.pattern, n)
+    if system.contact is not None:
+        A = A._replace(joined=joined(system.contact.vertices, system.contact.free))
     return Workspace(A, linear.workspace(A), guess.past(n), np.zeros((0, 3)), *vectors)
 
 
