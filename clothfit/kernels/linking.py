@@ -161,9 +161,18 @@ class _Pipeline(Compiler):
 
     def compile_extra(self, function: Callable[..., object]) -> Any:
         """Compile a function."""
-        self.state.library = self.kept(self.state.targetctx.codegen(), function.__qualname__)
-        self.state.library.enable_object_caching()
+        self._make_library(function.__qualname__)
         return super().compile_extra(function)
+
+    def compile_ir(self, func_ir: Any, lifted: Any = (), lifted_from: Any = None) -> Any:
+        """Compile a function of which parts run in the interpreter, or such a part."""
+        if not self.state.flags.force_pyobject:
+            self._make_library(func_ir.func_id.func_qualname)
+        return super().compile_ir(func_ir, lifted, lifted_from)
+
+    def _make_library(self, name: str) -> None:
+        self.state.library = self.kept(self.state.targetctx.codegen(), name)
+        self.state.library.enable_object_caching()
 
 
 class ForKernels(_Pipeline):
