@@ -8,7 +8,9 @@ import pytest
 from numba.core import types
 from numba.core.runtime import _nrt_python, rtsys
 
-from clothfit.kernels.kernel import kernel
+from clothfit.kernels import cache, compiling
+from clothfit.kernels.kernel import kernel, objmode
+from clothfit.kernels.linking import Linked
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
@@ -89,3 +91,22 @@ def test_one_code_for_both_values_of_a_flag_and_for_integers_of_both_widths():
         entry.inner.get_call_template((pair, index), {})
     assert list(flagged.inner.overloads) == [(pair, types.boolean)]
     assert list(entry.inner.overloads) == [(pair, types.int64)]
+
+
+@kernel
+def doubled(own):
+    with objmode(result="float64"):
+        result = 2.0 * float(own.sum())
+    return result + 0.0
+
+
+def test_a_kernel_with_a_part_in_the_interpreter_is_kept_as_code_to_link(tmp_path, monkeypatch):
+    """So that another process, which has not compiled it, can link it."""
+    monkeypatch.setattr(cache, "folders", lambda: (tmp_path / "kernels-here",))
+    kinds = (numba.typeof(np.zeros(3)),)
+    for _ in range(2):  # compiled, and loaded
+        made = compiling.for_kernels(doubled.py_func)
+        made.compile(kinds)
+        assert isinstance(made.overloads[kinds].library, Linked)
+    assert made.stats.cache_hits[kinds] == 1
+    assert doubled(np.ones(3)) == 6.0
