@@ -39,7 +39,7 @@ def command(small: bool, console: Console) -> None:
             console.say(f"{part.name}: {what} compiled in {part.seconds:.1f} s")
 
     began = time.perf_counter()
-    console.announce_compilation("compiling for this machine: about half a minute …")
+    console.announce_compilation("compiling for this machine: about a minute …")
     parts = warm_up(show, small)
     seconds, compiled = time.perf_counter() - began, sum(part.compiled for part in parts)
     if KernelCache.failed:

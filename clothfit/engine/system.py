@@ -49,12 +49,13 @@ class System(NamedTuple):
     applied: applied.Applied | None = None  # forces that are given; these three None with `inputs`
 
 
-def build(scene: Scene, index: int, air: bool = False, steps: int | None = None) -> System:
+def build(scene: Scene, index: int, air: bool = False, steps: int | None = None, whole: bool = False) -> System:
     """The System of cloth `index` of the scene, for motions of so many steps, those of the scene unless it is said;
-    `air` keeps its faces even where the scene gives them no drag. Raises InvalidScene, for inputs in files.
+    `air` keeps its faces even where the scene gives them no drag, `whole` every part that a scene may have. Raises
+    InvalidScene, for inputs in files.
     """
     cloth = scene.cloths[index]
-    inputs, touched = of_the_world(scene, cloth, scene.frames - 1 if steps is None else steps)
+    inputs, touched = of_the_world(scene, cloth, scene.frames - 1 if steps is None else steps, whole)
     pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed, whole=scene.self_contact is not None)
     surface = surface_of(scene, index) if inputs else None
     return System(
@@ -98,11 +99,14 @@ def surface_of(scene: Scene, index: int) -> pairs.Surface:
     return found
 
 
-def of_the_world(scene: Scene, cloth: Cloth, steps: int) -> tuple[tables.Inputs | None, touch.Colliders | None]:
+def of_the_world(
+    scene: Scene, cloth: Cloth, steps: int, whole: bool
+) -> tuple[tables.Inputs | None, touch.Colliders | None]:
     """The inputs over time and the colliders. A scene with any of what moves or touches gets all of it, and what is
     empty does nothing: code is compiled for scenes with none of it and for all others, not for each combination.
+    `whole`: all of it for any scene.
     """
-    if not (scene.changes or cloth.pins or scene.colliders or scene.self_contact or scene.forces):
+    if not (whole or scene.changes or cloth.pins or scene.colliders or scene.self_contact or scene.forces):
         return None, None
     return sampling.build(scene, cloth, steps), at_rest(scene, len(cloth.mass))
 

@@ -18,11 +18,9 @@ from clothfit.base import memory
 from clothfit.base.arrays import Array, Elements
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import applied
-from clothfit.engine.inputs import sampling
-from clothfit.engine.inputs.tables import Inputs
 from clothfit.engine.rollout import empty, fill
 from clothfit.engine.step import guard, implicit
-from clothfit.engine.system import BDF2, System, at_rest, build, with_elements
+from clothfit.engine.system import BDF2, System, build, with_elements
 from clothfit.scene.scene import Scene
 
 ROWS, FEWEST = 4096, 64
@@ -155,14 +153,9 @@ class Moving:
 
 def live_system(scene: Scene, index: int, rows: int) -> System:
     """The system of a cloth with every part that may be wanted while it moves, and tables of so many steps."""
-    system, cloth = build(scene, index, air=True, steps=rows), scene.cloths[index]
-    inputs: Inputs | None = system.inputs
-    if inputs is None:
-        inputs = sampling.build(scene, cloth, rows)
-        system = system._replace(inputs=inputs, colliders=at_rest(scene, len(cloth.mass)))
-    count = len(cloth.mass)
-    pushed = inputs.force.shape[1]
-    return system._replace(applied=applied.build(pushed, count))
+    system = build(scene, index, air=True, steps=rows, whole=True)
+    assert system.inputs is not None
+    return system._replace(applied=applied.build(system.inputs.force.shape[1], len(system.x0)))
 
 
 def row_bytes(scene: Scene, index: int) -> int:

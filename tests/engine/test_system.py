@@ -1,11 +1,15 @@
 """From the scene to arrays: every name in its place, and nothing that the scene does not need."""
 
+import numba
 import numpy as np
-from helpers.physics import ball, scene, xyz
+from helpers.obstacles import box
+from helpers.physics import ball, keys, scene, xyz
 from helpers.scenes import cloth
 
 from clothfit.base.arrays import Elements
-from clothfit.engine.system import IMPLICIT, SYMPLECTIC, all_elements, build, with_elements
+from clothfit.engine.rollout import empty
+from clothfit.engine.step.implicit import workspace
+from clothfit.engine.system import BDF2, IMPLICIT, SYMPLECTIC, all_elements, build, with_elements
 
 MADE = scene(
     cloth(2, 2), cloth(3, 3, damping=0.6, dragCoefficient=0.2), windVel=xyz((1, 2, 3)), delta=0.01, forwardSubSteps=4
@@ -61,3 +65,19 @@ def test_a_system_does_not_share_memory_with_what_it_was_made_from():
     mass[:] = 5.0
     stiffness[:] = 5.0
     assert (other.vertex.mass.max(), other.springs.stiffness.max()) == (1.0, 1.0)
+
+
+def test_a_scene_is_of_one_of_two_types_of_arguments():
+    """For each type all that takes a system is compiled: for plain scenes, and for all that move or touch."""
+    pins = [{"vertices": [0], "posKeys": keys([0, 1], [(0, 0, 0), (0, 1, 0)])}]
+    plain = scene(cloth(3, 3)), scene(cloth(3, 3, damping=0.1), integrationMethod=BDF2, windVel=xyz((1, 2, 3)))
+    others = (
+        scene(cloth(3, 3), colliders=[box((0, -9, 0))]),
+        scene(cloth(3, 3, pins=pins)),
+        scene(cloth(3, 3), selfCollision={"thickness": 0.01, "stiffness": 50.0}),
+    )
+    found = [[*map(build, scenes, [0] * len(scenes))] for scenes in (plain, others)]
+    found[1] += [build(MADE, 1, whole=True)]
+    parts = [[(each, workspace(each), empty(each, 2)._replace(touches=None)) for each in systems] for systems in found]
+    kinds = [set(map(numba.typeof, each)) for each in parts]
+    assert [len(each) for each in kinds] == [1, 1]

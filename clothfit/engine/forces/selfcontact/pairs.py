@@ -56,7 +56,7 @@ def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, fl
     both = np.concatenate([edges, edges[:, ::-1]])
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
     first = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
-    shape = np.ascontiguousarray(triangles, np.int32), np.ascontiguousarray(edges)
+    shape = np.array(triangles, np.int32, order="C"), np.ascontiguousarray(edges)  # what is read-only is another type
     free = np.where(fixed, 0.0, 1.0)
     return Surface(*shape, np.array(start, float), free, first, np.ascontiguousarray(both[:, 1]), *map(float, law))
 
