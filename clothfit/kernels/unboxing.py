@@ -77,7 +77,7 @@ def _made() -> Any:
     _write(ir.Function(module, SIGNATURE, NAME))
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
-    target = binding.Target.from_default_triple().create_target_machine(opt=1, jit=True)
+    target = binding.Target.from_default_triple().create_target_machine(opt=0, jit=True)
     engine = binding.create_mcjit_compiler(binding.parse_assembly(str(module)), target)
     binding.add_symbol(NAME, engine.get_function_address(NAME))
     return engine
