@@ -126,7 +126,12 @@ def write_scene(folder: Path, scene: dict[str, Any], name: str = "scene.json", *
 
 
 def environment(**changes: str) -> dict[str, str]:
-    """What a command is started with: this checkout first on the path, no wishes about colour."""
+    """What a command is started with: this checkout first on the path, no wishes about colour. One with a folder of its
+    own for compiled code finds none of the user's, nor any that is kept among temporary files.
+    """
+    if "NUMBA_CACHE_DIR" in changes:
+        beside = os.path.dirname(changes["NUMBA_CACHE_DIR"])
+        changes = {"XDG_CACHE_HOME": os.path.join(beside, "none"), "TMPDIR": beside, **changes}
     root = str(Path(clothfit.__file__).resolve().parents[1])
     kept = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "CLOTHFIT_TRACEBACK")}
     return {**kept, "PYTHONPATH": root, **changes}
