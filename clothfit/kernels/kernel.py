@@ -28,11 +28,10 @@ F = TypeVar("F", bound=Callable[..., object])
 R = TypeVar("R", bound=type)
 
 
-
 def record(own: R) -> R:
     """Mark a NamedTuple that kernels pass to each other as one pointer, not as all of its parts: see `records`. They
-    may read its fields by their names, and neither make nor unpack one. An array of it that a kernel returns to Python has
-    no owner: keep the record as long as that is used.
+    may read its fields by their names, and neither make nor unpack one. An array of it that a kernel returns to Python
+    has no owner: keep the record as long as that is used.
     """
     own.goes_as_pointer = True  # type: ignore[attr-defined]
     return own
