@@ -20,7 +20,7 @@ import numpy as np
 from numba.core.types import BaseTuple, Optional
 
 FOLDER = Path(__file__).parent
-WRITERS = ("kernel.py", "apart.py", "compiling.py", "linking.py", "lanes/*.py")
+WRITERS = ("kernel.py", "apart.py", "records.py", "unboxing.py", "compiling.py", "linking.py", "lanes/*.py")
 """Files that decide what any kernel becomes."""
 
 Called: TypeAlias = tuple[Callable[..., object], bool]
