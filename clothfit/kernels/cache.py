@@ -113,6 +113,7 @@ def save(name: str, content: bytes) -> Path:
         try:
             with made(path, shared, PREFIX, kept) as folder:
                 folder.write(name, FILE_MARK + hashlib.sha256(content).digest() + content)
+                folder.remove_old(".", DAY)  # locks and halves of files of processes that were killed
                 if kept is not None and name.count("-") > 1:
                     folder.remove_old(name.split("-")[0] + "-", kept, name.rsplit("-", 1)[0])
         except OSError as error:

@@ -15,6 +15,7 @@ from typing import Any
 import numba
 from numba.core import event, types
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.errors import TypingError
 from numba.core.imputils import lower_builtin
 from numba.core.sigutils import normalize_signature
 from numba.core.typing.templates import make_concrete_template, signature
@@ -35,6 +36,16 @@ def for_python(function: Callable[..., object], nogil: bool) -> Any:
     return made
 
 
+def calling(own: Any) -> Callable[..., object]:
+    """A function of the same name that does no more than call a kernel that is compiled `apart`."""
+    function = own.py_func
+    names, scope = ", ".join(inspect.signature(function).parameters), {"called": own, "__name__": function.__module__}
+    exec(f"def {function.__name__}({names}): return called({names})", scope)
+    made: Any = scope[function.__name__]
+    made.__qualname__ = function.__qualname__
+    return made  # type: ignore[no-any-return]
+
+
 def for_kernels(function: Callable[..., object], result: object = ...) -> Any:
     """numba's function for calls from kernels: linked into them, or, where what it returns is said by an example,
     called through a pointer (`apart`).
@@ -51,6 +62,8 @@ def for_kernels(function: Callable[..., object], result: object = ...) -> Any:
 def for_kernels_of_part(function: Callable[..., object], result: object, absent: object, rows: bool) -> Any:
     """The same for a kernel of a part (`kernel.OfPart`): where that is not there, there is `absent` and no call."""
     kind = numba.typeof(absent)
+    if result is not ... and numba.typeof(result) != kind:
+        raise TypeError(f"{function.__name__} returns {numba.typeof(result)}, and {kind} without the part")
 
     def constant(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return context.get_constant_generic(builder, kind, absent)
@@ -75,6 +88,8 @@ def _replace(made: Any, kind: Any, write: Any, where: Callable[[Any], bool] = la
     def get_call_template(args: tuple[Any, ...], kws: dict[str, Any]) -> object:
         if not where(args):
             return template(args, kws)
+        if kws or len(args) != len(inspect.signature(made.py_func).parameters):
+            raise TypingError(f"{made.py_func.__name__} wants all its arguments, by their places")
         known = make_concrete_template(made.py_func.__name__, written, [signature(kind, *args)])
         return known, inspect.signature(made.py_func), args, kws
 
@@ -83,10 +98,15 @@ def _replace(made: Any, kind: Any, write: Any, where: Callable[[Any], bool] = la
     made.get_overload = lambda args: written if where(args) else overload(args)
 
 
-def address(made: Any, kinds: tuple[Any, ...]) -> int:
-    """Where the machine code of such a function is for arguments of these types, compiled now where it is not yet."""
+def address(made: Any, kinds: tuple[Any, ...], result: object) -> int:
+    """Where the machine code of such a function is for arguments of these types, compiled now where it is not yet.
+
+    Raises TypeError where what it returns has not the type of `result`, which its callers count on.
+    """
     interruptible(made.compile)(kinds)
     code = made.overloads[kinds]
+    if code.signature.return_type != numba.typeof(result):
+        raise TypeError(f"{made.py_func.__name__} returns {code.signature.return_type}, not {numba.typeof(result)}")
     found: int = code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
     return found
 

@@ -48,15 +48,16 @@ class Kernel:
         """Call the compiled function."""
         try:
             return self.outer(*arguments)
-        except NotCompiled:
-            raise NotCompiled.reasons.pop() from None
+        except NotCompiled:  # without a reason Ctrl-C came before anything else
+            raise NotCompiled.reasons.pop() if NotCompiled.reasons else KeyboardInterrupt from None
 
     @cached_property
     def outer(self) -> Any:
         """numba's function for calls from Python."""
         from clothfit.kernels import compiling
 
-        return compiling.for_python(self.py_func, self.nogil)
+        function = self.py_func if self.result is ... else compiling.calling(self)
+        return compiling.for_python(function, self.nogil)
 
     @cached_property
     def inner(self) -> Any:
@@ -69,7 +70,7 @@ class Kernel:
         """Where the machine code of a kernel that is compiled `apart` is, for arguments of these types."""
         from clothfit.kernels import compiling
 
-        return compiling.address(self.inner, kinds)
+        return compiling.address(self.inner, kinds, self.result)
 
     @property
     def _numba_type_(self) -> Any:
@@ -158,6 +159,8 @@ def kernel(
     if function is None:
         return functools.partial(kernel, nogil=nogil, absent=absent, empty=empty, apart=apart)
     rows = empty is not ...
+    if rows and apart is ...:
+        raise TypeError(f"{function.__name__}: what has no call without rows is called apart")
     missing = empty if rows else absent
     made: Any
     if interpreted():

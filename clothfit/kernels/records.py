@@ -10,8 +10,6 @@ No kernel makes or changes a record, and the arrays in one live as long as the c
 
 from __future__ import annotations
 
-import hashlib
-from functools import cache
 from typing import Any
 
 from llvmlite import ir
@@ -22,24 +20,9 @@ from numba.core.extending import NativeValue, typeof_impl, unbox
 from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
 
 from clothfit.kernels import unboxing
-
-ALIGNED = 16
-"""Bytes that the place of a part is a multiple of."""
+from clothfit.kernels.unboxing import ALIGNED, RecordType, layout
 
 POINTER = ir.IntType(8).as_pointer()
-
-
-class RecordType(types.NamedTuple):
-    """The type of a record, with those of its fields."""
-
-    def __init__(self, kinds: tuple[Any, ...], own: type) -> None:
-        super().__init__(kinds, own)
-        # short, as the names of all functions are made of those of their arguments
-        self.name = f"{own.__name__}~{hashlib.sha256(self.name.encode()).hexdigest()[:12]}"
-
-    def begins(self, context: Any) -> tuple[list[int], int]:
-        """What `layout` says."""
-        return layout(context, self)
 
 
 @register_default(RecordType)
@@ -59,20 +42,6 @@ class RecordModel(DataModel):
         """The pointer that a function got. Nothing else writes there meanwhile: what LLVM has read it may keep."""
         value.add_attribute("noalias")
         return value
-
-
-@cache
-def layout(context: Any, kind: RecordType) -> tuple[list[int], int]:
-    """Where each field of a record begins, and how long it is, in bytes."""
-    begins, end = [], 0
-    for each in kind.types:
-        begins.append(end)
-        if isinstance(each, RecordType):
-            size = layout(context, each)[1]
-        else:
-            size = context.get_abi_sizeof(context.get_value_type(each))
-        end += -(-size // ALIGNED) * ALIGNED
-    return begins, end
 
 
 def _place(context: Any, builder: Any, kind: RecordType, pointer: Any, index: int) -> Any:

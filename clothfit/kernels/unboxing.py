@@ -1,4 +1,4 @@
-"""How the parts of a record (`records`) come to its memory: by one function for all records and entries.
+"""Where the parts of a record (`records`) lie in its memory, and how they come there: by one function for all entries.
 
 numba writes code for each array that an entry gets, some thirty instructions; for a record of a hundred arrays that is
 more than the entry itself. Here an entry holds a list of instructions instead, each five numbers, and one function,
@@ -8,7 +8,9 @@ call.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 from llvmlite import binding, ir
@@ -27,6 +29,9 @@ DEPTH = 8
 
 NAME = "clothfit_unbox"
 
+ALIGNED = 16
+"""Bytes that the place of a part of a record is a multiple of."""
+
 BYTE, INT, LONG, DOUBLE = ir.IntType(8), ir.IntType(32), ir.IntType(64), ir.DoubleType()
 POINTER = BYTE.as_pointer()
 SIGNATURE = ir.FunctionType(ir.IntType(1), [POINTER, POINTER, INT.as_pointer()])
@@ -38,24 +43,56 @@ the addresses of its lengths and of its strides (NumPy's PyArrayObject).
 SCALARS = {types.float64: FLOAT, types.int64: INTEGER, types.boolean: FLAG}
 
 
-def instructions(context: Any, kind: Any, begins: list[int], at: int = 0) -> Iterator[tuple[int, ...]]:
-    """The instructions for the parts of a tuple type, which begin in memory so far behind `at`."""
+class RecordType(types.NamedTuple):
+    """The type of a record, with those of its fields."""
+
+    def __init__(self, kinds: tuple[Any, ...], own: type) -> None:
+        super().__init__(kinds, own)
+        # short, as the names of all functions are made of those of their arguments
+        self.name = f"{own.__name__}~{hashlib.sha256(self.name.encode()).hexdigest()[:12]}"
+
+
+@cache
+def layout(context: Any, kind: RecordType) -> tuple[list[int], int]:
+    """Where each field of a record begins, and how long it is as a whole, in bytes."""
+    begins, end = [], 0
+    for each in kind.types:
+        begins.append(end)
+        if isinstance(each, RecordType):
+            size = layout(context, each)[1]
+        else:
+            size = context.get_abi_sizeof(context.get_value_type(each))
+        end += -(-size // ALIGNED) * ALIGNED
+    return begins, end
+
+
+def instructions(
+    context: Any, kind: Any, begins: list[int], at: int = 0, depth: int = 1
+) -> Iterator[tuple[int, ...]]:
+    """The instructions for the parts of a tuple type, which begin in memory so far behind `at`.
+
+    Raises TypeError for parts of other types, and for more than DEPTH tuples within each other.
+    """
+    if depth > DEPTH:
+        raise TypeError(f"more than {DEPTH} tuples within each other: {kind}")
     for place, (part, begin) in enumerate(zip(kind.types, begins, strict=True)):
         if isinstance(part, types.Array):
             size = context.get_abi_sizeof(context.get_data_type(part.dtype))
             yield ARRAY, place, at + begin, part.ndim, size
         elif isinstance(part, types.BaseTuple):
             yield ENTER, place, 0, 0, 0
-            yield from instructions(context, part, places(context, part), at + begin)
+            yield from instructions(context, part, places(context, part), at + begin, depth + 1)
             yield LEAVE, 0, 0, 0, 0
         elif part != types.none:
+            if part not in SCALARS:
+                raise TypeError(f"part {place} of {kind}: a record holds no {part}")
             yield SCALARS[part], place, at + begin, 0, 0
 
 
 def places(context: Any, kind: Any) -> list[int]:
     """Where in memory the parts of a tuple type begin, in bytes."""
-    if hasattr(kind, "begins"):
-        return list(kind.begins(context)[0])
+    if isinstance(kind, RecordType):
+        return layout(context, kind)[0]
     value = context.get_value_type(kind)
     if isinstance(value, ir.ArrayType):
         return [place * context.get_abi_sizeof(value.element) for place in range(value.count)]

@@ -187,6 +187,86 @@ def test_what_ends_its_compilation_is_raised_by_the_call_and_the_next_call_compi
     assert thrice(1.0) == 3.0
 
 
+@compiles
+def test_ctrl_c_that_comes_before_all_else_is_one(apart, monkeypatch):
+    twice, thrice, _ = apart
+    with monkeypatch.context() as patch:
+        patch.setattr(type(twice), "address", lambda self, kinds: 0)  # no code, and no reason why
+        with pytest.raises(KeyboardInterrupt):
+            thrice(1.0)
+    assert thrice(1.0) == 3.0
+
+
+@compiles
+def test_python_calls_the_same_code_as_kernels_do(apart):
+    twice, thrice, _ = apart
+    thrice(1.0)
+    with compilations() as found:
+        assert twice(4.0) == 8.0
+    assert len(twice.inner.overloads) == 1
+    assert len(found) <= 1  # of the call
+
+
+@compiles
+@pytest.mark.parametrize("marks", [{"apart": 1}, {"apart": True}, {"apart": None}])
+def test_an_example_of_another_type_than_the_result_is_an_error(marks):
+    @kernel(**marks)
+    def half(x):
+        return 0.5 * x
+
+    with pytest.raises(TypeError, match="half returns float64, not"):
+        half.address((numba.float64,))
+
+
+@compiles
+def test_marks_that_contradict_each_other_are_an_error():
+    def first(part):
+        return part[0]
+
+    with pytest.raises(TypeError, match="called apart"):
+        kernel(empty=0.0)(first)
+    with pytest.raises(TypeError, match="returns int64, and float64 without the part"):
+        _ = kernel(absent=0.0, apart=0)(first).inner
+
+
+@compiles
+def test_arguments_by_name_are_an_error(apart):
+    twice = apart[0]
+
+    @kernel
+    def by_name(x):
+        return twice(x=x)
+
+    with pytest.raises(numba.TypingError, match="twice wants all its arguments, by their places"):
+        by_name(1.0)
+
+
+def nested(depth):
+    """A tuple of so many tuples within each other, the record that holds it counted."""
+    values = (np.ones(1),)
+    for _ in range(depth - 2):
+        values = (values,)
+    return Only(values)
+
+
+@record
+class Only(NamedTuple):
+    part: object
+
+
+@kernel
+def length(own):
+    return len(own)
+
+
+@compiles
+def test_what_a_record_cannot_hold_is_an_error():
+    assert length(nested(8)) == 1
+    for own, message in ((nested(9), "more than 8 tuples"), (Only(1j), "holds no complex128")):
+        with pytest.raises(Exception, match=message):
+            length(own)
+
+
 @kernel(empty=4.0, apart=0.0)
 def of_rows(part, x):
     return part[0][0] * x
