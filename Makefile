@@ -44,6 +44,10 @@ demo: $(VENV)/installed
 	@echo "\$$ clothfit evaluate $(DEMO) $(FITTED)"
 	@$(BIN)/clothfit evaluate $(DEMO) $(FITTED)
 
+# Python keeps what it makes of each module, whatever the environment says: tests start hundreds of processes, and each
+# would begin with the whole package, and pytest with all tests.
+test quick: export PYTHONDONTWRITEBYTECODE :=
+
 test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
 

@@ -3,7 +3,6 @@
 import ast
 import io
 import tokenize
-from functools import cache
 from graphlib import TopologicalSorter
 
 import pytest
@@ -12,7 +11,6 @@ from helpers.paths import ROOT
 from clothfit.cli.program import COMMANDS
 
 PACKAGE = ROOT / "clothfit"
-parsed = cache(ast.parse)  # each module once
 
 FOLDERS = [
     "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise",
@@ -36,10 +34,10 @@ def name_of(path):
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def imports(source, known):
-    """Modules of the package that a source imports, anywhere in it, also for types only."""
+def imports(tree, known):
+    """Modules of the package that a module imports, anywhere in it, also for types only."""
     found = set()
-    for node in ast.walk(parsed(source)):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names if alias.name.split(".")[0] == "clothfit"}
         elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "clothfit":
@@ -49,9 +47,26 @@ def imports(source, known):
 
 
 MODULES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
-IMPORTS = {name: imports(path.read_text("utf-8"), MODULES) for name, path in MODULES.items()}
 FACE = {"", "__main__"}
 """The public names, which load everything: they stand above all folders but the command line, which uses them."""
+
+
+@pytest.fixture(scope="module")
+def sources():
+    """The text of each module."""
+    return {name: path.read_text("utf-8") for name, path in MODULES.items()}
+
+
+@pytest.fixture(scope="module")
+def trees(sources):
+    """The syntax tree of each module."""
+    return {name: ast.parse(source) for name, source in sources.items()}
+
+
+@pytest.fixture(scope="module")
+def imported(trees):
+    """What each module imports of the package."""
+    return {name: imports(tree, MODULES) for name, tree in trees.items()}
 
 
 def height(name, order):
@@ -67,19 +82,19 @@ def upward(name, used, order=FOLDERS):
     return sorted(module for module, other in heights.items() if None not in (own, other) and other > own)
 
 
-@pytest.mark.parametrize("name", sorted(set(MODULES) - FACE))
-def test_a_module_imports_only_folders_that_stand_before_its_own(name):
-    assert upward(name, IMPORTS[name]) == []
+def test_a_module_imports_only_folders_that_stand_before_its_own(imported):
+    found = {name: upward(name, used) for name, used in imported.items() if name not in FACE}
+    assert {name: used for name, used in found.items() if used} == {}
 
 
-def test_only_the_command_line_uses_the_public_names():
-    assert {name.split(".")[0] for name, used in IMPORTS.items() if used & FACE} <= {"cli", "__main__"}
+def test_only_the_command_line_uses_the_public_names(imported):
+    assert {name.split(".")[0] for name, used in imported.items() if used & FACE} <= {"cli", "__main__"}
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_there_is_no_circle_within_a_folder(folder):
+def test_there_is_no_circle_within_a_folder(folder, imported):
     inside = {name for name in MODULES if name == folder or name.startswith(f"{folder}.")}
-    graph = {name: (IMPORTS[name] & inside) - {name} for name in inside}
+    graph = {name: (imported[name] & inside) - {name} for name in inside}
     assert len(list(TopologicalSorter(graph).static_order())) == len(inside)  # CycleError names the circle
 
 
@@ -88,17 +103,17 @@ def test_every_file_stands_in_a_folder_that_the_list_names():
     assert {name for name, path in MODULES.items() if path.parent == PACKAGE} == FACE
 
 
-@pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("engine.")])
-def test_the_engine_has_floors(name):
-    inside = {module.removeprefix("engine.") for module in IMPORTS[name] if module.startswith("engine.")}
-    assert upward(name.removeprefix("engine."), inside, ENGINE) == []
+def test_the_engine_has_floors(imported):
+    for name in MODULES:
+        if name.startswith("engine."):
+            inside = {module.removeprefix("engine.") for module in imported[name] if module.startswith("engine.")}
+            assert upward(name.removeprefix("engine."), inside, ENGINE) == [], name
 
 
-@pytest.mark.parametrize("path", [path for path in MODULES.values() if path.name == "__init__.py"][1:], ids=name_of)
-def test_the_page_of_a_folder_says_what_is_there_and_imports_nothing(path):
-    tree = parsed(path.read_text("utf-8"))
-    assert [type(node) for node in tree.body] == [ast.Expr]
-    assert len((ast.get_docstring(tree) or "").split("\n")) >= 4
+def test_the_page_of_a_folder_says_what_is_there_and_imports_nothing(trees):
+    for name in [name for name, path in MODULES.items() if path.name == "__init__.py"][1:]:
+        assert [type(node) for node in trees[name].body] == [ast.Expr], name
+        assert len((ast.get_docstring(trees[name]) or "").split("\n")) >= 4, name
 
 
 def test_the_files_of_the_command_line_are_the_commands():
@@ -116,17 +131,17 @@ def code_lines(source):
     """How many lines have code: no comments, no docstrings, no blank ones."""
     words = [word for word in tokenize.generate_tokens(io.StringIO(source).readline) if word.type not in SILENT]
     lines = {line for word in words for line in range(word.start[0], word.end[0] + 1)}
-    for node in ast.walk(parsed(source)):
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             lines -= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
     return len(lines)
 
 
-def longest_chain():
+def longest_chain(imported):
     """The folders of the longest chain of imports between the folders of the list."""
     graph = {folder: set() for folder in FOLDERS}
     for name in set(MODULES) - FACE:
-        graph[name.split(".")[0]] |= {used.split(".")[0] for used in IMPORTS[name] - FACE}
+        graph[name.split(".")[0]] |= {used.split(".")[0] for used in imported[name] - FACE}
     length = dict.fromkeys(FOLDERS, 1)
     for folder in FOLDERS:  # no import leads up
         length[folder] += max((length[below] for below in graph[folder] - {folder}), default=0)
@@ -137,15 +152,14 @@ def test_what_counts_as_code():
     assert code_lines('"""A page."""\n\nX = (1,  # one\n     2)\n\ndef f():\n    """Words."""\n    return X\n') == 4
 
 
-def test_the_package_does_not_grow_without_a_reason():
-    assert sum(code_lines(path.read_text("utf-8")) for path in MODULES.values()) <= CODE_LINES
+def test_the_package_does_not_grow_without_a_reason(sources, imported):
+    assert sum(map(code_lines, sources.values())) <= CODE_LINES
     assert len(MODULES) <= FILES
-    assert longest_chain() <= FLOORS
+    assert longest_chain(imported) <= FLOORS
 
 
-def test_there_are_no_relative_imports():
-    trees = [parsed(path.read_text("utf-8")) for path in MODULES.values()]
-    assert [node.module for tree in trees for node in ast.walk(tree) if getattr(node, "level", 0)] == []
+def test_there_are_no_relative_imports(trees):
+    assert [node.module for tree in trees.values() for node in ast.walk(tree) if getattr(node, "level", 0)] == []
 
 
 @pytest.mark.parametrize(
@@ -158,4 +172,4 @@ def test_there_are_no_relative_imports():
     ],
 )
 def test_an_import_from_above_is_found(name, source, found):
-    assert upward(name, imports(source, MODULES)) == found
+    assert upward(name, imports(ast.parse(source), MODULES)) == found
