@@ -33,6 +33,7 @@ class Linked(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         """Do nothing: the code that is linked with this is optimised as a whole."""
+
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._verify_declare_only_symbols()

@@ -138,6 +138,16 @@ def test_an_interrupted_write_leaves_nothing(places, monkeypatch):
     assert [path.name for path in places[0].iterdir()] == ["f"]
 
 
+def test_what_a_killed_program_left_goes_after_a_day(places):
+    kernel_cache.save("f", b"content")
+    for name, age in ((".f.lock", 2.0), (".0123.tmp", 2.0), (".g.lock", 0.5)):
+        (places[0] / name).write_bytes(b"")
+        then = time.time() - age * kernel_cache.DAY
+        os.utime(places[0] / name, (then, then))
+    kernel_cache.save("f", b"content")
+    assert sorted(path.name for path in places[0].iterdir()) == [".g.lock", "f"]
+
+
 def test_programs_that_write_at_once_leave_one_whole_file(places):
     contents = [bytes([i]) * 100_000 for i in range(8)]
     threads = [threading.Thread(target=kernel_cache.save, args=("f", content)) for content in contents]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import time
 
 import numpy as np
@@ -42,48 +43,16 @@ def pack(x, y, z, w):
     return np.array([x, y, z, w], float)
 
 
-def spread0(v):
-    return np.full(4, v[0])
+def reordered(lanes):
+    """A function of the named lanes of its argument."""
+    return lambda v: v[lanes]
 
 
-def spread1(v):
-    return np.full(4, v[1])
-
-
-def spread2(v):
-    return np.full(4, v[2])
-
-
-def lane0(v):
-    return v[0]
-
-
-def lane1(v):
-    return v[1]
-
-
-def lane2(v):
-    return v[2]
-
-
-def add(a, b):
-    return a + b
-
-
-def sub(a, b):
-    return a - b
-
-
-def mul(a, b):
-    return a * b
-
-
-def div(a, b):
-    return a / b
-
-
-def root(a):
-    return np.sqrt(a)
+spread0, spread1, spread2 = (reordered([lane] * 4) for lane in range(3))
+turn, xyzz, xxxy = reordered([1, 2, 0, 3]), reordered([0, 1, 2, 2]), reordered([0, 0, 0, 1])
+zyyz, zxyy = reordered([2, 1, 1, 2]), reordered([2, 0, 1, 1])
+lane0, lane1, lane2 = (operator.itemgetter(lane) for lane in range(3))
+add, sub, mul, div, root = operator.add, operator.sub, operator.mul, operator.truediv, np.sqrt
 
 
 def where_less(a, b, p, q):
@@ -106,26 +75,6 @@ def clear3(v):
     return np.array([v[0], v[1], v[2], 0.0])
 
 
-def turn(v):
-    return v[[1, 2, 0, 3]]
-
-
-def xyzz(v):
-    return v[[0, 1, 2, 2]]
-
-
-def xxxy(v):
-    return v[[0, 0, 0, 1]]
-
-
-def zyyz(v):
-    return v[[2, 1, 1, 2]]
-
-
-def zxyy(v):
-    return v[[2, 0, 1, 1]]
-
-
 def index(a, i):
     return int(a[i])
 
@@ -134,12 +83,7 @@ def prefetch(a, i):
     pass
 
 
-def read_shared(a, i):
-    return a[i]
-
-
-def write_shared(a, i, value):
-    a[i] = value
+read_shared, write_shared = operator.getitem, operator.setitem
 
 
 def exchange(a, i, expected, value):

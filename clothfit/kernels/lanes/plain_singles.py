@@ -7,59 +7,35 @@ import numpy as np
 from clothfit.kernels.lanes.plain import add, mul, sub
 
 
-def load4f(a, i, j):
-    return taken(a, i, j, 4)
+def loads(width):
+    """A function that reads a[i, j …]; a row's last load may reach into the next row."""
+    return lambda a, i, j: a[i : i + 2].reshape(-1)[j : j + width].copy()
 
 
-column4f = load4f
+def stores(width):
+    """A function that writes a[i, j …]."""
+
+    def store(v, a, i, j):
+        a[i, j : j + width] = v
+
+    return store
 
 
-def load8f(a, i, j):
-    return taken(a, i, j, 8)
+def splats(width):
+    """A function that fills all lanes with a number."""
+    return lambda x: np.full(width, x, np.float32)
 
 
-def load16(a, i, j):
-    return taken(a, i, j, 16)
+def spreads(width):
+    """A function that fills all lanes with a[i, j]."""
+    return lambda a, i, j: np.full(width, a[i, j], np.float32)
 
 
-def taken(a, i, j, width):
-    return a[i : i + 2].reshape(-1)[j : j + width].copy()  # a row's last load may reach into the next row
-
-
-def store4f(v, a, i, j):
-    a[i, j : j + 4] = v
-
-
-def store8f(v, a, i, j):
-    a[i, j : j + 8] = v
-
-
-def store16(v, a, i, j):
-    a[i, j : j + 16] = v
-
-
-def spread4f(a, i, j):
-    return splat4f(a[i, j])
-
-
-def spread16(a, i, j):
-    return splat16(a[i, j])
-
-
-def splat4f(x):
-    return np.full(4, x, np.float32)
-
-
-def splat8f(x):
-    return np.full(8, x, np.float32)
-
-
-def splat16(x):
-    return np.full(16, x, np.float32)
-
-
-add4f, sub4f, mul4f = add, sub, mul
-add16 = add
+load4f, load8f, load16 = map(loads, (4, 8, 16))
+store4f, store8f, store16 = map(stores, (4, 8, 16))
+splat4f, splat8f, splat16 = map(splats, (4, 8, 16))
+column4f, spread4f, spread16 = load4f, spreads(4), spreads(16)
+add4f, sub4f, mul4f, add16 = add, sub, mul, add
 
 
 def fma4f(a, b, c):
@@ -73,16 +49,7 @@ def less4f(a, b, c):
     return fma4f(-a, b, c)
 
 
-def lane0f(v):
-    return splat4f(v[0])
-
-
-def lane1f(v):
-    return splat4f(v[1])
-
-
-def lane2f(v):
-    return splat4f(v[2])
+lane0f, lane1f, lane2f = (lambda v, lane=lane: np.full(4, v[lane], np.float32) for lane in range(3))
 
 
 def clear4f(v):
@@ -90,7 +57,6 @@ def clear4f(v):
 
 
 def sum16(v):
-    part = v
     for half in (8, 4, 2, 1):
-        part = part[:half] + part[half:]
-    return part[0]
+        v = v[:half] + v[half:]
+    return v[0]
