@@ -12,7 +12,7 @@ from clothfit.engine.rollout import rollout
 from clothfit.subspace import carrier
 from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics.march import March, State
-from clothfit.subspace.physics.reduced import Reduced, decode
+from clothfit.subspace.physics.samples import Reduced, decode
 from clothfit.subspace.recording import TOLERANCE
 
 

@@ -32,8 +32,7 @@ from clothfit.subspace.network.learn import Lesson, lesson, limits, prepared
 from clothfit.subspace.network.training import Budget, Training, begin
 from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics import cubature
-from clothfit.subspace.physics.reduced import Reduced
-from clothfit.subspace.physics.samples import Selection
+from clothfit.subspace.physics.samples import Reduced, Selection
 from clothfit.subspace.recording import Data
 from paper import schooled
 from recurrent import Recurrent

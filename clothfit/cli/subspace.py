@@ -148,7 +148,7 @@ def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -
     """Record motions of a scene to a file, and say what they are; the summary."""
     from clothfit.engine.system import build as build_system
     from clothfit.subspace.inputs import episodes
-    from clothfit.subspace.physics.reduced import check
+    from clothfit.subspace.physics.samples import check
     from clothfit.subspace.recording import record as record_to
 
     many, frames = lengths(scene)

@@ -24,7 +24,7 @@ from clothfit.subspace.judge import FORGOTTEN, SOUGHT, amplitudes, cost, floor_o
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.march import roll
-from clothfit.subspace.physics.reduced import Reduced, check, decode
+from clothfit.subspace.physics.samples import Reduced, check, decode
 from clothfit.subspace.recording import Data
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512

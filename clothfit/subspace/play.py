@@ -22,7 +22,7 @@ from clothfit.subspace.frames import push_all
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.network.weights import Stepper
 from clothfit.subspace.physics.march import roll
-from clothfit.subspace.physics.reduced import Reduced
+from clothfit.subspace.physics.samples import Reduced
 
 SLACK = 1e-9
 """m/s, m/s² or m beyond a range that is rounding."""
@@ -142,7 +142,7 @@ def check_finite(q: Array, frame: int, name: str) -> None:
 
 def positions(own: Reduced | Stepper, q: Array) -> Array:
     """Positions (frames, n, 3), m, in chunks that stay small."""
-    from clothfit.subspace.physics.reduced import decode
+    from clothfit.subspace.physics.samples import decode
 
     out = np.empty((len(q), *own.system.x0.shape))
     for first in range(0, len(q), 64):

@@ -14,7 +14,7 @@ from clothfit.subspace.build import CUBATURES, Options, build, coarsest
 from clothfit.subspace.inputs import Ranges, episodes
 from clothfit.subspace.model import load_model, save
 from clothfit.subspace.physics.cubature import Found
-from clothfit.subspace.physics.reduced import Reduced
+from clothfit.subspace.physics.samples import Reduced
 from clothfit.subspace.play import play
 from clothfit.subspace.recording import Data, record
 

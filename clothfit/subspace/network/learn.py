@@ -35,8 +35,7 @@ from clothfit.subspace.network.training import Budget, Progress, Training, begin
 from clothfit.subspace.network.weights import Network
 from clothfit.subspace.network.windows import Motions, dense
 from clothfit.subspace.physics.march import roll
-from clothfit.subspace.physics.reduced import Reduced
-from clothfit.subspace.physics.samples import nothing
+from clothfit.subspace.physics.samples import Reduced, nothing
 from clothfit.subspace.play import positions, rolled, stepper
 from clothfit.subspace.recording import Data
 

@@ -119,7 +119,7 @@ CHUNK = 512
 
 
 class Stepper:
-    """A network that plays one cloth, as `physics.reduced.Reduced` does."""
+    """A network that plays one cloth, as `physics.samples.Reduced` does."""
 
     def __init__(self, own: Network, system: System, basis: Array, steps: int, said: dict[str, None]) -> None:
         """For motions of at most so many steps. What is clamped of the inputs goes to `said`. Raises InvalidInput where

@@ -1,6 +1,6 @@
 """All steps of a reduced motion in one compiled loop: what plays a subspace.
 
-`reduced` says what the steps are. The sums over points have single precision (`dense`), and nothing else has. An
+`samples` says what the steps are. The sums over points have single precision (`dense`), and nothing else has. An
 iteration solves for what is to be added to a guess of the velocity, extrapolated from the last two: that is small, and
 so is what rounding does to it. Where a matrix is not positive definite, the iteration is taken with that of the clamped
 springs.
@@ -26,7 +26,7 @@ from clothfit.kernels.kernel import kernel
 from clothfit.subspace import carrier
 from clothfit.subspace.physics import samples
 from clothfit.subspace.physics.dense import LANES, PANEL, ROOM, add_matrix, add_vectors, factorise, products, solve
-from clothfit.subspace.physics.reduced import Reduced
+from clothfit.subspace.physics.samples import Reduced
 
 TOGETHER = 200
 """Steps between two looks for interrupts."""

@@ -10,7 +10,7 @@ from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.subspace import carrier
 from clothfit.subspace.physics.march import TOGETHER, March, roll
-from clothfit.subspace.physics.reduced import Reduced, check, decode
+from clothfit.subspace.physics.samples import Reduced, check, decode
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
@@ -54,8 +54,8 @@ def test_a_galerkin_step_leaves_no_force_within_the_basis():
     system = build(scene_of(document(cloth(4, 3), windVel={"x": 3, "y": 0, "z": 1})), 0)
     own, full = Reduced(system, some(system, 5)), Reduced(system, whole(system))
     w, omega = ((roll(each, 1)[1] / each.h) for each in (full, own))
-    full.linearise(np.zeros(full.r), carrier.start_velocity(system, full.basis), 0)
-    A, U = full.matrix(), own.basis[system.vertex.free].reshape(-1, own.r)
+    D, _ = full.linearised(np.zeros(full.r), carrier.start_velocity(system, full.basis), 0)
+    A, U = full.matrix(D), own.basis[system.vertex.free].reshape(-1, own.r)
     np.testing.assert_allclose(U.T @ (A @ (U @ omega - w)), 0.0, atol=2e-6 * np.abs(U.T @ (A @ w)).max())
 
 
@@ -87,14 +87,14 @@ def test_compressed_springs_are_clamped_where_the_matrix_is_not_definite():
     system = build(scene, 0)
     squeezed = system._replace(x0=system.x0 * 0.2)
     own = Reduced(squeezed, whole(system))
-    own.linearise(np.zeros(own.r), np.zeros(own.r), 0)
-    assert np.linalg.eigvalsh(own.matrix())[0] < 0.0
-    own.linearise(np.zeros(own.r), np.zeros(own.r), 0, cap=1.0)
+    rest = np.zeros(own.r), np.zeros(own.r), 0
+    assert np.linalg.eigvalsh(own.matrix(own.linearised(*rest)[0]))[0] < 0.0
+    D, b = own.linearised(*rest, cap=1.0)
     points = np.zeros_like(own.layout.constant)
-    np.add.at(points, own.layout.point, own.layout.weight[:, None] * own.b)
+    np.add.at(points, own.layout.point, own.layout.weight[:, None] * b)
     right = own.h * own.weight @ system.vertex.gravity + points.ravel() @ own.layout.rows
     q = roll(own, 3)
-    np.testing.assert_allclose(q[1], own.h * np.linalg.solve(own.matrix(), right), atol=1e-6 * np.abs(q[1]).max())
+    np.testing.assert_allclose(q[1], own.h * np.linalg.solve(own.matrix(D), right), atol=1e-6 * np.abs(q[1]).max())
     assert np.isfinite(q).all()
 
 
