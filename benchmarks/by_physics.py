@@ -10,7 +10,7 @@ from clothfit.base.arrays import Array
 from clothfit.engine.inputs.tables import later
 from clothfit.engine.rollout import rollout
 from clothfit.subspace import carrier
-from clothfit.subspace.network.windows import Motions
+from clothfit.subspace.network.layers import Motions
 from clothfit.subspace.physics.march import March, State
 from clothfit.subspace.physics.samples import Reduced, decode
 from clothfit.subspace.recording import TOLERANCE

@@ -26,11 +26,9 @@ from clothfit.base.arrays import Array
 from clothfit.engine.system import build
 from clothfit.subspace import basis as bases
 from clothfit.subspace.build import seen
-from clothfit.subspace.network import windows
-from clothfit.subspace.network.layers import OWN, Recipe, played
+from clothfit.subspace.network.layers import OWN, Motions, Recipe, dense, played
 from clothfit.subspace.network.learn import Lesson, lesson, limits, prepared
 from clothfit.subspace.network.training import Budget, Training, begin
-from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.samples import Reduced, Selection
 from clothfit.subspace.recording import Data
@@ -129,7 +127,7 @@ def recurrent(task: Task, kind: str, minutes: float) -> tuple[Any, float]:
     recipe = dataclasses.replace(OWN, windows=(32, 32), margin=0.1)
     training, size = prepared(task.lesson, recipe, 0)
     now, way, _, after = training.motions.steps()
-    linear = windows.dense(dataclasses.replace(training.motions, z=training.motions.z.astype(float)))
+    linear = dense(dataclasses.replace(training.motions, z=training.motions.z.astype(float)))
     left = np.sqrt(((after - now - way) ** 2).mean(axis=0))
     reach = limits(task.lesson.motions.scaled(size, float), recipe.margin)
     own = Recurrent(kind, (linear.mean, linear.lift, left), reach, 128, 0)

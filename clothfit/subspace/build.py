@@ -20,12 +20,12 @@ from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier, frames
-from clothfit.subspace.judge import FORGOTTEN, SOUGHT, amplitudes, cost, floor_of_recorded, relative, whole
+from clothfit.subspace.judge import FORGOTTEN, SOUGHT, bands, cost, floor, relative, rms, whole
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.march import roll
 from clothfit.subspace.physics.samples import Reduced, check, decode
-from clothfit.subspace.recording import Data
+from clothfit.subspace.recording import TOLERANCE, Data
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 
@@ -84,6 +84,11 @@ class Report:
         """Whether a frame takes less time than a full step."""
         return whole(self.us_per_frame) < self.full_us_per_step
 
+    def judged(self, found: Fitness, part: Part, system: System, x: Array) -> None:
+        """Keep how a recorded motion (frames, n, 3) is followed, with its floor where that matters."""
+        self.sampled = found
+        self.floor = floor(part.basis, system, x, TOLERANCE) if found.relative > SOUGHT else 0.0
+
 
 def build(
     data: Data, options: Options, report: Callable[[str], None] = lambda text: None, held_out: int = 1
@@ -103,8 +108,7 @@ def build(
             x, _ = data.motion(e, c)
             system = build_system(data.scene_of(e), c, steps=data.steps)
             found.whole = fitness(Reduced(system, part.basis), x)
-            found.sampled = fitness(Reduced(system, part.basis, part.chosen), x)
-            found.floor = floor_of_recorded(data, c, e, part.basis) if found.sampled.relative > SOUGHT else 0.0
+            found.judged(fitness(Reduced(system, part.basis, part.chosen), x), part, system, x)
         found.us_per_frame, found.full_us_per_step = cost(part, data.scene_of(kept[0]), c, min(data.steps, TIMED))
         parts.append(part)
         reports.append(found)
@@ -132,15 +136,13 @@ def of_object(
             found, U, runs = others, other, runs_on(other, systems)
     low, high, samples = seen(data, c, kept, runs, options.seed)
     table = {k: float(found.left_out[k]) for k in bases.SIZES if k < len(found.left_out)}
-    everything = runs[0].chosen
-    there = {"springs": len(everything.springs), "faces": len(everything.faces), "vertices": len(everything.vertices)}
-    chosen, errors = everything, dict.fromkeys(there, 0.0)
+    chosen = runs[0].chosen
+    there, errors = chosen.counts, dict.fromkeys(chosen.counts, 0.0)
     if options.cubature and samples:
         report("choosing the elements of the cubature")
         choices = cubature.find(runs, samples, options.cubature, options.seed)
         chosen, errors = coarsest(runs[-1], U, choices, x)
-    used = {"springs": len(chosen.springs), "faces": len(chosen.faces), "vertices": len(chosen.vertices)}
-    elements = {name: (used[name], there[name]) for name in there}
+    elements = {name: (used, there[name]) for name, used in chosen.counts.items()}
     normals = normals_of(data, c, kept, runs) if options.normals else None
     part = Part(U, chosen, np.stack([low, high]), normals, half=options.half)
     return part, Report(U.shape[2], table, elements, errors)
@@ -260,15 +262,12 @@ class Fitness:
         return self.relative < other.relative
 
 
-def fitness(own: Reduced, x: Array) -> Fitness:
-    """How a motion on the subspace compares with a recorded one, by displacements (frames, n, 3)."""
-    made = decode(own, roll(own, len(x) - 1)) - own.system.x0
-    rmse = float(np.sqrt(((made - x) ** 2).sum(axis=2).mean()))
-    size = float(np.sqrt((x**2).sum(axis=2).mean()))
-    same = np.isfinite(rmse)
-    return Fitness(
-        rmse, rmse / size if size > 0 else 0.0, relative(amplitudes(made), amplitudes(x)) if same else np.inf
-    )
+def fitness(own: Reduced | Array, x: Array) -> Fitness:
+    """How a motion on the subspace, or its displacements (frames, n, 3), compare with the recorded ones, x."""
+    made = decode(own, roll(own, len(x) - 1)) - own.system.x0 if isinstance(own, Reduced) else own
+    rmse, size = rms(made - x), rms(x)
+    spectrum = relative(bands(made)[1], bands(x)[1]) if np.isfinite(rmse) else np.inf
+    return Fitness(rmse, rmse / size if size > 0 else 0.0, spectrum)
 
 
 def coarsest(own: Reduced, basis: Array, choices: Sequence[cubature.Found], x: Array) -> cubature.Found:

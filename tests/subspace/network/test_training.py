@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from helpers.paths import BENCHMARKS
 
-from clothfit.subspace.network.layers import OWN, Loss, Trained, gradient, played
+from clothfit.subspace.network.layers import OWN, Loss, Motions, Trained, dense, gradient, played
 from clothfit.subspace.network.learn import Lesson, finished, prepared
 from clothfit.subspace.network.signals import Signals
 from clothfit.subspace.network.training import Budget, Descent, archived, numbers, restore
 from clothfit.subspace.network.weights import Room
-from clothfit.subspace.network.windows import Motions, dense
 
 pytestmark = pytest.mark.quick
 
