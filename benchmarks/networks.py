@@ -200,7 +200,7 @@ def physics(task: Task, error: float | None) -> Array:
     chosen = None
     if error is not None:
         runs = task.runs(task.own)
-        chosen = cubature.find(runs, seen(task.data, 0, task.own, runs, 0)[2], [error], 0)[0].selection
+        chosen = cubature.find(runs, seen(task.data, 0, task.own, runs, 0)[1], [error], 0)[0].selection
     return projected(task.tests(chosen), task.test, task.starts)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import System
 from clothfit.engine.system import build as build_system
@@ -134,7 +134,7 @@ def of_object(
         others, other = basis_of(data, c, systems, kept, options, CHANGES)
         if fitness(runs_on(other, systems[-1:])[0], x).better_than(plain):
             found, U, runs = others, other, runs_on(other, systems)
-    low, high, samples = seen(data, c, kept, runs, options.seed)
+    envelope, samples = seen(data, c, kept, runs, options.seed)
     table = {k: float(found.left_out[k]) for k in bases.SIZES if k < len(found.left_out)}
     chosen = runs[0].chosen
     there, errors = chosen.counts, dict.fromkeys(chosen.counts, 0.0)
@@ -144,7 +144,7 @@ def of_object(
         chosen, errors = coarsest(runs[-1], U, choices, x)
     elements = {name: (used, there[name]) for name, used in chosen.counts.items()}
     normals = normals_of(data, c, kept, runs) if options.normals else None
-    part = Part(U, chosen, np.stack([low, high]), normals, half=options.half)
+    part = Part(U, chosen, envelope, normals, half=options.half)
     return part, Report(U.shape[2], table, elements, errors)
 
 
@@ -154,20 +154,13 @@ def basis_of(
     """A decomposition of the motions and a basis (n, 3, r) of it; with `changes`, no vibration modes."""
     own = systems[0]
     found = bases.decompose(data, c, systems, options.size or LARGEST_SIZE, kept, changes)
-    size, modes = size_of(found.left_out, options), 0 if changes else options.modes
+    size, modes = options.size or DEFAULT_SIZE, 0 if changes else options.modes
+    if options.size is None and options.error is not None:
+        good = np.flatnonzero(found.left_out <= options.error)
+        size = max(1, int(good[0]) if len(good) else len(found.left_out) - 1)
     last = bases.frames_of(data, c, kept[0], own, 1 << 30)[-1] + own.x0
     precision = np.float16 if options.half else np.float32
     return found, bases.enriched(found, own, size, last, modes).astype(precision).astype(float)
-
-
-def size_of(left_out: Array, options: Options) -> int:
-    """The number of vectors that options ask for."""
-    if options.size is not None:
-        return options.size
-    if options.error is None:
-        return DEFAULT_SIZE
-    good = np.flatnonzero(left_out <= options.error)
-    return max(1, int(good[0]) if len(good) else len(left_out) - 1)
 
 
 def runs_on(basis: Array, systems: Sequence[System]) -> list[Reduced]:
@@ -176,37 +169,42 @@ def runs_on(basis: Array, systems: Sequence[System]) -> list[Reduced]:
     return [first.under(system) for system in systems]
 
 
+def on_basis(
+    data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced]
+) -> Iterator[tuple[Reduced, Array, Flags, Array]]:
+    """Of each recorded motion its run, the displacements (frames, n, 3), m, which frames are good, and the coordinates
+    (frames, r).
+    """
+    onto = carrier.projection(runs[0].basis, runs[0].system)
+    for run, episode in zip(runs, kept, strict=True):
+        x, good = data.motion(episode, c)
+        yield run, x, good, carrier.coordinates(x, run.system, onto)
+
+
 def normals_of(data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced]) -> NDArray[np.float32]:
     """The regression of the normals of the recorded motions on their coordinates."""
-    onto, each = carrier.projection(runs[0].basis, runs[0].system), max(2, frames.MOST_FRAMES // len(kept))
+    each = max(2, frames.MOST_FRAMES // len(kept))
 
     def states() -> Iterator[tuple[Array, Array]]:
-        for number, episode in enumerate(kept):
-            x, good = data.motion(episode, c)
-            system = runs[number].system
+        for run, x, good, q in on_basis(data, c, kept, runs):
             chosen = np.flatnonzero(good)[:: max(1, -(-int(good.sum()) // each))]
-            q = carrier.coordinates(x, system, onto)
-            yield q[chosen], x[chosen] + system.x0
+            yield q[chosen], x[chosen] + run.system.x0
 
     return frames.regression(states(), data.scene.cloths[c].triangles)
 
 
 def seen(
     data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced], seed: int
-) -> tuple[Array, Array, list[cubature.Sample]]:
-    """The least and largest coordinates (r,) of the recorded motions, and some of their steps."""
-    own, onto = runs[0], carrier.projection(runs[0].basis, runs[0].system)
-    low, high, found = np.full(own.r, np.inf), np.full(own.r, -np.inf), []
-    rng = np.random.default_rng([seed, c])
-    for number, episode in enumerate(kept):
-        x, good = data.motion(episode, c)
-        q = carrier.coordinates(x, runs[number].system, onto)
-        low, high = np.minimum(low, q[good].min(axis=0)), np.maximum(high, q[good].max(axis=0))
-        v = np.diff(q, axis=0) / own.h
+) -> tuple[Array, list[cubature.Sample]]:
+    """The least and largest coordinates (2, r) of the recorded motions, and some of their steps."""
+    ends, found, rng = [], [], np.random.default_rng([seed, c])
+    for number, (run, x, good, q) in enumerate(on_basis(data, c, kept, runs)):
+        ends += [q[good].min(axis=0), q[good].max(axis=0)]
+        v = np.diff(q, axis=0) / run.system.h
         steps = [t for t in range(1, len(x) - 1) if good[t - 1 : t + 2].all()]
         some = rng.permutation(steps)[: -(-STATES // len(kept))]
         found += [cubature.Sample(number, int(t), q[t], v[t - 1], v[t]) for t in sorted(some)]
-    return low, high, found
+    return np.stack([np.min(ends, axis=0), np.max(ends, axis=0)]), found
 
 
 def widen(limits: dict[str, list[list[float]]], system: System) -> None:
@@ -264,7 +262,7 @@ class Fitness:
 
 def fitness(own: Reduced | Array, x: Array) -> Fitness:
     """How a motion on the subspace, or its displacements (frames, n, 3), compare with the recorded ones, x."""
-    made = decode(own, roll(own, len(x) - 1)) - own.system.x0 if isinstance(own, Reduced) else own
+    made = decode(own.system, own.basis, roll(own, len(x) - 1)) - own.system.x0 if isinstance(own, Reduced) else own
     rmse, size = rms(made - x), rms(x)
     spectrum = relative(bands(made)[1], bands(x)[1]) if np.isfinite(rmse) else np.inf
     return Fitness(rmse, rmse / size if size > 0 else 0.0, spectrum)

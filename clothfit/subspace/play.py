@@ -158,7 +158,7 @@ def positions(own: Reduced | Stepper, q: Array) -> Array:
     """Positions (frames, n, 3), m, in chunks that stay small."""
     out = np.empty((len(q), *own.system.x0.shape))
     for first in range(0, len(q), 64):
-        out[first : first + 64] = decode(own, q[first : first + 64], first)
+        out[first : first + 64] = decode(own.system, own.basis, q[first : first + 64], first)
     return out
 
 

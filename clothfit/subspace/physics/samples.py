@@ -26,9 +26,10 @@ one row. Arrays are (copies, 3) or (points, 3).
 from __future__ import annotations
 
 from copy import copy
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices, aligned
 from clothfit.base.errors import InvalidInput
@@ -39,6 +40,7 @@ from clothfit.engine.solve.sparse import BLOCK_SIZE, XX, XY, XZ, YY, YZ, ZZ
 from clothfit.engine.system import BDF2, IMPLICIT, System, meets_itself
 from clothfit.kernels.kernel import kernel
 from clothfit.subspace import carrier
+from clothfit.subspace.physics.dense import LANES
 
 
 class Selection(NamedTuple):
@@ -74,6 +76,21 @@ class Layout(NamedTuple):
     ends: Indices  # (3,), where the copies of springs, of faces and of vertices end
     pinned: Indices  # (e, 2), points that a pin is part of, and the pin
     sign: Array  # (e,), how often
+
+
+class Fixed(NamedTuple):
+    """What no step changes."""
+
+    rows: NDArray[np.float32]  # R, (3 m, w)
+    mass: Array  # Uᵀ M U, (r, r)
+    weight: Array  # Uᵀ M 1, (r, 3)
+    alpha: float  # damping of the vertices, 1/s
+    path: Array  # (T, P + 1, 3), m, of the pins and their mean
+    held: Array  # (P + 1, 3), m, where they start
+    v_held: Array  # (P + 1, 3), m/s
+    h: float  # s
+    iterations: int
+    second: bool  # whether steps are those of BDF2
 
 
 class Sampled(NamedTuple):
@@ -210,6 +227,35 @@ def assemble(own, lay, y, u, h, ahead, A, b):
     colliders.add_step(own.colliders, y[f:], u[f:], h, ahead, Blocks(A.diagonal[f:], A.upper), b[f:])
 
 
+@kernel
+def place_pins(fixed, pins, t, second, h):
+    """Where a step of the pins and their mean begins, their velocities there, and that with which they go on, in `pins`
+    as `march.Work` has them.
+    """
+    path = fixed.path
+    for p in range(pins.shape[1]):
+        for c in range(3):
+            x, v = path[t, p, c], pin_velocity(fixed, t, p, c)
+            pins[1, p, c] = v
+            if second:
+                before = pin_velocity(fixed, t - 1, p, c)
+                pins[1, p, c] = 2.0 * v - before
+                x, v = x + (x - path[t - 1, p, c]) / 3.0, v + (v - before) / 3.0
+            pins[2, p, c] = (path[t + 1, p, c] - x) / h
+            pins[3, p, c], pins[4, p, c] = x, v
+
+
+@kernel
+def pin_velocity(fixed, t, p, c):
+    """A component of the velocity of a pin before step t."""
+    path, h = fixed.path, fixed.h
+    if t == 0:
+        return fixed.v_held[p, c]
+    if fixed.second and t > 1:
+        return (1.5 * path[t, p, c] - 2.0 * path[t - 1, p, c] + 0.5 * path[t - 2, p, c]) / h
+    return (path[t, p, c] - path[t - 1, p, c]) / h
+
+
 TINY = 1e-13
 """What of a block's pivot is rounding, relative to its trace."""
 
@@ -231,12 +277,11 @@ def factors(D: Array) -> tuple[Array, Array]:
     return lines, pivots
 
 
-class Based(Protocol):
-    """A cloth on a basis, whatever steps it."""
-
-    system: System
-    basis: Array  # (n, 3, r)
-    r: int
+def wide(rows: Array) -> NDArray[np.float32]:
+    """The same rows (3 m, r) in single precision, with as many columns as whole registers hold."""
+    made = np.zeros((len(rows), LANES * -(-rows.shape[1] // LANES)), np.float32)
+    made[:, : rows.shape[1]] = rows
+    return made
 
 
 class Reduced:
@@ -254,20 +299,31 @@ class Reduced:
         self.system, self.basis = system, np.ascontiguousarray(basis)
         self.chosen = everything(system) if chosen is None else chosen
         self.layout, self.own = build(system, basis, self.chosen)
-        self.r, self.h = basis.shape[2], system.h
-        self.path, self.held, self.v_held = carrier.paths(system)
+        self.r = basis.shape[2]
         weighted = self.basis * system.vertex.mass[:, None, None]
-        self.mass = np.asfortranarray(weighted.reshape(-1, self.r).T @ self.basis.reshape(-1, self.r))  # Uᵀ M U
-        self.weight = np.ascontiguousarray(weighted.sum(axis=0).T)  # Uᵀ M 1, (r, 3)
-        self.alpha = system.vertex.damping
+        mass = np.ascontiguousarray(weighted.reshape(-1, self.r).T @ self.basis.reshape(-1, self.r))
+        weight = np.ascontiguousarray(weighted.sum(axis=0).T)
+        self.fixed = Fixed(
+            wide(self.layout.rows), mass, weight, float(system.vertex.damping), *carrier.paths(system), system.h,
+            system.newton_iterations, system.method == BDF2
+        )  # fmt: skip
 
     def under(self, system: System) -> Reduced:
         """The same cloth under other inputs over time, with the same pins; it shares memory with this one."""
         other = copy(self)
-        other.system = system
-        other.path, other.held, other.v_held = carrier.paths(system)
-        other.own = self.own._replace(inputs=system.inputs)
+        other.system, other.own = system, self.own._replace(inputs=system.inputs)
+        path, held, v_held = carrier.paths(system)
+        other.fixed = self.fixed._replace(path=path, held=held, v_held=v_held)
         return other
+
+    def pins(self, t: int) -> Array:
+        """Of the pins and their mean, (P + 1, 3) each, before an implicit Euler step: places, velocities, and those of
+        the step.
+        """
+        found = np.zeros((5, len(self.fixed.held), 3))
+        if len(self.fixed.path):
+            place_pins(self.fixed, found, t, False, self.fixed.h)
+        return found[[3, 4, 2]]
 
     def at_copies(self, points: Array, pins: Array) -> Array:
         """The values (copies, 3) of points (m, 3) with the part of the pins and their mean (P + 1, 3), which is added
@@ -285,13 +341,13 @@ class Reduced:
         """
         begin(self.own, t)
         lay, still = self.layout, np.zeros_like(self.layout.constant)
-        x, v, _ = self.places(t)
-        y, u = (self.at_copies(still.copy(), pins) for pins in (x - self.held, v))
+        x, v, _ = self.pins(t)
+        y, u = (self.at_copies(still.copy(), pins) for pins in (x - self.fixed.held, v))
         y[1:] += ((lay.rows @ q).reshape(-1, 3) + lay.constant)[lay.point[1:]]
         u[1:] += (lay.rows @ p).reshape(-1, 3)[lay.point[1:]]
         forces = self.own._replace(springs=self.own.springs._replace(cap=cap, bend=0.0))
         A, b = blocks(lay), np.zeros_like(y)
-        assemble(forces, lay, y, u, self.h, False, A, b)
+        assemble(forces, lay, y, u, self.fixed.h, False, A, b)
         return A.diagonal[: len(b), [[XX, XY, XZ], [XY, YY, YZ], [XZ, YZ, ZZ]]], b
 
     def impulses(self, q: Array, p: Array, w: Array, t: int) -> Array:
@@ -299,8 +355,7 @@ class Reduced:
         """
         lay = self.layout
         D, b = self.linearised(q, p, t)
-        x, _, after = self.places(t)
-        w = self.at_copies((lay.rows @ w).reshape(-1, 3), (after - x) / self.h)
+        w = self.at_copies((lay.rows @ w).reshape(-1, 3), self.pins(t)[2])
         given = b - (D[:, :, 0] * w[:, :1] + D[:, :, 1] * w[:, 1:2] + D[:, :, 2] * w[:, 2:])
         rows, (s, f, _) = lay.rows.reshape(-1, 3, self.r), lay.ends
         own = [np.einsum("ic,icr->ir", given[i:j], rows[lay.point[i:j]]) for i, j in ((1, s), (s, f), (f, len(given)))]
@@ -312,24 +367,13 @@ class Reduced:
         lay = self.layout
         lines, pivots = factors(D)
         scale = lay.weight[:, None] * pivots
-        A = (1.0 + self.h * self.alpha) * self.mass
+        A = (1.0 + self.fixed.h * self.fixed.alpha) * self.fixed.mass
         for sign in (1.0, -1.0):
             i, k = np.nonzero(sign * scale > 0.0)
             along, first = np.sqrt(sign * scale[i, k])[:, None] * lines[i, k], 3 * lay.point[i]
             rows = np.asarray(sum(along[:, c, None] * lay.rows[first + c] for c in range(3)))
             A = A + sign * (rows.T @ rows) if len(rows) else A  # NumPy computes one half of a square
         return np.asarray(A)
-
-    def places(self, t: int) -> tuple[Array, Array, Array]:
-        """Of the pins and their mean before step t their places and velocities, and their places after it."""
-        path = self.path
-        if not len(path):
-            return self.held, self.held, self.held
-        if t == 0:
-            return path[0], self.v_held, path[1]
-        if self.system.method == BDF2 and t > 1:  # w of the step before: from x̃, by h'
-            return path[t], (1.5 * path[t] - 2.0 * path[t - 1] + 0.5 * path[t - 2]) / self.h, path[t + 1]
-        return path[t], (path[t] - path[t - 1]) / self.h, path[t + 1]
 
 
 def check(system: System) -> None:
@@ -342,13 +386,11 @@ def check(system: System) -> None:
         raise InvalidInput("a subspace has no applied forces")
 
 
-def decode(reduced: Based, q: Array, first: int = 0) -> Array:
+def decode(system: System, basis: Array, q: Array, first: int = 0) -> Array:
     """Positions (T, n, 3), m, of coordinates (T, r) of the frames from `first` on."""
-    n = len(reduced.system.x0)
-    x = (q @ reduced.basis.reshape(-1, reduced.r).T).reshape(-1, n, 3) + reduced.system.x0
-    inputs = reduced.system.inputs
+    x = (q @ basis.reshape(-1, basis.shape[2]).T).reshape(-1, *system.x0.shape) + system.x0
+    inputs = system.inputs
     if inputs is not None and inputs.path.size:
-        free = reduced.system.vertex.free
-        x[:, free] += carrier.shift(inputs, len(q), first)
+        x[:, system.vertex.free] += carrier.shift(inputs, len(q), first)
         x[:, inputs.pins] = inputs.path[first : first + len(q)]
     return x
