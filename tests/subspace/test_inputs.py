@@ -5,13 +5,12 @@ import json
 import numpy as np
 import pytest
 from helpers.scenes import cloth, document, sphere
-from helpers.subspaces import keys, moving, scene_of
+from helpers.subspaces import keys, scene_of
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.subspace import FRAMES, IN_WIND, OF_SMALL, lengths
 from clothfit.engine.system import build
 from clothfit.subspace.inputs import Ranges, applied, episodes, gentle_wind, load, varied
-from clothfit.subspace.play import clamped
 
 BALLS = [sphere(0.1), {**sphere(0.2), "friction": 0.1}]
 SCENE = scene_of(document(cloth(), colliders=BALLS))
@@ -95,25 +94,6 @@ def test_the_wind_by_default_pushes_a_quarter_of_the_weight():
     add_force(blown, system.x0, np.zeros_like(f), f)
     weight = 9.81 * own.mass[~own.fixed].sum()
     assert abs(f[:, 1].sum()) == pytest.approx(0.25 * weight, rel=0.05)  # two digits of the wind are kept
-
-
-def test_pins_and_velocities_at_the_start_are_held_within_a_range_wherever_they_begin():
-    system = build(scene_of(moving()), 0, steps=5)
-    limits = {"wind": [[-9.0] * 3, [9.0] * 3], "pins": [[-0.1] * 3, [0.2] * 3], "start": [[-1.0] * 3, [2.0] * 3]}
-    assert system.inputs is not None
-    path = system.inputs.path + np.linspace(1e6, -1e9, len(system.inputs.path))[:, None, None]
-    said: dict[str, None] = {}
-    own = clamped(system._replace(inputs=system.inputs._replace(path=path), v0=system.v0 + 1e9), limits, said)
-    assert [sentence.split(",")[0] for sentence in said] == [
-        "the start is faster than those that were recorded", "pins leave the range that was recorded"
-    ]  # fmt: skip
-    pins, start = system.inputs.pins, system.x0[system.inputs.pins]
-    moved = own.inputs.path - start
-    np.testing.assert_allclose([moved.min(), moved.max()], [-0.1, 0.2], atol=1e-12)
-    np.testing.assert_allclose(own.v0[pins], (own.inputs.path[1] - own.inputs.path[0]) / system.h)
-    assert (own.v0[system.vertex.free] == 2.0).all()
-    np.testing.assert_array_equal(own.inputs.wind, system.inputs.wind)
-    assert clamped(system, limits, {}).inputs is system.inputs
 
 
 def test_motions_of_a_flag_are_long_and_those_of_what_falls_moves_or_lies_on_something_are_not():

@@ -1,17 +1,14 @@
 """From a scene to a model and back from its file; what it follows, clamps and refuses."""
 
-import json
-
 import numpy as np
 import pytest
-from helpers.scenes import cloth, document, write_scene
+from helpers.scenes import cloth, document
 from helpers.subspaces import scene_of
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.program import run
 from clothfit.engine.system import build as build_system
 from clothfit.subspace.build import CUBATURES, Options, build, coarsest
-from clothfit.subspace.inputs import Ranges, episodes
+from clothfit.subspace.inputs import Ranges, applied, episodes
 from clothfit.subspace.model import load_model, save
 from clothfit.subspace.physics.cubature import Found
 from clothfit.subspace.physics.samples import Reduced
@@ -74,8 +71,6 @@ def test_data_and_models_are_the_same_for_the_same_seed(made):
 
 def test_inputs_beyond_the_range_are_clamped_and_said_once(made):
     _, data, model, _ = made
-    from clothfit.subspace.inputs import applied
-
     storm = [{"acts": "wind", "times": [0, 0.5, 3], "values": [[0, 0, 0], [0, 9e5, 0], [4e5, 0, 0]]}]
     played = play(model, applied(data.scene, storm), 120)
     assert len(played.clamped) == 1
@@ -88,8 +83,6 @@ def test_inputs_beyond_the_range_are_clamped_and_said_once(made):
 
 def test_it_comes_to_rest_when_its_inputs_do(made):
     _, data, model, _ = made
-    from clothfit.subspace.inputs import applied
-
     gust = [{"acts": "wind", "times": [0, 0.3, 0.6], "values": [[0, 0, 0], [4, 0, -4], [0, 0, 0]]}]
     x = play(model, applied(data.scene, gust), 1200).motion.positions
     speed = np.abs(np.diff(x, axis=0)).max(axis=(1, 2))
@@ -125,72 +118,3 @@ def test_files_that_are_none_are_refused(made, tmp_path):
     other = scene_of(document(cloth(3, 3)))
     with pytest.raises(InvalidInput, match="its objects are not those of the model"):
         play(model, other, 5)
-
-
-def test_the_commands(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, document(cloth(4, 4, damping=0.5), optimizationIterations=30))
-    (tmp_path / "w.json").write_text(
-        json.dumps({"inputs": [{"acts": "wind", "times": [0, 0.3], "values": [[0, 0, 0], [2, 0, 2]]}]})
-    )
-    few = ["--episodes", "3", "--frames", "40"]
-    assert run(["subspace", "record", "scene.json", *few, "--wind", "4", "-q"]) == 0
-    assert run(["subspace", "build", "scene.data.npz", "--basis", "12", "-o", "a.npz", "-q"]) == 0
-    own = [*few, "--wind", "4", "--basis", "12", "--normals", "-o", "b.npz", "--json"]
-    assert run(["subspace", "build", "scene.json", *own]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["objects"][0]["vectors"] == 12
-    np.testing.assert_array_equal(load_model("a.npz").parts[0].basis, load_model("b.npz").parts[0].basis)
-    assert run(["subspace", "play", "a.npz", "--inputs", "w.json", "--frames", "25", "-o", "m.npz", "-q"]) == 0
-    assert np.load("m.npz")["positions"].shape == (25, 16, 3)
-    assert load_model("a.npz").parts[0].normals is None
-    assert load_model("b.npz").parts[0].normals.shape == (16, 3, 13)
-    crowd = ["--instances", "3", "--frames", "8", "-o", "c.npz", "--seed", "1"]
-    assert run(["subspace", "play", "b.npz", *crowd, "--json", "-q"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["outputs"] == ["c-1.npz", "c-2.npz", "c-3.npz"]
-    assert set(said["us_per_frame"]) == {"state", "decode", "normals"}
-    assert np.load("c-1.npz")["positions"].shape == (8, 16, 3)
-    assert np.abs(np.load("c-1.npz")["positions"] - np.load("c-2.npz")["positions"]).max() > 1e-6
-    assert run(["subspace", "play", "b.npz", "--push-out", "0", "-q"]) == 3
-    assert "the scene has no obstacles" in capsys.readouterr().err
-    assert run(["subspace", "play", "b.npz", "--instances", "2", "--push-out", "0"]) == 2
-    assert "--push-out does not go with --instances" in capsys.readouterr().err
-    assert run(["evaluate", "scene.json", "a.npz", "--inputs", "w.json", "--json", "-q"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["relative_rmse"] < 0.1
-    assert set(found["us_per_frame"]) == {"state", "decode", "normals"}
-    assert {"drift", "energy", "energy_gain", "normals"} <= set(found)
-    shown = ["--plot", "p.png", "--report", "p.html", "--steps", "20"]
-    assert run(["evaluate", "scene.json", "b.npz", *shown, "-q"]) == 0
-    assert {"p.png", "p.html"} <= {each.name for each in tmp_path.iterdir()}
-    assert run(["evaluate", "scene.json", "scene.json", "--report", "q.html"]) == 2
-    assert "--report goes with a subspace only" in capsys.readouterr().err
-    assert run(["evaluate", "scene.json", "b.npz", "--report", "b.npz"]) == 3
-    assert "it is an input or another output" in capsys.readouterr().err
-    assert found["full_us_per_step"] > 0
-    assert run(["info", "a.npz"]) == 3
-    assert "clothfit subspace play" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [
-        (["play", "scene.json"], 3, "no model of clothfit subspace build"),
-        (["build", "scene.json", "--inputs", "w.json"], 2, "--inputs does not go with build"),
-        (["play", "scene.json", "--basis", "3"], 2, "--basis does not go with play"),
-        (["build", "scene.json", "--error", "soft"], 3, "'soft' is no length"),
-        (["play", "scene.json", "--instances", "0"], 3, "--instances must be at least 1"),
-        (["play", "scene.json", "--normals"], 2, "--normals does not go with play"),
-        (["play", "scene.json", "--push-out", "far"], 3, "no model of clothfit subspace build"),
-        (["build", "scene.json", "--basis", "0"], 3, "--basis must be between 1 and 512"),
-        (["record", "scene.json", "--episodes", "1"], 3, "--episodes must be at least 2"),
-        (["record", "scene.json", "--wind", "-1"], 3, "--wind must be at least 0"),
-        (["record", "none.json"], 3, "none.json: there is no such file"),
-    ],
-)
-def test_bad_input_costs_one_sentence(tmp_path, monkeypatch, capsys, arguments, code, said):
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, document(cloth(3, 3)))
-    assert run(["subspace", *arguments]) == code
-    assert said in capsys.readouterr().err
