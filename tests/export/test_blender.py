@@ -197,18 +197,19 @@ def test_bending_is_stable_with_any_mass(mass):
     assert 0.02**2 * np.abs(np.linalg.eigvals(matrix)).max() / mass <= mapping.BENDING_LIMIT
 
 
-def script():
+@pytest.fixture(scope="module")
+def names(scene):
     """The names of the script, without Blender."""
-    names = {"__name__": "script"}
-    text = exported(two(), "blender")["blender.py"].decode().replace("import bpy", "bpy = None  #")
-    exec(compile(text, "blender.py", "exec"), names)
-    return names
+    found = {"__name__": "script"}
+    text = exported(scene, "blender")["blender.py"].decode().replace("import bpy", "bpy = None  #")
+    exec(compile(text, "blender.py", "exec"), found)
+    return found
 
 
 @pytest.mark.parametrize("rate", [24.0, 25.0, 30.0, 50.0, 60.0])
 @pytest.mark.parametrize(("step", "fewest"), [(0.1, 1), (0.005, 0), (1e-9, 80)])
-def test_the_quality_is_the_fewest_steps_without_one_too_many(rate, step, fewest):
-    names, scale = script(), 1 / (rate * TIME_UNIT)
+def test_the_quality_is_the_fewest_steps_without_one_too_many(names, rate, step, fewest):
+    scale = 1 / (rate * TIME_UNIT)
     if rate == 50.0:  # Blender 4.2 takes 41 steps for a quality of 40, and 12 for one of 12: it adds float32 numbers
         assert [names["steps"](quality, scale) for quality in (1, 5, 12, 40)] == [1, 5, 12, 41]
     names["DATA"]["step"] = step
