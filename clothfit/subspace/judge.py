@@ -14,7 +14,7 @@ the basis holds of a state (`floor`): no steps on the basis, by physics or by a 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from time import process_time
 
@@ -125,7 +125,10 @@ def compare(model: Model, scene: Scene, frames: int) -> Compared:
     bytes_of = sum(4 * part.basis.size + sum(each.nbytes for each in part.chosen) for part in model.parts)
     bytes_of += sum(part.network.nbytes for part in model.parts if part.network)
     ends = sorted({max(1, frames * k // 5) for k in range(1, 6)})
-    far = size > 0.0 and rmse > SOUGHT * size
+    floors, held = [0.0], in_world(full, scene)
+    for c, part in enumerate(model.parts if size > 0.0 and rmse > SOUGHT * size else ()):
+        system = build(scene, c, steps=frames - 1)
+        floors.append(floor(part.basis, system, held.of(c) - system.x0, scene.tolerance))
     found = Judgement(
         frames=frames,
         rmse=rmse,
@@ -143,7 +146,7 @@ def compare(model: Model, scene: Scene, frames: int) -> Compared:
         full_us_per_step=sum(step for _, step in costs),
         megabytes=bytes_of / 1e6,
         clamped=played.clamped,
-        floor=floor_of(scene, full, [part.basis for part in model.parts]) if far else 0.0,
+        floor=max(floors),
     )
     return Compared(model, scene, own, full, played.coordinates, both, found)
 
@@ -260,35 +263,21 @@ def floor(basis: Array, system: System, x: Array, tolerance: float) -> float:
     basis (n, 3, r) holds of one of its states: RMS over all frames, those before it without error, relative to that of
     the motion. The largest for some states.
     """
-    size = rms(x)
+    flat, inputs, frames, found = basis.reshape(-1, basis.shape[2]), system.inputs, len(x), [0.0]
     q = carrier.coordinates(x, system, carrier.projection(basis, system))
-    starts = sorted({max(1, int(part * len(x))) for part in GOES_ON} & set(range(1, len(x) - 1)))
-    return max((_after(basis, system, x, q, k, tolerance) for k in starts), default=0.0) / max(size, 1e-300)
-
-
-def floor_of(scene: Scene, motion: Motion, bases: Sequence[Array]) -> float:
-    """The largest `floor` of the objects of a full motion, for a basis of each."""
-    held, found = in_world(motion, scene), []
-    for c, basis in enumerate(bases):
-        system = build(scene, c, steps=len(motion.times) - 1)
-        found.append(floor(basis, system, held.of(c) - system.x0, scene.tolerance))
-    return max(found)
+    free = system.vertex.free[:, None]
+    for k in sorted({max(1, int(part * frames)) for part in GOES_ON} & set(range(1, frames - 1))):
+        away = x[k - 1 : k + 1] - carrier.shift(inputs, 2, k - 1)  # of fixed vertices and pins nothing is left out
+        held = np.where(free, (q[k - 1 : k + 1] @ flat.T).reshape(away.shape), away) + (x[k - 1 : k + 1] - away)
+        v = np.ascontiguousarray((held[1] - held[0]) / system.h)
+        begun = system._replace(x0=system.x0 + held[1], v0=v, inputs=later(inputs, k))
+        made, good = rollout(begun, frames - 1 - k, tolerance)
+        error = made.x[: good + 1] - system.x0 - x[k : k + good + 1]
+        found.append(float(np.sqrt((error**2).sum(axis=2).mean(axis=1).sum() / frames)))
+    return max(found) / max(rms(x), 1e-300)
 
 
 def at_best(found: float) -> str:
     """A `floor` in words."""
     text = "the full simulation itself is so far off where it goes on from what the vectors hold"
     return f"at best {100 * found:.2g} %: {text}"
-
-
-def _after(basis: Array, system: System, x: Array, q: Array, k: int, tolerance: float) -> float:
-    """The RMS distance, m, of the simulation that goes on from frame k."""
-    flat, inputs = basis.reshape(-1, basis.shape[2]), system.inputs
-    away = x[k - 1 : k + 1] - carrier.shift(inputs, 2, k - 1)  # of fixed vertices and pins nothing is left out
-    free = system.vertex.free[:, None]
-    held = np.where(free, (q[k - 1 : k + 1] @ flat.T).reshape(away.shape), away) + (x[k - 1 : k + 1] - away)
-    v = (held[1] - held[0]) / system.h
-    begun = system._replace(x0=system.x0 + held[1], v0=np.ascontiguousarray(v), inputs=later(inputs, k))
-    made, good = rollout(begun, len(x) - 1 - k, tolerance)
-    error = made.x[: good + 1] - system.x0 - x[k : k + good + 1]
-    return float(np.sqrt((error**2).sum(axis=2).mean(axis=1).sum() / len(x)))

@@ -95,7 +95,18 @@ def archived(
              "episodes": [asdict(each) for each in own]}  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="clothfit-", dir=os.path.dirname(os.path.abspath(path))) as place:
         yield place
-        write_atomically(path, lambda file: pack(file, dumps(scene), about, place))
+
+        def pack(file: IO[bytes]) -> None:
+            with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
+                for name, content in (("recorded", json.dumps(about).encode()), ("scene", dumps(scene))):
+                    stream = io.BytesIO()
+                    np.save(stream, np.frombuffer(content, np.uint8))
+                    archive.writestr(f"{name}.npy", stream.getvalue())
+                for one in sorted(Path(place).iterdir()):
+                    e, c, kind, _ = one.name.split(".")
+                    archive.write(one, f"{kind}{e}.{c}.npy")
+
+        write_atomically(path, pack)
 
 
 def keep(stem: str, cloth: int, x: NDArray[np.float32], good: Flags) -> None:
@@ -121,18 +132,6 @@ def motions(text: bytes, folder: str, own: Episode, steps: int, stem: str) -> li
         keep(stem, c, x[:end], good[:end])
         found.append((int(good[:end].sum()), end))
     return found
-
-
-def pack(file: IO[bytes], text: bytes, about: dict[str, Any], place: str) -> None:
-    """Write the archive from the files in a folder."""
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
-        for name, content in (("recorded", json.dumps(about).encode()), ("scene", text)):
-            stream = io.BytesIO()
-            np.save(stream, np.frombuffer(content, np.uint8))
-            archive.writestr(f"{name}.npy", stream.getvalue())
-        for one in sorted(Path(place).iterdir()):
-            e, c, kind, _ = one.name.split(".")
-            archive.write(one, f"{kind}{e}.{c}.npy")
 
 
 class Data:

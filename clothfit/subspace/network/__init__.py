@@ -4,6 +4,6 @@ signals (what acts on a step, as numbers) → weights (the network as plain arra
 compiled). layers (windows of recorded motions and the linear part, a step and its transpose, a window and its
 gradient) → training (the descent) → learn (from data, and motions that come to rest, to MODEL).
 
-To add an activation: its name in `weights.ACTIVATIONS`, its value in `weights.activate` and `layers.Trained.activated`,
-its derivative in `layers.Trained.pull`.
+To add an activation: its name in `weights.ACTIVATIONS`, its value in `weights.activate`, `play.Networks.step` and
+`layers.Trained.step`, its derivative in `layers.Trained.pull`.
 """

@@ -116,15 +116,11 @@ def turned(path: Array, system: System) -> Array:
     3): (Σ |r|² − r rᵀ) ω = Σ r × ṙ, with r from their mean. About the line of pins in one the turn is 0.
     """
     away = path - path.mean(axis=1, keepdims=True)
-    return with_change(spin(0.5 * (away[1:] + away[:-1]), np.diff(away, axis=0)) / system.h)
-
-
-def spin(r: Array, way: Array) -> Array:
-    """The rotation (steps, 3), rad, nearest to ways (steps, P, 3), for places r relative to their mean."""
+    r, way = 0.5 * (away[1:] + away[:-1]), np.diff(away, axis=0)
     square = np.einsum("tpi,tpi->t", r, r)
     inertia = square[:, None, None] * np.eye(3) - np.einsum("tpi,tpj->tij", r, r)
-    moment = np.cross(r, way).sum(axis=1)
-    return np.asarray(np.einsum("tij,tj->ti", np.linalg.pinv(inertia, rcond=FLAT, hermitian=True), moment))
+    inverse, moment = np.linalg.pinv(inertia, rcond=FLAT, hermitian=True), np.cross(r, way).sum(axis=1)
+    return with_change(np.einsum("tij,tj->ti", inverse, moment) / system.h)
 
 
 def of_places(x: Array) -> Array:
