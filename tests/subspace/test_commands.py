@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from helpers.scenes import cloth, document, write_scene
+from helpers.scenes import cloth, document, sphere, write_scene
 
 from clothfit.cli.program import run
 from clothfit.scene.scene import load
@@ -24,7 +24,9 @@ GUST = [{"acts": "wind", "times": [0, 0.3], "values": [[0, 0, 0], [2, 0, 2]]}]
 def place(tmp_path_factory):
     """A folder with scene.json, its data and inputs w.json."""
     folder = tmp_path_factory.mktemp("commands")
-    scene = write_scene(folder, document(cloth(4, 4, damping=0.5), optimizationIterations=30))
+    ball = sphere(0.1, pos={"x": 500.0, "y": 0.0, "z": 0.0}, friction=0.1)  # which nothing touches
+    made = document(cloth(4, 4, damping=0.5), colliders=[ball], optimizationIterations=30)
+    scene = write_scene(folder, made)
     (folder / "w.json").write_text(json.dumps({"inputs": GUST}))
     assert run(["subspace", "record", str(scene), *RECORDED, "-o", str(folder / "scene.data.npz"), "-q"]) == 0
     return folder
@@ -59,7 +61,8 @@ def test_physics(place, said):
     first, second = (np.load(name)["positions"] for name in played["outputs"][:2])
     assert first.shape == (8, 16, 3)
     assert np.abs(first - second).max() > 1e-6
-    assert "the scene has no obstacles" in said("subspace", "play", "b.npz", "--push-out", "0", code=3)
+    pushed = said("subspace", "play", "b.npz", "--inputs", "w.json", "--push-out", "2mm", "--frames", "5", "--json")
+    assert set(pushed["us_per_frame"]) == {"state", "decode", "push_out"}
     asked = ["--instances", "2", "--push-out", "0"]
     assert "--push-out does not go with --instances" in said("subspace", "play", "b.npz", *asked, code=2)
     found = said("evaluate", "scene.json", "a.npz", "--inputs", "w.json", "--json")
@@ -67,7 +70,8 @@ def test_physics(place, said):
     assert set(found["us_per_frame"]) == {"state", "decode", "normals"}
     assert {"drift", "energy", "energy_gain", "normals"} <= set(found)
     assert found["full_us_per_step"] > 0
-    said("evaluate", "scene.json", "b.npz", "--plot", "p.png", "--report", "p.html", "--steps", "20")
+    shown = ["--plot", "p.png", "--report", "p.html", "--steps", "20"]
+    said("evaluate", "scene.json", "b.npz", "--inputs", "w.json", *shown)
     assert {"p.png", "p.html"} <= {each.name for each in place.iterdir()}
     assert "with a subspace only" in said("evaluate", "scene.json", "scene.json", "--report", "q.html", code=2)
     assert "input or another output" in said("evaluate", "scene.json", "b.npz", "--report", "b.npz", code=3)

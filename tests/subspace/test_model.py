@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.scenes import cloth, document
+from helpers.scenes import cloth, document, sphere
 from helpers.subspaces import scene_of, whole
 
 from clothfit.base.errors import InvalidInput
@@ -18,13 +18,17 @@ from clothfit.subspace.recording import Data, record
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
+FAR = sphere(0.1, pos={"x": 500.0, "y": 0.0, "z": 0.0}, friction=0.1)
+"""What nothing touches: motions with colliders are compiled for other tests as well."""
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A model of a small cloth in gusts, and the data it was built of."""
     place = tmp_path_factory.mktemp("subspace")
     held = [i < 5 for i in range(25)]
-    scene = scene_of(document(cloth(5, 5, damping=0.5, vertIsFixed=held), optimizationIterations=60))
+    own = cloth(5, 5, damping=0.5, vertIsFixed=held)
+    scene = scene_of(document(own, colliders=[FAR], optimizationIterations=60))
     ranges = Ranges(2.0)
     path = place / "data.npz"
     found = record(scene, episodes(scene, ranges, 5, 1.2, 0), ranges, 60, path)
@@ -128,7 +132,8 @@ STEPS = 60
 
 def lesson_of(tmp_path, **fields):
     """What recorded motions of a cloth in gusts teach a network on a basis of all motions."""
-    scene, ranges = scene_of(document(cloth(4, 3, **fields), optimizationIterations=STEPS)), Ranges(3.0)
+    made, ranges = document(cloth(4, 3, **fields), colliders=[FAR], optimizationIterations=STEPS), Ranges(3.0)
+    scene = scene_of(made)
     record(scene, episodes(scene, ranges, 4, 1.2, 0), ranges, STEPS, tmp_path / "data.npz")
     return lesson(Data(tmp_path / "data.npz"), 0, range(4), whole(build_system(scene, 0, steps=1)))
 

@@ -201,8 +201,9 @@ def test_the_player_in_csharp_gives_the_motion_of_a_network(scene, model, tmp_pa
     np.testing.assert_allclose(normals, made, atol=1e-3)  # some random sums are near 0
 
 
-def test_the_player_in_csharp_decodes_the_motion_of_physics(scene, tmp_path, monkeypatch):
+def test_the_player_in_csharp_decodes_the_motion_of_physics(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    scene = scene_of(subspaces.moving())
     own = subspaces.model_of(scene, 6)
     (part,) = own.parts
     rounded = part.basis.astype(np.float16).astype(float)
