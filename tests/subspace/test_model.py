@@ -56,16 +56,11 @@ def test_the_coarsest_cubature_is_taken_that_is_good_enough(made):
     assert coarsest(own, basis, [poor, poor, last], x) is last
 
 
-def test_its_file_gives_the_same_motion(made):
+def test_its_file_gives_the_same_motion_and_the_same_seed_the_same_data_and_model(made):
     place, data, model, _ = made
     save(model, place / "model.npz")
-    again, scene = load_model(place / "model.npz"), data.scene_of(4)
-    both = [play(each, scene, 40).motion.positions for each in (model, again)]
+    both = [play(each, data.scene_of(4), 40).motion.positions for each in (model, load_model(place / "model.npz"))]
     np.testing.assert_array_equal(*both)
-
-
-def test_data_and_models_are_the_same_for_the_same_seed(made):
-    place, data, model, _ = made
     again = place / "again.npz"
     record(data.scene, episodes(data.scene, data.ranges, 5, 1.2, 0), data.ranges, 60, again)
     np.testing.assert_array_equal(Data(again).motion(3, 0)[0], data.motion(3, 0)[0])
@@ -74,7 +69,7 @@ def test_data_and_models_are_the_same_for_the_same_seed(made):
     np.testing.assert_array_equal(other.parts[0].chosen.spring_weight, model.parts[0].chosen.spring_weight)
 
 
-def test_inputs_beyond_the_range_are_clamped_and_said_once(made):
+def test_inputs_beyond_the_range_are_clamped_and_said_once_and_it_comes_to_rest_when_they_do(made):
     _, data, model, _ = made
     storm = [{"acts": "wind", "times": [0, 0.5, 3], "values": [[0, 0, 0], [0, 9e5, 0], [4e5, 0, 0]]}]
     played = play(model, applied(data.scene, storm), 120)
@@ -83,26 +78,18 @@ def test_inputs_beyond_the_range_are_clamped_and_said_once(made):
     reach = np.abs(np.concatenate([data.motion(e, 0)[0] for e in range(4)])).max()
     moved = played.motion.positions - played.motion.positions[0]
     assert np.abs(moved).max() < 3 * reach  # pushed as hard as ever recorded, and for longer
+    gust = [{"acts": "wind", "times": [0, 0.3, 0.6], "values": [[0, 0, 0], [4, 0, -4], [0, 0, 0]]}]
+    played = play(model, applied(data.scene, gust), 1200)
+    speed = np.abs(np.diff(played.motion.positions, axis=0)).max(axis=(1, 2))
+    assert speed[-1] < 1e-6 * speed.max()  # damping of 0.5/s for 23 s, and that of the integrator
     assert play(model, data.scene_of(0), 20).clamped == []
 
 
-def test_it_comes_to_rest_when_its_inputs_do(made):
-    _, data, model, _ = made
-    gust = [{"acts": "wind", "times": [0, 0.3, 0.6], "values": [[0, 0, 0], [4, 0, -4], [0, 0, 0]]}]
-    x = play(model, applied(data.scene, gust), 1200).motion.positions
-    speed = np.abs(np.diff(x, axis=0)).max(axis=(1, 2))
-    assert speed[-1] < 1e-6 * speed.max()  # damping of 0.5/s for 23 s, and that of the integrator
-
-
-def test_an_error_asks_for_as_many_vectors_as_it_needs(made):
+def test_an_error_asks_for_as_many_vectors_as_it_needs_and_few_coordinates_need_few_elements(made):
     _, data, _, (before,) = made
     _, (found,) = build(data, Options(error=2 * before.left_out[16], cubature=()))
     assert 8 < found.vectors <= 16
     assert found.elements["springs"][0] == found.elements["springs"][1]
-
-
-def test_few_coordinates_need_few_elements(made):
-    _, data, _, _ = made
     _, (found,) = build(data, Options(size=6, cubature=(0.05,)))
     used = {kind: (few, there) for kind, (few, there) in found.elements.items() if there and kind != "vertices"}
     assert all(0 < few < 0.7 * there for few, there in used.values())
@@ -110,7 +97,7 @@ def test_few_coordinates_need_few_elements(made):
 
 
 def test_files_that_are_none_are_refused(made, tmp_path):
-    place, _data, model, _ = made
+    place, _, model, _ = made
     save(model, tmp_path / "m.npz")
     content = (tmp_path / "m.npz").read_bytes()
     (tmp_path / "half.npz").write_bytes(content[: len(content) // 2])

@@ -178,11 +178,6 @@ class Pupil:
     training: Training
     size: float  # of the coordinates
 
-    def part(self, before: Part) -> Part:
-        """The part of the model with the best values so far."""
-        network = finished(self.training, self.size, self.lesson)
-        envelope = np.asarray(network.range, float)
-        return replace(before, chosen=nothing(), envelope=envelope, network=network)
 
 
 def pupils(model: Model, data: Data, school: Schooling, held_out: int = 1) -> list[Pupil]:
@@ -210,7 +205,9 @@ def teach(
     for c, pupil in enumerate(own):
         share = replace(school.budget, minutes=school.budget.minutes / len(own))
         ended = pupil.training.run(share if ended else Budget(1e-9), partial(report, c)) and ended
-        parts.append(pupil.part(model.parts[c]))
+        network = finished(pupil.training, pupil.size, pupil.lesson)
+        envelope = np.asarray(network.range, float)
+        parts.append(replace(model.parts[c], chosen=nothing(), envelope=envelope, network=network))
         judge(parts[c], reports[c], data, c)
     states = [pupil.training.state for pupil in own]
     training = [{"rounds": s.rounds, "seconds": s.seconds, "held_out_error": s.best_error} for s in states]
@@ -256,7 +253,8 @@ def restored(path: str, own: Sequence[Pupil], about: dict[str, str]) -> None:
     found = Checkpoint(path, identity=about).state()
     try:
         for c, each in enumerate(own):
-            held = {name.removeprefix(f"{c}."): one for name, one in found.items() if name.startswith(f"{c}.")}
-            trainings.restore(each.training.state, held, found["objects"][c])
+            state = each.training.state
+            held = {name: found[f"{c}.{name}"] for name in trainings.archived(state)}
+            trainings.restore(state, held, found["objects"][c])
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         raise InvalidInput(files.impossible(Checkpoint.kind, path)) from None

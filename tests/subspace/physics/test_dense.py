@@ -102,12 +102,6 @@ def test_where_the_equations_have_no_solution_it_ends_near_the_best():
     assert best <= left + 1e-12 <= 1.2 * best  # a greedy path, stopped when it no longer gains
 
 
-def test_nothing_to_sum_up_needs_no_weights():
-    w, left = one(np.zeros((5, 4)), np.zeros(5), 0.01, 4)
-    assert (w == 0).all()
-    assert left == 1.0
-
-
 def test_coarser_weights_lie_on_the_way_to_finer_ones():
     rng = np.random.default_rng(7)
     G = rng.standard_normal((60, 200))
@@ -117,4 +111,5 @@ def test_coarser_weights_lie_on_the_way_to_finer_ones():
         alone, left = one(G, g, error, 60)
         np.testing.assert_array_equal(w, alone)
         assert rest == left <= error
-    assert [rest for _, rest in weights_for(np.zeros((3, 4)), np.zeros(3), errors, 3)] == [1.0] * 3
+    for w, rest in weights_for(np.zeros((3, 4)), np.zeros(3), errors, 3):  # nothing to sum up needs no weights
+        assert (rest, w.any()) == (1.0, False)
