@@ -10,9 +10,9 @@ from clothfit.base.arrays import Array
 from clothfit.engine.inputs.tables import later
 from clothfit.engine.rollout import rollout
 from clothfit.subspace import carrier
-from clothfit.subspace.network.windows import Motions
+from clothfit.subspace.network.layers import Motions
 from clothfit.subspace.physics.march import March, State
-from clothfit.subspace.physics.reduced import Reduced, decode
+from clothfit.subspace.physics.samples import Reduced, decode
 from clothfit.subspace.recording import TOLERANCE
 
 
@@ -32,7 +32,7 @@ def projected(runs: Sequence[Reduced], test: Motions, starts: Sequence[tuple[int
     for (e, t), z in zip(starts, test.z, strict=True):
         own = runs[e]
         motion, q = March(own), np.full((1 + test.w.shape[1], own.r), np.nan)
-        motion.t, motion.state = t, State(z[[1, 0]], np.stack([(z[1] - z[0]) / own.h] * 2))
+        motion.t, motion.state = t, State(z[[1, 0]], np.stack([(z[1] - z[0]) / own.system.h] * 2))
         q[0] = z[1]
         motion.take(q[1:])
         made.append(q)
@@ -46,7 +46,7 @@ def full(runs: Sequence[Reduced], test: Motions, starts: Sequence[tuple[int, int
         run, steps = runs[e], test.w.shape[1]
         own = run.system
         if t > 0:
-            x = decode(run, z[:2], t - 1)
+            x = decode(run.system, run.basis, z[:2], t - 1)
             own = own._replace(x0=x[1], v0=np.ascontiguousarray((x[1] - x[0]) / own.h), inputs=later(own.inputs, t))
         found = rollout(own, steps, TOLERANCE)[0].x - run.system.x0 - carrier.shift(run.system.inputs, steps + 1, t)
         found[:, ~own.vertex.free] = 0.0

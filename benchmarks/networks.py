@@ -26,14 +26,11 @@ from clothfit.base.arrays import Array
 from clothfit.engine.system import build
 from clothfit.subspace import basis as bases
 from clothfit.subspace.build import seen
-from clothfit.subspace.network import windows
-from clothfit.subspace.network.layers import OWN, Recipe, played
+from clothfit.subspace.network.layers import OWN, Motions, Recipe, dense, played
 from clothfit.subspace.network.learn import Lesson, lesson, limits, prepared
 from clothfit.subspace.network.training import Budget, Training, begin
-from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics import cubature
-from clothfit.subspace.physics.reduced import Reduced
-from clothfit.subspace.physics.samples import Selection
+from clothfit.subspace.physics.samples import Reduced, Selection
 from clothfit.subspace.recording import Data
 from paper import schooled
 from recurrent import Recurrent
@@ -130,7 +127,7 @@ def recurrent(task: Task, kind: str, minutes: float) -> tuple[Any, float]:
     recipe = dataclasses.replace(OWN, windows=(32, 32), margin=0.1)
     training, size = prepared(task.lesson, recipe, 0)
     now, way, _, after = training.motions.steps()
-    linear = windows.dense(dataclasses.replace(training.motions, z=training.motions.z.astype(float)))
+    linear = dense(dataclasses.replace(training.motions, z=training.motions.z.astype(float)))
     left = np.sqrt(((after - now - way) ** 2).mean(axis=0))
     reach = limits(task.lesson.motions.scaled(size, float), recipe.margin)
     own = Recurrent(kind, (linear.mean, linear.lift, left), reach, 128, 0)
@@ -203,7 +200,7 @@ def physics(task: Task, error: float | None) -> Array:
     chosen = None
     if error is not None:
         runs = task.runs(task.own)
-        chosen = cubature.find(runs, seen(task.data, 0, task.own, runs, 0)[2], [error], 0)[0].selection
+        chosen = cubature.find(runs, seen(task.data, 0, task.own, runs, 0)[1], [error], 0)[0].selection
     return projected(task.tests(chosen), task.test, task.starts)
 
 

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.subspace.network.layers import Loss, Recipe, Trained
+from clothfit.subspace.network.layers import Linear, Loss, Motions, Recipe, Trained, rms
 from clothfit.subspace.network.learn import Lesson, prepared
 from clothfit.subspace.network.training import FIRST, LEAST, SECOND, Descent, State, Training
-from clothfit.subspace.network.windows import Linear, Motions, rms
 from trainings import changed
 
 PAPER = Recipe(hidden=(1.5,) * 9, windows=(32, 32), least=0.0, batch=16, rate=1e-4, noise=0.01, shake=1.0,

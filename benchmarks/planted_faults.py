@@ -164,7 +164,7 @@ FAULTS = (
     # subspaces and control
     Fault("subspace/frames: normal of a face", "p1 * q2 - p2 * q1, p2 * q0 - p0 * q2, p0 * q1 - p1 * q0",
           "p1 * q2 - p2 * q1, p0 * q2 - p2 * q0, p0 * q1 - p1 * q0",
-          "subspace/test_normals.py subspace/test_players.py subspace"),
+          "subspace/test_frames.py subspace/test_players.py subspace"),
     Fault("subspace/network/layers: derivative of ELU", "gh *= np.minimum(h, 0.0) + 1.0", "gh *= np.minimum(h, 0.0)",
           "subspace/network subspace"),
     Fault("subspace/physics/march: entry of a block", "block[j, 4] += weight * D[i, YZ]",

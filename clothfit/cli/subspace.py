@@ -21,9 +21,9 @@ from clothfit.formats.axes import Convention, Reading
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
-    from clothfit.subspace.crowd import Crowded
     from clothfit.subspace.inputs import Ranges
     from clothfit.subspace.model import Model
+    from clothfit.subspace.play import Crowded
 
 TRAINING = ("minutes", "rounds", "resume")
 EPISODES, OF_SMALL, MANY_EPISODES = 9, 25, 41
@@ -148,7 +148,7 @@ def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -
     """Record motions of a scene to a file, and say what they are; the summary."""
     from clothfit.engine.system import build as build_system
     from clothfit.subspace.inputs import episodes
-    from clothfit.subspace.physics.reduced import check
+    from clothfit.subspace.physics.samples import check
     from clothfit.subspace.recording import record as record_to
 
     many, frames = lengths(scene)
@@ -300,7 +300,7 @@ def play_many(
     model: Model, scene: Scene, frames: int, model_path: str, path: str | None, given: dict[str, Any], console: Console,
 ) -> None:  # fmt: skip
     """Play many instances, say how long a frame of one takes, and write their motions where that is asked for."""
-    from clothfit.subspace import crowd
+    from clothfit.subspace.play import instances, motion_in, play_all
 
     count, names = given["instances"], []
     if path == STREAM:
@@ -312,12 +312,12 @@ def play_many(
     for out in outs:
         motions.check(out, Convention(), (model_path,), frames)
     console.announce_compilation()
-    scenes = crowd.varied(model, scene, count, frames, given["seed"] or 0)
-    found = crowd.play(model, scenes, frames)
+    scenes = instances(model, scene, count, frames, given["seed"] or 0)
+    found = play_all(model, scenes, frames)
     for sentence in found.clamped:
         console.warn(sentence)
     for i, out in enumerate(outs):
-        motions.write(crowd.motion(model, scenes[i], found, i), out, scenes[i], Convention(), console)
+        motions.write(motion_in(model, scenes[i], found, i), out, scenes[i], Convention(), console)
     show_many(found, count, frames, console)
     done = {"frames": frames, "instances": count, "us_per_frame": found.us, "clamped": found.clamped}
     print_json(done | {"outputs": [out.path for out in outs]})

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
 TOOLS = {
-    "csv": "tables.files", "obi": "obi.files", "blender": "blender.files", "vellum": "vellum.files",
+    "csv": "tools.tables", "obi": "obi.files", "blender": "blender.files", "vellum": "vellum.files",
     "gltf": "handles.gltf", "usd": "handles.usd",
 }  # fmt: skip
 """The module for each tool, and its function."""
@@ -27,6 +27,13 @@ PATHS = ("gltf", "usd")
 
 WITHOUT_STEPS = ("csv", *PATHS)
 """Those that simulate nothing."""
+
+TABLES = {
+    "objects.csv": ("object", "vertices", "springs", "triangles", "damping", "drag"),
+    "vertices.csv": ("object", "vertex", "x", "y", "z", "fixed", "mass"),
+    "springs.csv": ("object", "spring", "a", "b", "kind", "rest_length", "stiffness", "damping"),
+}
+"""The plain tables and the names of their columns."""
 
 
 def own_step(scene: Scene, tool: str) -> str | None:
@@ -60,3 +67,25 @@ def json_text(document: Any, tool: str) -> str:
             f"{tool} cannot have the scene: a value in its terms is infinite; masses, stiffnesses or damping are "
             "beyond what a cloth has"
         ) from None
+
+
+def tables(scene: Scene) -> dict[str, bytes]:
+    """Plain tables (CSV): one row per object, vertex and spring, for spreadsheets and scripts. SI units, the scene's
+    axes; the first line names the columns; numbers as Python writes them, which reads back as the same. Damping of a
+    spring is (α/2) k, N s/m.
+    """
+    from clothfit.export.topology import roles
+
+    objects, vertices, springs = [], [], []
+    for number, cloth in enumerate(scene.cloths):
+        counts = (len(cloth.mass), len(cloth.springs), len(cloth.triangles))
+        objects.append((number, *counts, float(cloth.damping), float(cloth.drag)))
+        places, fixed, mass = cloth.positions.tolist(), cloth.fixed.tolist(), cloth.mass.tolist()
+        vertices += [(number, i, *x, int(f), m) for i, (x, f, m) in enumerate(zip(places, fixed, mass, strict=True))]
+        damping = (0.5 * cloth.damping * cloth.stiffness).tolist()
+        columns = (cloth.springs.tolist(), roles(cloth).names, cloth.rest.tolist(), cloth.stiffness.tolist(), damping)
+        springs += [(number, s, *ends, *rest) for s, (ends, *rest) in enumerate(zip(*columns, strict=True))]
+    return {
+        name: "".join(f"{','.join(map(str, row))}\n" for row in (head, *rows)).encode()
+        for (name, head), rows in zip(TABLES.items(), (objects, vertices, springs), strict=True)
+    }

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 
@@ -99,11 +98,10 @@ MOST_PLACES = 22
 """The largest power of ten that float64 holds exactly."""
 
 
-class Grid(NamedTuple):
-    """Numbers that a file can hold."""
-
-    nearest: Callable[[Array], Array]  # to some numbers
-    unit: Callable[[Array], Array]  # between the numbers around some
+Grid: TypeAlias = tuple[Callable[[int, Array], tuple[Array, Array]], int]
+"""Numbers that a file can hold: what gives the nearest of them to some numbers (N,) and the unit between those around
+each, and how many bits, places or digits they have.
+"""
 
 
 def rounding(motion: Motion) -> float:
@@ -116,54 +114,36 @@ def rounding(motion: Motion) -> float:
     moved = x[1:][both & (x[1:] != x[:-1])]
     if not len(moved):
         return 0.0
-    units = [grid.unit(x[seen] / motion.unit) for grid in GRIDS if holds(grid, moved, motion.unit)]
+    units = [way(count, x[seen] / motion.unit)[1] for way, count in GRIDS if holds((way, count), moved, motion.unit)]
     return max((0.5 * motion.unit * float(np.sqrt(3.0 * (unit**2).mean())) for unit in units), default=0.0)
 
 
 def holds(grid: Grid, x: Array, unit: float) -> bool:
     """Whether a file with numbers of a grid, in units of so many m, can hold the coordinates x (N,), m."""
+    way, count = grid
     few = x[:FEW]  # of a grid that holds not all, one of these is hardly ever held
-    return all(bool(np.array_equal(grid.nearest(each / unit) * unit, each)) for each in (few, x))
+    return all(bool(np.array_equal(way(count, each / unit)[0] * unit, each)) for each in (few, x))
 
 
-def binary_unit(precision: int, q: Array) -> Array:
-    """Unit in the last place (N,) of numbers q with so many bits; 0 for 0."""
-    return np.where(q == 0, 0.0, np.ldexp(1.0, np.frexp(q)[1] - precision))
+def binary(bits: int, q: Array) -> tuple[Array, Array]:
+    """Numbers with so many significant bits; the unit of 0 is 0."""
+    exponent = np.frexp(q)[1] - bits
+    return np.ldexp(np.rint(np.ldexp(q, -exponent)), exponent), np.where(q == 0, 0.0, np.ldexp(1.0, exponent))
 
 
-def binary(precision: int, q: Array) -> Array:
-    """The nearest numbers (N,) to q with so many bits."""
-    exponent = np.frexp(q)[1] - precision
-    return np.asarray(np.ldexp(np.rint(np.ldexp(q, -exponent)), exponent))
-
-
-def digits_places(digits: int, q: Array) -> Array:
-    """Places (N,) after the point of numbers q with so many significant digits; hundreds for 0."""
-    return digits - 1 - np.floor(np.log10(np.maximum(np.abs(q), np.finfo(float).tiny)))
-
-
-def decimal(places: Callable[[Array], Array], q: Array) -> Array:
-    """The nearest numbers (N,) to q with so many places after the point: as a reader makes them of text."""
-    number = np.minimum(places(q), MOST_PLACES)
+def decimals(places: int | Array, q: Array) -> tuple[Array, Array]:
+    """Numbers with so many places after the point, as a reader makes them of text."""
+    places = np.full(q.shape, places, float)
+    number = np.minimum(places, MOST_PLACES)
     up, down = 10.0 ** np.maximum(number, 0), 10.0 ** np.maximum(-number, 0)
-    return np.asarray(np.rint(q * up / down) / up * down)  # one of both is 1
+    return np.rint(q * up / down) / up * down, 10.0**-places  # up or down is 1
 
 
-def decimal_unit(places: Callable[[Array], Array], q: Array) -> Array:
-    """10^−places (N,) of numbers q."""
-    return np.asarray(10.0 ** -places(q))
+def digits(count: int, q: Array) -> tuple[Array, Array]:
+    """Numbers with so many significant digits; 0 has hundreds of places."""
+    return decimals(count - 1 - np.floor(np.log10(np.maximum(np.abs(q), np.finfo(float).tiny))), q)
 
 
-def always(places: int, q: Array) -> Array:
-    """`places` (N,), whatever the numbers q are."""
-    return np.full(q.shape, float(places))
-
-
-GRIDS = [
-    *(Grid(partial(binary, bits), partial(binary_unit, bits)) for bits in PRECISIONS),
-    *(
-        Grid(partial(decimal, places), partial(decimal_unit, places))
-        for places in [*(partial(always, n) for n in DECIMALS), *(partial(digits_places, n) for n in DIGITS)]
-    ),
-]
+KINDS = (binary, PRECISIONS), (decimals, DECIMALS), (digits, DIGITS)
+GRIDS: list[Grid] = [(way, count) for way, counts in KINDS for count in counts]
 """The coarsest that holds all numbers counts."""

@@ -114,14 +114,6 @@ class Loaded:
     timed: bool = True  # whether the file or the user gave the times
 
 
-class Described(NamedTuple):
-    """A motion file of this program by its headers, and its small arrays."""
-
-    counts: tuple[int, ...]  # points of each object
-    timed: bool  # whether it has times
-    triangles: Indices | None  # (T, 3), points of all objects; None: no faces
-
-
 @dataclass(frozen=True)
 class Points:
     """Takes the place of the scene where there is none: the points of a file."""
@@ -167,18 +159,41 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
         names = read.names or tuple(str(i) for i in range(points))
         matches = matched(positions, observed, names, scene, reading.markers, name)
         notes += [matches.omission] if matches.omission else []
-        positions, observed = _spread(positions, observed, matches, sum(scene.vertex_counts))
+        of_markers, seen = positions[:, matches.columns], observed[:, matches.columns]
+        positions = np.full((len(positions), sum(scene.vertex_counts), 3), np.nan)
+        positions[:, matches.vertices] = np.where(seen[..., None], of_markers, np.nan)
+        observed = np.zeros(positions.shape[:2], bool)
+        observed[:, matches.vertices] = seen
     elif scene is not None and points != sum(scene.vertex_counts) and points == sum(mesh_counts(scene)):
         positions, observed = positions[:, picks(scene)], observed[:, picks(scene)]
         notes.append(f"its vertices are those of the mesh before welding to {positions.shape[1]}")
     own: Any = scene or Points((points,), name)
     _check_count(positions.shape[1], own, name)
     arrays = {"positions": positions, "times": times, "observed": observed}
-    motion = _cut(replace(check_motion(arrays, own, name), unit=axes.scale), reading, name)
-    extent, start = _extent(motion, points), _start(motion, scene, axes)
-    taken = Interpretation(name, found.name, axes, *extent, rate, tuple(notes), matches, start)
-    triangles = None if read.triangles is None else facing(read.triangles, axes)
-    return Loaded(motion, taken, triangles, read.names if scene is None else None, timed)
+    motion = replace(check_motion(arrays, own, name), unit=axes.scale)
+    known = Interpretation(name, found.name, axes, 0, points, 0.0, rate, tuple(notes), matches)
+    loaded = Loaded(motion, known, read.triangles, read.names if scene is None else None, timed)
+    return _as_asked(loaded, scene, reading)
+
+
+def _as_asked(found: Loaded, scene: Scene | None, reading: Reading) -> Loaded:
+    """What was read, cut to the frames that the user wants and compared with the start, with faces in the scene's axes.
+    Raises InvalidMotion where there are no such frames.
+    """
+    motion, taken = found.motion, found.interpretation
+    if reading.frames is not None:
+        kept = reading.chosen()
+        if not len(motion.times[kept]):
+            frames = counted(len(motion.times), "frame", "frames")
+            raise InvalidMotion(f"{taken.file}: has {frames}, none of which is in --frames {reading.frames}")
+        motion = at_frames(motion, kept)
+    start = None
+    if scene is not None and motion.times[0] == 0:
+        start = alignment(motion.positions[0], motion.seen()[0], initial(scene), taken.axes)
+    seconds = float(motion.times[-1] - motion.times[0])
+    taken = replace(taken, frames=len(motion.times), seconds=seconds, start=start)
+    triangles = None if found.triangles is None else facing(found.triangles, taken.axes)
+    return replace(found, motion=motion, interpretation=taken, triangles=triangles)
 
 
 def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading) -> bool:
@@ -211,10 +226,8 @@ def _native(
     axes = reading.axes(SCENE)
     if axes != SCENE:
         motion = replace(motion, positions=to_scene(motion.positions, axes), unit=axes.scale)
-    motion = _cut(motion, reading, name)
-    extent = _extent(motion, motion.positions.shape[1])
-    taken = Interpretation(name, "npz", axes, *extent, rate, start=_start(motion, scene, axes))
-    return Loaded(motion, taken, None if triangles is None else facing(triangles, axes), timed=timed)
+    taken = Interpretation(name, "npz", axes, 0, motion.positions.shape[1], 0.0, rate)
+    return _as_asked(Loaded(motion, taken, triangles, timed=timed), scene, reading)
 
 
 def _is_strange(file: IO[bytes]) -> bool:
@@ -232,21 +245,23 @@ def _is_strange(file: IO[bytes]) -> bool:
         file.seek(0)
 
 
-def _described(file: IO[bytes]) -> Described:
-    """What a file says before the scene is known; nothing of a damaged one, as reading it raises the error."""
+def _described(file: IO[bytes]) -> tuple[tuple[int, ...], bool, Indices | None]:
+    """What a file says before the scene is known: the points of each object, whether it has times, and its faces
+    (T, 3), None without any. Nothing of a damaged one, as reading it raises the error.
+    """
     try:
         stored = npz.stored(file, ("positions", "times", "vertex_counts", "triangles"), "positions")
         total = stored["positions"].shape[1]
         counts, triangles = _whole(stored.get("vertex_counts"), 1), _whole(stored.get("triangles"), 2)
     except (*npz.FAULTS, KeyError, IndexError, TypeError):
-        return Described((0,), True, None)
+        return (0,), True, None
     finally:
         file.seek(0)
     fits = counts is not None and (counts >= 0).all() and counts.sum() == total
     if triangles is not None and not (triangles.shape[1] == 3 and ((triangles >= 0) & (triangles < total)).all()):
         triangles = None
     own = tuple(counts.tolist()) if counts is not None and fits else (total,)
-    return Described(own, "times" in stored, None if triangles is None else triangles.astype(np.int32))
+    return own, "times" in stored, None if triangles is None else triangles.astype(np.int32)
 
 
 def _whole(stored: npz.Stored | None, dimensions: int) -> NDArray[Any] | None:
@@ -279,21 +294,6 @@ def _rate(times: Array) -> str:
     return f"{(len(times) - 1) / (times[-1] - times[0]):.6g} frames a second"
 
 
-def _extent(motion: Motion, points: int) -> tuple[int, int, float]:
-    """Frames, points, and seconds from the first frame to the last."""
-    return len(motion.times), points, float(motion.times[-1] - motion.times[0])
-
-
-def _spread(positions: Array, observed: Flags, matches: Matches, total: int) -> tuple[Array, Flags]:
-    """The positions of markers as positions of the scene's vertices."""
-    spread = np.full((len(positions), total, 3), np.nan)
-    seen = np.zeros(spread.shape[:2], bool)
-    spread[:, matches.vertices] = positions[:, matches.columns]
-    seen[:, matches.vertices] = observed[:, matches.columns]
-    spread[~seen] = np.nan
-    return spread, seen
-
-
 def _check_count(points: int, scene: Scene | Points, name: str) -> None:
     if points == 0:
         raise InvalidMotion(f"{name}: has no points")
@@ -302,23 +302,6 @@ def _check_count(points: int, scene: Scene | Points, name: str) -> None:
             f"{name}: has {points} vertices, {scene.name} has {sum(scene.vertex_counts)}; a motion needs all vertices "
             "of all objects, in their order: export it from the mesh that the scene was made from"
         )
-
-
-def _cut(motion: Motion, reading: Reading, name: str) -> Motion:
-    """The frames that the user wants. Raises InvalidMotion where there are none."""
-    if reading.frames is None:
-        return motion
-    kept = reading.chosen()
-    if not len(motion.times[kept]):
-        frames = counted(len(motion.times), "frame", "frames")
-        raise InvalidMotion(f"{name}: has {frames}, none of which is in --frames {reading.frames}")
-    return at_frames(motion, kept)
-
-
-def _start(motion: Motion, scene: Scene | None, axes: Axes) -> Alignment | None:
-    if scene is None or motion.times[0] != 0:
-        return None
-    return alignment(motion.positions[0], motion.seen()[0], initial(scene), axes)
 
 
 def alignment(points: Array, seen: Flags, start: Array, axes: Axes) -> Alignment:

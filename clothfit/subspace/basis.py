@@ -14,7 +14,8 @@ motions hardly show can still move.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from functools import reduce
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
@@ -91,7 +92,7 @@ def decompose(
         scale = changes * float(np.sqrt(still / moved)) if moved > 0 else 0.0
     ends = np.cumsum([0, *(len(weighted(episode)) for episode in episodes)])
     tall = size <= ends[-1]
-    gram = total(d.T @ d for d in map(weighted, episodes)) if tall else by_frames(weighted, episodes, ends)
+    gram = reduce(np.add, (d.T @ d for d in map(weighted, episodes))) if tall else by_frames(weighted, episodes, ends)
     values, vectors = np.linalg.eigh(gram)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     count = min(most, int(np.count_nonzero(values > ROUNDING**2 * max(values[0], 1e-300))))
@@ -99,7 +100,8 @@ def decompose(
         raise InvalidInput("nothing moves in the recorded motions; a subspace needs inputs that move the cloth")
     if not tall:
         mix = vectors[:, :count] / np.sqrt(values[:count])
-        vectors = total(weighted(e).T @ mix[a:b] for e, (a, b) in zip(episodes, pairwise(ends), strict=True))
+        parts = zip(episodes, pairwise(ends), strict=True)
+        vectors = reduce(np.add, (weighted(e).T @ mix[a:b] for e, (a, b) in parts))
     made = np.zeros((len(free), 3, count))
     made[free] = (vectors[:, :count]).reshape(-1, 3, count) / root[:, :, None]
     frames, squares, held = int(ends[-1]), values.sum(), values[:count]
@@ -121,14 +123,6 @@ def by_frames(weighted: Rows, episodes: Sequence[int], ends: Indices) -> Array:
             other = d if j == i else weighted(episodes[j])
             gram[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = d @ other.T
     return np.asarray(np.tril(gram) + np.tril(gram, -1).T)
-
-
-def total(parts: Iterable[Array]) -> Array:
-    """The sum of arrays that come one by one."""
-    found = None
-    for part in parts:
-        found = part if found is None else np.add(found, part, out=found)
-    return np.asarray(found)
 
 
 def vibration(system: System, x: Array, count: int) -> Array:

@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import System
 from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier, frames
-from clothfit.subspace.judge import FORGOTTEN, SOUGHT, amplitudes, cost, floor_of_recorded, relative, whole
+from clothfit.subspace.judge import FORGOTTEN, SOUGHT, bands, cost, floor, relative, rms, whole
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.march import roll
-from clothfit.subspace.physics.reduced import Reduced, check, decode
-from clothfit.subspace.recording import Data
+from clothfit.subspace.physics.samples import Reduced, check, decode
+from clothfit.subspace.recording import TOLERANCE, Data
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 
@@ -84,6 +84,11 @@ class Report:
         """Whether a frame takes less time than a full step."""
         return whole(self.us_per_frame) < self.full_us_per_step
 
+    def judged(self, found: Fitness, part: Part, system: System, x: Array) -> None:
+        """Keep how a recorded motion (frames, n, 3) is followed, with its floor where that matters."""
+        self.sampled = found
+        self.floor = floor(part.basis, system, x, TOLERANCE) if found.relative > SOUGHT else 0.0
+
 
 def build(
     data: Data, options: Options, report: Callable[[str], None] = lambda text: None, held_out: int = 1
@@ -103,8 +108,7 @@ def build(
             x, _ = data.motion(e, c)
             system = build_system(data.scene_of(e), c, steps=data.steps)
             found.whole = fitness(Reduced(system, part.basis), x)
-            found.sampled = fitness(Reduced(system, part.basis, part.chosen), x)
-            found.floor = floor_of_recorded(data, c, e, part.basis) if found.sampled.relative > SOUGHT else 0.0
+            found.judged(fitness(Reduced(system, part.basis, part.chosen), x), part, system, x)
         found.us_per_frame, found.full_us_per_step = cost(part, data.scene_of(kept[0]), c, min(data.steps, TIMED))
         parts.append(part)
         reports.append(found)
@@ -130,19 +134,17 @@ def of_object(
         others, other = basis_of(data, c, systems, kept, options, CHANGES)
         if fitness(runs_on(other, systems[-1:])[0], x).better_than(plain):
             found, U, runs = others, other, runs_on(other, systems)
-    low, high, samples = seen(data, c, kept, runs, options.seed)
+    envelope, samples = seen(data, c, kept, runs, options.seed)
     table = {k: float(found.left_out[k]) for k in bases.SIZES if k < len(found.left_out)}
-    everything = runs[0].chosen
-    there = {"springs": len(everything.springs), "faces": len(everything.faces), "vertices": len(everything.vertices)}
-    chosen, errors = everything, dict.fromkeys(there, 0.0)
+    chosen = runs[0].chosen
+    there, errors = chosen.counts, dict.fromkeys(chosen.counts, 0.0)
     if options.cubature and samples:
         report("choosing the elements of the cubature")
         choices = cubature.find(runs, samples, options.cubature, options.seed)
         chosen, errors = coarsest(runs[-1], U, choices, x)
-    used = {"springs": len(chosen.springs), "faces": len(chosen.faces), "vertices": len(chosen.vertices)}
-    elements = {name: (used[name], there[name]) for name in there}
+    elements = {name: (used, there[name]) for name, used in chosen.counts.items()}
     normals = normals_of(data, c, kept, runs) if options.normals else None
-    part = Part(U, chosen, np.stack([low, high]), normals, half=options.half)
+    part = Part(U, chosen, envelope, normals, half=options.half)
     return part, Report(U.shape[2], table, elements, errors)
 
 
@@ -152,20 +154,13 @@ def basis_of(
     """A decomposition of the motions and a basis (n, 3, r) of it; with `changes`, no vibration modes."""
     own = systems[0]
     found = bases.decompose(data, c, systems, options.size or LARGEST_SIZE, kept, changes)
-    size, modes = size_of(found.left_out, options), 0 if changes else options.modes
+    size, modes = options.size or DEFAULT_SIZE, 0 if changes else options.modes
+    if options.size is None and options.error is not None:
+        good = np.flatnonzero(found.left_out <= options.error)
+        size = max(1, int(good[0]) if len(good) else len(found.left_out) - 1)
     last = bases.frames_of(data, c, kept[0], own, 1 << 30)[-1] + own.x0
     precision = np.float16 if options.half else np.float32
     return found, bases.enriched(found, own, size, last, modes).astype(precision).astype(float)
-
-
-def size_of(left_out: Array, options: Options) -> int:
-    """The number of vectors that options ask for."""
-    if options.size is not None:
-        return options.size
-    if options.error is None:
-        return DEFAULT_SIZE
-    good = np.flatnonzero(left_out <= options.error)
-    return max(1, int(good[0]) if len(good) else len(left_out) - 1)
 
 
 def runs_on(basis: Array, systems: Sequence[System]) -> list[Reduced]:
@@ -174,37 +169,42 @@ def runs_on(basis: Array, systems: Sequence[System]) -> list[Reduced]:
     return [first.under(system) for system in systems]
 
 
+def on_basis(
+    data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced]
+) -> Iterator[tuple[Reduced, Array, Flags, Array]]:
+    """Of each recorded motion its run, the displacements (frames, n, 3), m, which frames are good, and the coordinates
+    (frames, r).
+    """
+    onto = carrier.projection(runs[0].basis, runs[0].system)
+    for run, episode in zip(runs, kept, strict=True):
+        x, good = data.motion(episode, c)
+        yield run, x, good, carrier.coordinates(x, run.system, onto)
+
+
 def normals_of(data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced]) -> NDArray[np.float32]:
     """The regression of the normals of the recorded motions on their coordinates."""
-    onto, each = carrier.projection(runs[0].basis, runs[0].system), max(2, frames.MOST_FRAMES // len(kept))
+    each = max(2, frames.MOST_FRAMES // len(kept))
 
     def states() -> Iterator[tuple[Array, Array]]:
-        for number, episode in enumerate(kept):
-            x, good = data.motion(episode, c)
-            system = runs[number].system
+        for run, x, good, q in on_basis(data, c, kept, runs):
             chosen = np.flatnonzero(good)[:: max(1, -(-int(good.sum()) // each))]
-            q = carrier.coordinates(x, system, onto)
-            yield q[chosen], x[chosen] + system.x0
+            yield q[chosen], x[chosen] + run.system.x0
 
     return frames.regression(states(), data.scene.cloths[c].triangles)
 
 
 def seen(
     data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced], seed: int
-) -> tuple[Array, Array, list[cubature.Sample]]:
-    """The least and largest coordinates (r,) of the recorded motions, and some of their steps."""
-    own, onto = runs[0], carrier.projection(runs[0].basis, runs[0].system)
-    low, high, found = np.full(own.r, np.inf), np.full(own.r, -np.inf), []
-    rng = np.random.default_rng([seed, c])
-    for number, episode in enumerate(kept):
-        x, good = data.motion(episode, c)
-        q = carrier.coordinates(x, runs[number].system, onto)
-        low, high = np.minimum(low, q[good].min(axis=0)), np.maximum(high, q[good].max(axis=0))
-        v = np.diff(q, axis=0) / own.h
+) -> tuple[Array, list[cubature.Sample]]:
+    """The least and largest coordinates (2, r) of the recorded motions, and some of their steps."""
+    ends, found, rng = [], [], np.random.default_rng([seed, c])
+    for number, (run, x, good, q) in enumerate(on_basis(data, c, kept, runs)):
+        ends += [q[good].min(axis=0), q[good].max(axis=0)]
+        v = np.diff(q, axis=0) / run.system.h
         steps = [t for t in range(1, len(x) - 1) if good[t - 1 : t + 2].all()]
         some = rng.permutation(steps)[: -(-STATES // len(kept))]
         found += [cubature.Sample(number, int(t), q[t], v[t - 1], v[t]) for t in sorted(some)]
-    return low, high, found
+    return np.stack([np.min(ends, axis=0), np.max(ends, axis=0)]), found
 
 
 def widen(limits: dict[str, list[list[float]]], system: System) -> None:
@@ -260,15 +260,12 @@ class Fitness:
         return self.relative < other.relative
 
 
-def fitness(own: Reduced, x: Array) -> Fitness:
-    """How a motion on the subspace compares with a recorded one, by displacements (frames, n, 3)."""
-    made = decode(own, roll(own, len(x) - 1)) - own.system.x0
-    rmse = float(np.sqrt(((made - x) ** 2).sum(axis=2).mean()))
-    size = float(np.sqrt((x**2).sum(axis=2).mean()))
-    same = np.isfinite(rmse)
-    return Fitness(
-        rmse, rmse / size if size > 0 else 0.0, relative(amplitudes(made), amplitudes(x)) if same else np.inf
-    )
+def fitness(own: Reduced | Array, x: Array) -> Fitness:
+    """How a motion on the subspace, or its displacements (frames, n, 3), compare with the recorded ones, x."""
+    made = decode(own.system, own.basis, roll(own, len(x) - 1)) - own.system.x0 if isinstance(own, Reduced) else own
+    rmse, size = rms(made - x), rms(x)
+    spectrum = relative(bands(made)[1], bands(x)[1]) if np.isfinite(rmse) else np.inf
+    return Fitness(rmse, rmse / size if size > 0 else 0.0, spectrum)
 
 
 def coarsest(own: Reduced, basis: Array, choices: Sequence[cubature.Found], x: Array) -> cubature.Found:

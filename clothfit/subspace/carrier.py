@@ -15,11 +15,6 @@ from clothfit.engine.inputs.tables import Inputs
 from clothfit.engine.system import System
 
 
-def moves(inputs: Inputs | None) -> bool:
-    """Whether there are pins."""
-    return inputs is not None and bool(inputs.path.size)
-
-
 def shift(inputs: Inputs | None, frames: int, first: int = 0) -> Array:
     """T (frames, 1, 3), m, from frame `first` on."""
     if inputs is None or not inputs.path.size:

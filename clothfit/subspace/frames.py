@@ -34,7 +34,9 @@ from clothfit.kernels.lanes.operations import lane0, lane1, lane2, pack
 
 
 class Decoder:
-    """Positions of single frames, or of one frame of many instances, fast: one product in single precision."""
+    """Positions and normals of a frame of N instances, fast: one product in single precision. What it gives is valid
+    until the next call.
+    """
 
     def __init__(
         self, x0: Array, basis: Array, triangles: Indices, regression: NDArray[np.float32] | None = None
@@ -43,48 +45,36 @@ class Decoder:
         self.regression = None if regression is None else regression.reshape(-1, basis.shape[2] + 1)
         self.basis = np.ascontiguousarray(basis.reshape(-1, basis.shape[2]), np.float32)
         self.x0, self.triangles = x0.astype(np.float32).ravel(), np.ascontiguousarray(triangles, np.int32)
-        self.x = np.empty(len(self.x0), np.float32)
-        self.n = np.empty((len(x0), 3), np.float32)
-        self.many_x = self.many_n = np.empty((0, len(self.x0)), np.float32)  # of N instances
+        self.x, self.n = np.empty((2, 0, len(self.x0)), np.float32)
+
+    def room(self, count: int) -> None:
+        """Memory for so many instances."""
+        if len(self.x) != count:
+            self.x, self.n = np.empty((2, count, len(self.x0)), np.float32)
 
     def positions(self, q: Array) -> NDArray[np.float32]:
-        """Positions (n, 3), m, valid until the next call."""
-        np.dot(self.basis, q.astype(np.float32), out=self.x)
+        """Positions (N, n, 3), m, of coordinates (N, r)."""
+        self.room(len(q))
+        np.dot(q.astype(np.float32), self.basis.T, out=self.x)
         self.x += self.x0
-        return self.x.reshape(-1, 3)
+        return self.x.reshape(len(q), -1, 3)
 
     def normals(self, x: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Unit normals (n, 3) of the vertices at positions (n, 3), weighted by the areas of the faces around."""
-        fill_normals(self.triangles, x, self.n)
-        return self.n
+        """Unit normals (N, n, 3) of the vertices at positions (N, n, 3), weighted by the areas of the faces around."""
+        self.room(len(x))
+        n = self.n.reshape(x.shape)
+        for each, out in zip(x, n, strict=True):
+            fill_normals(self.triangles, each, out)
+        return n
 
     def predicted(self, q: Array) -> NDArray[np.float32]:
-        """Unit normals (n, 3) by regression, from coordinates alone, valid until the next call."""
+        """Unit normals (N, n, 3) by regression, from coordinates (N, r) alone."""
         assert self.regression is not None
-        np.dot(self.regression, np.concatenate([[1.0], q]).astype(np.float32), out=self.n.reshape(-1))
-        make_unit(self.n)
-        return self.n
-
-    def all_positions(self, q: Array) -> NDArray[np.float32]:
-        """Positions (N, n, 3), m, of coordinates (N, r), valid until the next call."""
-        if len(self.many_x) != len(q):
-            self.many_x = np.empty((len(q), len(self.x0)), np.float32)
-        np.dot(q.astype(np.float32), self.basis.T, out=self.many_x)
-        self.many_x += self.x0
-        return self.many_x.reshape(len(q), -1, 3)
-
-    def all_normals(self, q: Array, x: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Unit normals (N, n, 3), by regression where there is one, else of the faces at positions x (N, n, 3)."""
-        if len(self.many_n) != len(q):
-            self.many_n = np.empty((len(q), len(self.x0)), np.float32)
-        n = self.many_n.reshape(len(q), -1, 3)
-        if self.regression is None:
-            for each, out in zip(x, n, strict=True):
-                fill_normals(self.triangles, each, out)
-            return n
-        np.dot(np.insert(q, 0, 1.0, axis=1).astype(np.float32), self.regression.T, out=self.many_n)
-        make_unit(n.reshape(-1, 3))
-        return n
+        self.room(len(q))
+        np.dot(np.concatenate([np.ones((len(q), 1)), q], axis=1).astype(np.float32), self.regression.T, out=self.n)
+        n = self.n.reshape(-1, 3)
+        make_unit(n)
+        return n.reshape(len(q), -1, 3)
 
 
 @kernel

@@ -72,7 +72,15 @@ def applied(scene: Scene, items: Sequence[Mapping[str, Any]], folder: str = "", 
         found = {part: keys_of(item, part, f"{place}", folder) for part in NUMBERS[acts]}
         if not any(found.values()):
             raise InvalidInput(f"{place}: needs {' or '.join(NUMBERS[acts])}, with times, or a file")
-        scene = ACTIONS[acts](scene, item, found, place)
+        if acts == "pins":
+            scene = _pins(scene, item, found, place)
+        elif acts == "collider":
+            scene = _collider(scene, item, found, place)
+        elif acts == "frame":
+            scene = replace(scene, frame=Frame(found["pos"], found["rot"], None))
+        else:
+            keys: dict[str, Any] = {f"{acts}_keys": found["values"]}
+            scene = replace(scene, **keys)
     return scene
 
 
@@ -106,14 +114,6 @@ def numbers(value: Any, place: str, dimensions: int) -> Array:
     if found.ndim != dimensions or (dimensions == 2 and found.shape[1] != 3) or not np.isfinite(found).all():
         raise InvalidInput(f"{place}: needs a list of finite {'numbers' if dimensions == 1 else 'vectors x, y, z'}")
     return found
-
-
-def _wind(scene: Scene, item: Mapping[str, Any], found: dict[str, Keys | None], place: str) -> Scene:
-    return replace(scene, wind_keys=found["values"])
-
-
-def _gravity(scene: Scene, item: Mapping[str, Any], found: dict[str, Keys | None], place: str) -> Scene:
-    return replace(scene, gravity_keys=found["values"])
 
 
 def _pins(scene: Scene, item: Mapping[str, Any], found: dict[str, Keys | None], place: str) -> Scene:
@@ -151,18 +151,11 @@ def _collider(scene: Scene, item: Mapping[str, Any], found: dict[str, Keys | Non
     return replace(scene, spheres=(*scene.spheres[:i], ball, *scene.spheres[i + 1 :]))
 
 
-def _frame(scene: Scene, item: Mapping[str, Any], found: dict[str, Keys | None], place: str) -> Scene:
-    return replace(scene, frame=Frame(found["pos"], found["rot"], None))
-
-
 def index(value: Any, count: int, place: str) -> int:
     """A number below `count`. Raises InvalidInput."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
         raise InvalidInput(f"{place}: {value!r} is none of the {count} there are, counted from 0")
     return value
-
-
-ACTIONS = {"wind": _wind, "gravity": _gravity, "pins": _pins, "collider": _collider, "frame": _frame}
 
 
 GENTLE = 0.25
@@ -213,17 +206,15 @@ def episode(scene: Scene, ranges: Ranges, seconds: float, rng: np.random.Generat
     """One of them; `rests` says whether its inputs come to rest."""
     times: Array = np.arange(0.0, seconds + 3.0 * ranges.period, ranges.period)
     kept = np.where(times < 2.0 / 3.0 * seconds, 1.0, 0.0) if rests else np.ones(len(times))
-    items: list[dict[str, Any]] = []
-    gusts = rng.uniform(-1.0, 1.0, (len(times), 3)) * ranges.wind
-    if ranges.wind > 0:
-        own = {"acts": "wind", "times": times.tolist(), "interpolation": "smooth"}
-        items.append({**own, "values": (gusts * kept[:, None]).tolist()})
-    steps = rng.uniform(-1.0, 1.0, (len(times), 3)) * ranges.pins
+    gusts, steps = (rng.uniform(-1.0, 1.0, (len(times), 3)) * each for each in (ranges.wind, ranges.pins))
     steps[0] = 0.0
+    blown, moved = ((each * kept[:, None]).tolist() for each in (gusts, steps))
+    own, items = {"times": times.tolist(), "interpolation": "smooth"}, list[dict[str, Any]]()
+    if ranges.wind > 0:
+        items.append({"acts": "wind", **own, "values": blown})
     if ranges.pins > 0:
-        own = {"acts": "pins", "times": times.tolist(), "interpolation": "smooth"}
-        moved = (steps * kept[:, None]).tolist()
-        items += [{**own, "object": i, "offsets": moved} for i, c in enumerate(scene.cloths) if c.fixed.any()]
+        held = [i for i, cloth in enumerate(scene.cloths) if cloth.fixed.any()]
+        items += [{"acts": "pins", **own, "object": i, "offsets": moved} for i in held]
     pace = float(np.exp(rng.uniform(-1.0, 1.0) * np.log(ranges.pace)))
     return Episode(tuple(items), pace if scene.moves else 1.0)
 

@@ -14,7 +14,7 @@ the basis holds of a state (`floor`): no steps on the basis, by physics or by a 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from time import process_time
 
@@ -33,7 +33,6 @@ from clothfit.subspace import carrier
 from clothfit.subspace.frames import Decoder, angles
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.play import Played, play, rolled, stepper
-from clothfit.subspace.recording import TOLERANCE, Data
 
 FORGOTTEN = 0.1
 """Relative error from which on points are no longer compared, but spectra and envelopes."""
@@ -116,45 +115,40 @@ class Compared:
 def compare(model: Model, scene: Scene, frames: int) -> Compared:
     """Compare so many frames. Raises Diverged, InvalidInput."""
     played = play(model, scene, frames)
-    full = simulate(scene, frames)
-    both = energies(scene, played.motion), energies(scene, full)
-    found = judged(model, scene, played, full, both)
-    return Compared(model, scene, played.motion, full, played.coordinates, both, found)
-
-
-def judged(model: Model, scene: Scene, played: Played, full: Motion, both: tuple[Energy, Energy]) -> Judgement:
-    """What two motions and their energies say."""
-    frames = len(full.times)
-    away = played.motion.positions - full.positions
-    square = (away**2).sum(axis=2)
-    moved = full.positions - full.positions[0]
-    size = float(np.sqrt((moved**2).sum(axis=2).mean()))
-    rmse = float(np.sqrt(square.mean()))
-    ends = sorted({max(1, frames * k // 5) for k in range(1, 6)})
-    far = size > 0.0 and rmse > SOUGHT * size
+    own, full = played.motion, simulate(scene, frames)
+    both = energies(scene, own), energies(scene, full)
+    away, moved = own.positions - full.positions, full.positions - full.positions[0]
+    square, size, rmse, stored = (away**2).sum(axis=2), rms(moved), rms(away), both[1].scale or 1.0
+    steps = max(1, min(frames - 1, TIMED))
     with threads.single():
-        times, step = cost_of(model, scene, frames)
+        costs = [cost(part, scene, c, steps) for c, part in enumerate(model.parts)]
     bytes_of = sum(4 * part.basis.size + sum(each.nbytes for each in part.chosen) for part in model.parts)
     bytes_of += sum(part.network.nbytes for part in model.parts if part.network)
-    return Judgement(
+    ends = sorted({max(1, frames * k // 5) for k in range(1, 6)})
+    floors, held = [0.0], in_world(full, scene)
+    for c, part in enumerate(model.parts if size > 0.0 and rmse > SOUGHT * size else ()):
+        system = build(scene, c, steps=frames - 1)
+        floors.append(floor(part.basis, system, held.of(c) - system.x0, scene.tolerance))
+    found = Judgement(
         frames=frames,
         rmse=rmse,
         relative_rmse=rmse / size if size > 0 else 0.0,
         max_error=float(np.sqrt(square.max())),
         drift=float(np.sqrt((away[-max(1, frames // 5) :].mean(axis=0) ** 2).sum(axis=1).mean())),
-        energy=float(np.sqrt(((both[0].total - both[1].total) ** 2).mean())) / (both[1].scale or 1.0),
-        energy_gain=both[0].gain[0] / (both[1].scale or 1.0),
+        energy=float(np.sqrt(((both[0].total - both[1].total) ** 2).mean())) / stored,
+        energy_gain=both[0].gain[0] / stored,
         over_time=[(end, float(np.sqrt(square[:end].mean()))) for end in ends],
-        deviation=relative(deviations(played.motion.positions), deviations(full.positions)),
-        spectrum=relative(amplitudes(played.motion.positions), amplitudes(full.positions)),
+        deviation=relative(*(np.sqrt(each.positions.var(axis=0).sum(axis=1)) for each in (own, full))),
+        spectrum=relative(*(bands(each.positions)[1] for each in (own, full))),
         growth=growth(scene, full),
         normals=normals(model, scene, played, full),
-        us_per_frame=times,
-        full_us_per_step=step,
+        us_per_frame={name: sum(each[name] for each, _ in costs) for name in costs[0][0]},
+        full_us_per_step=sum(step for _, step in costs),
         megabytes=bytes_of / 1e6,
         clamped=played.clamped,
-        floor=floor_of(scene, full, [part.basis for part in model.parts]) if far else 0.0,
+        floor=max(floors),
     )
+    return Compared(model, scene, own, full, played.coordinates, both, found)
 
 
 def normals(model: Model, scene: Scene, played: Played, full: Motion) -> dict[str, float]:
@@ -168,11 +162,11 @@ def normals(model: Model, scene: Scene, played: Played, full: Motion) -> dict[st
         cloth = scene.cloths[c]
         decoder = Decoder(cloth.positions, part.basis, cloth.triangles, part.normals)
         for t in frames:
-            true, made = (decoder.normals(x.of(c)[t].astype(np.float32)).copy() for x in (straight, own))
+            true, made = (decoder.normals(x.of(c)[[t]].astype(np.float32)).copy() for x in (straight, own))
             gaps["faces"].append(angles(made, true))
             if part.normals is not None:
-                gaps["regression"].append(angles(decoder.predicted(played.coordinates[c][t]), true))
-    found = {name: np.concatenate(each) for name, each in gaps.items() if len(each) == len(gaps["faces"])}
+                gaps["regression"].append(angles(decoder.predicted(played.coordinates[c][[t]]), true))
+    found = {name: np.concatenate(each, axis=1) for name, each in gaps.items() if len(each) == len(gaps["faces"])}
     return {name: float(np.nanmean(each)) for name, each in found.items() if np.isfinite(each).any()}
 
 
@@ -182,20 +176,15 @@ def relative(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a - b)) / size if size > 0 else 0.0
 
 
-def deviations(x: Array) -> Array:
-    """The standard deviation of each vertex over time, (n,), m."""
-    return np.asarray(np.sqrt(x.var(axis=0).sum(axis=1)))
-
-
-def amplitudes(x: Array) -> Array:
-    """The amplitudes of the frequencies of a motion (frames, n, 3), RMS over the vertices, each of them the mean of its
-    neighbours' in a band of a third of an octave.
-    """
-    return bands(x)[1]
+def rms(x: Array) -> float:
+    """The root of the mean squared length of vectors (frames, n, 3)."""
+    return float(np.sqrt((x**2).sum(axis=2).mean()))
 
 
 def bands(x: Array) -> tuple[Array, Array]:
-    """The same, after the middles of the bands, periods in the motion."""
+    """The amplitudes of the frequencies of a motion (frames, n, 3), RMS over the vertices, each of them the mean of its
+    neighbours' in a band of a third of an octave; before them the middles of the bands, periods in the motion.
+    """
     power = (np.abs(np.fft.rfft(x - x.mean(axis=0), axis=0)) ** 2).sum(axis=2).mean(axis=1)[1:]
     edges = np.unique(np.round(2.0 ** (np.arange(0, 64) / 3.0)).astype(int))
     pairs = [(a, b) for a, b in itertools.pairwise(edges) if a <= len(power)]
@@ -203,55 +192,41 @@ def bands(x: Array) -> tuple[Array, Array]:
     return middle, np.sqrt(np.array([power[a - 1 : b - 1].mean() for a, b in pairs]))
 
 
-def cost_of(model: Model, scene: Scene, frames: int) -> tuple[dict[str, float], float]:
-    """The µs of a frame, by what they are spent on, and those of a full step, summed over the objects."""
-    steps = max(1, min(frames - 1, TIMED))
-    each = [cost(part, scene, c, steps) for c, part in enumerate(model.parts)]
-    return {name: sum(own[name] for own, _ in each) for name in each[0][0]}, sum(full for _, full in each)
-
-
 def cost(part: Part, scene: Scene, cloth: int, steps: int) -> tuple[dict[str, float], float]:
-    """The mean over so many frames from the start of a scene: of state, decoding, normals, and normals
-    by regression where there is one; and of a full step.
+    """The µs of a frame, the mean over so many from the start of a scene: of state, decoding, normals, and normals by
+    regression where there is one; and of a full step.
     """
     system = build(scene, cloth, steps=steps)
     own = stepper(part, system, steps, {})
     decoder = Decoder(system.x0, part.basis, scene.cloths[cloth].triangles, part.normals)
-    decoder.normals(decoder.positions(np.zeros(own.r)))
+    decoder.normals(decoder.positions(np.zeros((1, own.r))))  # compiled, and its memory touched
     rolled(own, 1, scene.name)
     begin = process_time()
     q = rolled(own, steps, scene.name)
-    spent = np.array([process_time() - begin, 0.0, 0.0])
-    for each in q[1:]:
+    spent = {"state": process_time() - begin, "decode": 0.0, "normals": 0.0}
+    if part.normals is not None:
+        decoder.predicted(q[:1])
+        spent["regression"] = 0.0
+    for frame in q[1:, None]:
         times = [process_time()]
-        x = decoder.positions(each)
+        x = decoder.positions(frame)
         times.append(process_time())
         decoder.normals(x)
-        spent[1:] += np.diff([*times, process_time()])
-    rollout(system, min(steps, 2), scene.tolerance)  # compiled, and its memory touched
+        times.append(process_time())
+        if part.normals is not None:
+            decoder.predicted(frame)
+        for name, time in zip(list(spent)[1:], np.diff([*times, process_time()]), strict=False):
+            spent[name] += float(time)
+    rollout(system, min(steps, 2), scene.tolerance)  # the same of full steps
     begin = process_time()
     rollout(system, steps, scene.tolerance)
-    whole = process_time() - begin
-    names = ("state", "decode", "normals")
-    found = dict(zip(names, (1e6 / steps * spent).tolist(), strict=True))
-    return found | regression(decoder, np.zeros(own.r), steps), 1e6 / steps * whole
+    full = process_time() - begin
+    return {name: 1e6 / steps * time for name, time in spent.items()}, 1e6 / steps * full
 
 
 def whole(us: Mapping[str, float]) -> float:
     """The µs of a frame: its state, positions and the cheaper of the normals."""
-    cheaper = min(us[name] for name in ("normals", "regression") if name in us)
-    return us["state"] + us["decode"] + cheaper
-
-
-def regression(decoder: Decoder, q: Array, steps: int) -> dict[str, float]:
-    """The time of normals by regression; nothing where there is none."""
-    if decoder.regression is None:
-        return {}
-    decoder.predicted(q)
-    begin = process_time()
-    for _ in range(steps):
-        decoder.predicted(q)
-    return {"regression": 1e6 / steps * (process_time() - begin)}
+    return us["state"] + us["decode"] + min(us[name] for name in ("normals", "regression") if name in us)
 
 
 PART = 1e-3
@@ -269,20 +244,18 @@ def growth(scene: Scene, full: Motion, seed: int = 0) -> float:
     """The RMS distance of the two motions in the last fifth of the frames, relative to that at the start; the largest
     over the objects. 0 where nothing moves.
     """
-    held, frames = in_world(full, scene), len(full.times)
-    return max(_of_object(scene, held.of(c), c, frames, seed) for c in range(len(scene.cloths)))
-
-
-def _of_object(scene: Scene, x: Array, c: int, frames: int, seed: int) -> float:
-    system = build(scene, c, steps=max(1, frames - 1))
-    size = PART * float(np.sqrt(((x - x[0]) ** 2).sum(axis=2).mean()))
-    if size == 0.0:
-        return 0.0
-    noise = np.random.default_rng(seed).standard_normal(system.x0.shape) * size / np.sqrt(3.0)
-    noise[~system.vertex.free] = 0.0
-    moved, good = rollout(system._replace(x0=system.x0 + noise), frames - 1, scene.tolerance)
-    away = np.sqrt(((moved.x[: good + 1] - x[: good + 1]) ** 2).sum(axis=2).mean(axis=1))
-    return float(np.sqrt((away[-max(1, frames // 5) :] ** 2).mean())) / float(np.sqrt((noise**2).sum(axis=1).mean()))
+    held, frames, found = in_world(full, scene), len(full.times), [0.0]
+    for c in range(len(scene.cloths)):
+        system, x = build(scene, c, steps=max(1, frames - 1)), held.of(c)
+        size = PART * rms(x - x[0])
+        if size == 0.0:
+            continue
+        noise = np.random.default_rng(seed).standard_normal(system.x0.shape) * size / np.sqrt(3.0)
+        noise[~system.vertex.free] = 0.0
+        moved, good = rollout(system._replace(x0=system.x0 + noise), frames - 1, scene.tolerance)
+        away = np.sqrt(((moved.x[: good + 1] - x[: good + 1]) ** 2).sum(axis=2).mean(axis=1))
+        found.append(float(np.sqrt((away[-max(1, frames // 5) :] ** 2).mean())) / rms(noise[None]))
+    return max(found)
 
 
 def floor(basis: Array, system: System, x: Array, tolerance: float) -> float:
@@ -290,41 +263,21 @@ def floor(basis: Array, system: System, x: Array, tolerance: float) -> float:
     basis (n, 3, r) holds of one of its states: RMS over all frames, those before it without error, relative to that of
     the motion. The largest for some states.
     """
-    size = float(np.sqrt((x**2).sum(axis=2).mean()))
+    flat, inputs, frames, found = basis.reshape(-1, basis.shape[2]), system.inputs, len(x), [0.0]
     q = carrier.coordinates(x, system, carrier.projection(basis, system))
-    starts = sorted({max(1, int(part * len(x))) for part in GOES_ON} & set(range(1, len(x) - 1)))
-    return max((_after(basis, system, x, q, k, tolerance) for k in starts), default=0.0) / max(size, 1e-300)
-
-
-def floor_of(scene: Scene, motion: Motion, bases: Sequence[Array]) -> float:
-    """The largest `floor` of the objects of a full motion, for a basis of each."""
-    held, found = in_world(motion, scene), []
-    for c, basis in enumerate(bases):
-        system = build(scene, c, steps=len(motion.times) - 1)
-        found.append(floor(basis, system, held.of(c) - system.x0, scene.tolerance))
-    return max(found)
-
-
-def floor_of_recorded(data: Data, c: int, episode: int, basis: Array) -> float:
-    """The `floor` of an object in a recorded motion."""
-    system = build(data.scene_of(episode), c, steps=data.steps)
-    return floor(basis, system, data.motion(episode, c)[0], TOLERANCE)
+    free = system.vertex.free[:, None]
+    for k in sorted({max(1, int(part * frames)) for part in GOES_ON} & set(range(1, frames - 1))):
+        away = x[k - 1 : k + 1] - carrier.shift(inputs, 2, k - 1)  # of fixed vertices and pins nothing is left out
+        held = np.where(free, (q[k - 1 : k + 1] @ flat.T).reshape(away.shape), away) + (x[k - 1 : k + 1] - away)
+        v = np.ascontiguousarray((held[1] - held[0]) / system.h)
+        begun = system._replace(x0=system.x0 + held[1], v0=v, inputs=later(inputs, k))
+        made, good = rollout(begun, frames - 1 - k, tolerance)
+        error = made.x[: good + 1] - system.x0 - x[k : k + good + 1]
+        found.append(float(np.sqrt((error**2).sum(axis=2).mean(axis=1).sum() / frames)))
+    return max(found) / max(rms(x), 1e-300)
 
 
 def at_best(found: float) -> str:
     """A `floor` in words."""
     text = "the full simulation itself is so far off where it goes on from what the vectors hold"
     return f"at best {100 * found:.2g} %: {text}"
-
-
-def _after(basis: Array, system: System, x: Array, q: Array, k: int, tolerance: float) -> float:
-    """The RMS distance, m, of the simulation that goes on from frame k."""
-    flat, inputs = basis.reshape(-1, basis.shape[2]), system.inputs
-    away = x[k - 1 : k + 1] - carrier.shift(inputs, 2, k - 1)  # of fixed vertices and pins nothing is left out
-    free = system.vertex.free[:, None]
-    held = np.where(free, (q[k - 1 : k + 1] @ flat.T).reshape(away.shape), away) + (x[k - 1 : k + 1] - away)
-    v = (held[1] - held[0]) / system.h
-    begun = system._replace(x0=system.x0 + held[1], v0=np.ascontiguousarray(v), inputs=later(inputs, k))
-    made, good = rollout(begun, len(x) - 1 - k, tolerance)
-    error = made.x[: good + 1] - system.x0 - x[k : k + good + 1]
-    return float(np.sqrt((error**2).sum(axis=2).mean(axis=1).sum() / len(x)))

@@ -15,7 +15,7 @@ import io
 import json
 import os
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,22 +125,17 @@ def load_model(path: str | os.PathLike[str]) -> Model:
     return model
 
 
-def _part(file: Any, c: int, about: dict[str, Any]) -> Part:
-    names = ("basis", "envelope", *Selection._fields)
-    found = npz.stored(file, [f"{each}{c}" for each in (*names, "normals")], "")
-    normals = np.ascontiguousarray(found[f"normals{c}"].read(), np.float32) if f"normals{c}" in found else None
-    held = {each: found[f"{each}{c}"].read() for each in names}
-    kinds = {name: np.int32 if name in ("springs", "faces", "vertices") else float for name in Selection._fields}
-    chosen = Selection(**{name: np.ascontiguousarray(held[name], kinds[name]) for name in Selection._fields})
-    network = _network(file, c, about["networks"][c]) if about["method"] == NETWORK else None
-    basis, envelope = np.ascontiguousarray(held["basis"], float), np.asarray(held["envelope"], float)
-    return Part(basis, chosen, envelope, normals, network, held["basis"].dtype == np.float16)
+def _part(file: IO[bytes], c: int, about: dict[str, Any]) -> Part:
+    found = npz.stored(file, [f"{each}{c}" for each in ("basis", "envelope", "normals", *Selection._fields)], "")
 
+    def of(name: str, kind: Any = float) -> Any:
+        return np.ascontiguousarray(found[f"{name}{c}"].read(), kind)
 
-def _network(file: Any, c: int, about: dict[str, Any]) -> Network:
-    names = weights.names(int(about["layers"]), c)
-    found = npz.stored(file, names, "")
-    return weights.from_arrays({each: found[each].read() for each in names}, about, c)
+    pairs = zip(Selection._fields[::2], Selection._fields[1::2], strict=True)
+    chosen = Selection(*(array for index, weight in pairs for array in (of(index, np.int32), of(weight))))
+    normals = of("normals", np.float32) if f"normals{c}" in found else None
+    network = weights.read(file, about["networks"][c], c) if about["method"] == NETWORK else None
+    return Part(of("basis"), chosen, of("envelope"), normals, network, found[f"basis{c}"].dtype == np.float16)
 
 
 def check(model: Model, name: str) -> None:

@@ -1,28 +1,38 @@
 """Playing a model: its motion under other inputs, and how long a frame takes.
 
 Inputs beyond those of the recorded motions are clamped to their range: what a subspace has not seen it can not show.
+
+Many instances of a model play at once, each under inputs of its own: vertices as one product, and layers of a network.
+A single decoding reads the whole basis for one vector of coordinates and waits for memory; for N instances the basis is
+read once, as X = Q Uᵀ with Q (N, r). The same holds for normals by regression.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import check_memory
+from clothfit.engine.inputs.tables import Inputs
 from clothfit.engine.system import System, build
 from clothfit.motion.motion import Motion, in_scene
 from clothfit.scene.scene import Scene
-from clothfit.subspace.frames import push_all
+from clothfit.subspace import carrier
+from clothfit.subspace.frames import Decoder, push_all
+from clothfit.subspace.inputs import Ranges, episodes, varied
 from clothfit.subspace.model import Model, Part
-from clothfit.subspace.network.weights import Stepper
-from clothfit.subspace.physics.march import roll
-from clothfit.subspace.physics.reduced import Reduced
+from clothfit.subspace.network.weights import Network, Stepper
+from clothfit.subspace.physics.march import March, roll
+from clothfit.subspace.physics.samples import Reduced, decode
 
 SLACK = 1e-9
 """m/s, m/s² or m beyond a range that is rounding."""
@@ -69,9 +79,13 @@ def play(model: Model, scene: Scene, frames: int, distance: float | None = None)
             push_all(own.system, x[-1], distance)
             spent["push out"] = spent.get("push out", 0.0) + perf_counter() - end
         coordinates.append(q)
-    times = scene.delta * np.arange(frames, dtype=np.float64)
-    motion = Motion(np.concatenate(x, axis=1), times, scene.vertex_counts, None, scene.name)
-    return Played(in_scene(motion, scene), coordinates, list(said), spent)
+    return Played(motion_of(scene, x), coordinates, list(said), spent)
+
+
+def motion_of(scene: Scene, x: Sequence[Array]) -> Motion:
+    """The motion of a scene, from positions (frames, n, 3), m, of each object in the world."""
+    times = scene.delta * np.arange(len(x[0]), dtype=np.float64)
+    return in_scene(Motion(np.concatenate(x, axis=1), times, scene.vertex_counts, None, scene.name), scene)
 
 
 def ready(model: Model, part: Part, scene: Scene, c: int, steps: int, said: dict[str, None]) -> Reduced | Stepper:
@@ -142,9 +156,158 @@ def check_finite(q: Array, frame: int, name: str) -> None:
 
 def positions(own: Reduced | Stepper, q: Array) -> Array:
     """Positions (frames, n, 3), m, in chunks that stay small."""
-    from clothfit.subspace.physics.reduced import decode
-
     out = np.empty((len(q), *own.system.x0.shape))
     for first in range(0, len(q), 64):
-        out[first : first + 64] = decode(own, q[first : first + 64], first)
+        out[first : first + 64] = decode(own.system, own.basis, q[first : first + 64], first)
     return out
+
+
+WITHIN = 2.0 / 3.0
+"""Of the recorded range is that of random keys: a spline through them goes beyond."""
+
+
+@dataclass(frozen=True)
+class Crowded:
+    """What became of the instances."""
+
+    coordinates: list[Array]  # of each object, (N, frames, r)
+    clamped: list[str]  # one sentence for each kind of input that left its range
+    us: dict[str, float]  # per instance and frame, of one thread: state, decode, normals
+
+
+class Cloths:
+    """Reduced cloths that step one after another; those with alike inputs share their memory."""
+
+    def __init__(self, each: Iterable[Any]) -> None:
+        self.systems: list[System] = []
+        self.motions: list[March] = []
+        kinds: dict[Any, tuple[Reduced, March]] = {}
+        for own in each:
+            self.systems.append(own.system)
+            alike = kinds.get(kind_of(own.system.inputs))
+            self.motions.append(March(alike[0].under(own.system), alike[1]) if alike else March(own))
+            kinds.setdefault(kind_of(own.system.inputs), (own, self.motions[-1]))
+        self.q = np.zeros((len(self.motions), self.motions[0].state.q.shape[1]))
+
+    def step(self, t: int) -> None:
+        """Take step t."""
+        for i, motion in enumerate(self.motions):
+            if motion.take(self.q[i : i + 1]) == 0:
+                self.q[i] = np.nan
+
+
+class Networks:
+    """Instances that one network steps, each layer as one product."""
+
+    def __init__(self, own: Network, each: Iterable[Any]) -> None:
+        runs = list(each)
+        self.own, self.systems = own, [run.system for run in runs]
+        self.w = np.stack([run.w for run in runs])  # (N, steps, m)
+        self.now = np.zeros((len(runs), own.r), np.float32)
+        self.before = np.stack([run.before for run in runs])
+
+    @property
+    def q(self) -> Array:
+        """The coordinates (N, r)."""
+        return self.now.astype(float)
+
+    def step(self, t: int) -> None:
+        """Take step t."""
+        own = self.own
+        u = np.concatenate([self.now, self.now - self.before, self.w[:, t]], axis=1)
+        linear, layer = u @ own.linear + own.offset, u
+        for k, (weight, bias) in enumerate(zip(own.weights, own.biases, strict=True)):
+            layer = layer @ weight + bias
+            if k < len(own.weights) - 1:
+                below = np.minimum(layer, 0.0)
+                layer = np.maximum(layer, 0.0) + (np.expm1(below) if own.activation == "elu" else 0.0)
+        self.before, self.now = self.now, np.clip(linear + layer, *own.range)
+
+
+class Crowd:
+    """N instances of one object of a model, at the start."""
+
+    def __init__(self, model: Model, c: int, scenes: Sequence[Scene], steps: int) -> None:
+        """A scene for each instance, which differ in their inputs; room for so many steps."""
+        part, first = model.parts[c], scenes[0].cloths[c]
+        self.said: dict[str, None] = {}
+        each = (ready(model, part, scene, c, steps, self.said) for scene in scenes)
+        self.runs: Networks | Cloths = Cloths(each) if part.network is None else Networks(part.network, each)
+        self.t = 0
+        self.decoder = Decoder(first.positions, part.basis, first.triangles, part.normals)
+
+    @property
+    def q(self) -> Array:
+        """The coordinates (N, r)."""
+        return self.runs.q
+
+    def step(self) -> None:
+        """Take a step of all instances. Raises Diverged."""
+        self.runs.step(self.t)
+        self.t += 1
+        check_finite(self.q, self.t, "an instance")
+
+    def positions(self) -> NDArray[np.float32]:
+        """Positions (N, n, 3), m, valid until the next call."""
+        x = self.decoder.positions(self.q)
+        for own, system in zip(x, self.runs.systems, strict=True):
+            held = system.inputs
+            if held is not None and held.path.size:
+                own[system.vertex.free] += carrier.shift(held, 1, self.t)[0].astype(np.float32)
+                own[held.pins] = held.path[self.t]
+        return x
+
+    def normals(self, x: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Unit normals (N, n, 3), valid until the next call: by regression where the model has that, else those of the
+        faces at positions x.
+        """
+        return self.decoder.normals(x) if self.decoder.regression is None else self.decoder.predicted(self.q)
+
+
+def kind_of(inputs: Inputs | None) -> Any:
+    """What two inputs must have in common to be played in the same memory: which of their tables have rows."""
+    if inputs is None:
+        return None
+    return tuple(len(getattr(inputs, name)) > 0 for name in ("wind", "gravity", "centre", "path")), len(inputs.pins)
+
+
+def play_all(model: Model, scenes: Sequence[Scene], frames: int) -> Crowded:
+    """Play an instance of the model in each of some scenes. Raises Diverged, InvalidInput."""
+    for scene in scenes:
+        check_objects(model, scene)
+    crowds = [Crowd(model, c, scenes, frames - 1) for c in range(len(model.parts))]
+    found = [np.zeros((len(scenes), frames, each.q.shape[1])) for each in crowds]
+    spent = np.zeros(3)
+    for each, q in zip(crowds, found, strict=True):
+        each.normals(each.positions())  # compiled, and its memory touched
+        for t in range(1, frames):
+            times = [process_time()]
+            each.step()
+            times.append(process_time())
+            x = each.positions()
+            times.append(process_time())
+            each.normals(x)
+            spent += np.diff([*times, process_time()])
+            q[:, t] = each.q
+            interrupts.check()
+    said = {sentence.partition(",")[0]: sentence for each in crowds for sentence in each.said}  # one of each kind
+    us = 1e6 * spent / max(1, (frames - 1) * len(scenes))
+    return Crowded(found, list(said.values()), dict(zip(("state", "decode", "normals"), us.tolist(), strict=True)))
+
+
+def instances(model: Model, scene: Scene, count: int, frames: int, seed: int = 0) -> list[Scene]:
+    """A scene for each of so many instances, with random inputs within the range of the recorded ones."""
+    found = {name: WITHIN * float(np.abs(each).max()) for name, each in model.limits.items()}
+    held = scene.moves  # then the range of the pins is that of their own way, which stays
+    ranges = Ranges(found.get("wind", 0.0), 0.0 if held else found.get("pins", 0.0))
+    own = episodes(scene, ranges, count, scene.delta * max(1, frames - 1), seed)
+    return [varied(scene, each) for each in own]
+
+
+def motion_in(model: Model, scene: Scene, found: Crowded, instance: int) -> Motion:
+    """The motion of one of the instances, which was played in a scene."""
+    x = []
+    for c, part in enumerate(model.parts):
+        q = found.coordinates[c][instance]
+        x.append(positions(ready(model, part, scene, c, len(q) - 1, {}), q))
+    return motion_of(scene, x)

@@ -35,6 +35,7 @@ from clothfit.base.memory import check_memory
 from clothfit.base.writing import write_atomically
 from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
+from clothfit.motion.markers import initial
 from clothfit.motion.motion import Motion
 from clothfit.motion.times import frame_places
 from clothfit.scene.scene import Scene, dumps, load
@@ -62,10 +63,23 @@ def record(
     report: Callable[[int, int], None] = lambda done, count: None,
 ) -> Recorded:  # fmt: skip
     """Simulate the episodes, `steps` steps each, and write them to a file."""
-    text, folder = dumps(scene), os.path.abspath(scene.folder)
+    from clothfit.base.threads import usable_cores
+
+    text, folder, cores = dumps(scene), os.path.abspath(scene.folder), min(usable_cores(), len(own))
+    lengths = []
     with archived(scene, own, ranges, steps, path) as place:
-        jobs = [(text, folder, each, steps, os.path.join(place, str(e))) for e, each in enumerate(own)]
-        lengths = simulated(jobs, sum(scene.vertex_counts) * steps * len(own), report)
+        jobs = ((text, folder, each, steps, f"{place}/{e}") for e, each in enumerate(own))
+        if cores == 1 or sum(scene.vertex_counts) * steps * len(own) < ALONE:
+            done = (motions(*job) for job in jobs)
+        else:
+            import joblib
+
+            parallel = joblib.Parallel(n_jobs=cores, return_as="generator")
+            done = parallel(joblib.delayed(motions)(*job) for job in jobs)
+        for each in done:
+            lengths.append(each)
+            report(len(lengths), len(own))
+            interrupts.check()
     frames = sum(steps + 1 for each in lengths for _ in each)
     kept = sum(good for each in lengths for good, _ in each)
     ended = sum(any(length < steps + 1 for _, length in each) for each in lengths)
@@ -81,7 +95,18 @@ def archived(
              "episodes": [asdict(each) for each in own]}  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="clothfit-", dir=os.path.dirname(os.path.abspath(path))) as place:
         yield place
-        write_atomically(path, lambda file: pack(file, dumps(scene), about, place))
+
+        def pack(file: IO[bytes]) -> None:
+            with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
+                for name, content in (("recorded", json.dumps(about).encode()), ("scene", dumps(scene))):
+                    stream = io.BytesIO()
+                    np.save(stream, np.frombuffer(content, np.uint8))
+                    archive.writestr(f"{name}.npy", stream.getvalue())
+                for one in sorted(Path(place).iterdir()):
+                    e, c, kind, _ = one.name.split(".")
+                    archive.write(one, f"{kind}{e}.{c}.npy")
+
+        write_atomically(path, pack)
 
 
 def keep(stem: str, cloth: int, x: NDArray[np.float32], good: Flags) -> None:
@@ -90,60 +115,23 @@ def keep(stem: str, cloth: int, x: NDArray[np.float32], good: Flags) -> None:
     np.save(f"{stem}.{cloth}.good.npy", good)
 
 
-def simulated(jobs: Sequence[Any], size: int, report: Callable[[int, int], None]) -> list[list[tuple[int, int]]]:
-    """Do all jobs; of each and of each of its objects the good frames, and all."""
-    from clothfit.base.threads import usable_cores
-
-    cores = min(usable_cores(), len(jobs))
-    found = []
-    if cores == 1 or size < ALONE:
-        each = (motions(*job) for job in jobs)
-    else:
-        import joblib
-
-        each = joblib.Parallel(n_jobs=cores, return_as="generator")(joblib.delayed(motions)(*job) for job in jobs)
-    for done in each:
-        found.append(done)
-        report(len(found), len(jobs))
-        interrupts.check()
-    return found
-
-
 def motions(text: bytes, folder: str, own: Episode, steps: int, stem: str) -> list[tuple[int, int]]:
-    """Simulate one episode, and write the arrays of its objects to files."""
+    """Simulate one episode, and write the arrays of its objects to files; of each object the good frames, and all."""
     scene = varied(load(io.BytesIO(text), folder=folder), own)
     found = []
     for c in range(len(scene.cloths)):
-        x, good = motion(scene, c, steps)
-        keep(stem, c, x, good)
-        found.append((int(good.sum()), len(x)))
+        system = build(scene, c, steps=steps)
+        tape = Tape(system, steps, TOLERANCE)
+        x, good = np.zeros((steps + 1, len(system.x0), 3), np.float32), np.ones(steps + 1, bool)
+        end = 1
+        for part in tape.forward():
+            x[part.first : part.first + part.steps + 1] = part.x - system.x0
+            good[part.first + 1 : part.first + 1 + part.steps] = (part.theta == 1.0) & ~part.clamped & ~part.early
+            end = part.first + part.steps + 1
+        end = end if tape.fault is None else tape.good + 1
+        keep(stem, c, x[:end], good[:end])
+        found.append((int(good[:end].sum()), end))
     return found
-
-
-def motion(scene: Scene, cloth: int, steps: int) -> tuple[NDArray[np.float32], Flags]:
-    """The displacements (frames, n, 3) of a cloth, single precision, and which frames are good."""
-    system = build(scene, cloth, steps=steps)
-    tape = Tape(system, steps, TOLERANCE)
-    x, good = np.zeros((steps + 1, len(system.x0), 3), np.float32), np.ones(steps + 1, bool)
-    end = 1
-    for part in tape.forward():
-        x[part.first : part.first + part.steps + 1] = part.x - system.x0
-        good[part.first + 1 : part.first + 1 + part.steps] = (part.theta == 1.0) & ~part.clamped & ~part.early
-        end = part.first + part.steps + 1
-    end = end if tape.fault is None else tape.good + 1
-    return x[:end], good[:end]
-
-
-def pack(file: IO[bytes], text: bytes, about: dict[str, Any], place: str) -> None:
-    """Write the archive from the files in a folder."""
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
-        for name, content in (("recorded", json.dumps(about).encode()), ("scene", text)):
-            stream = io.BytesIO()
-            np.save(stream, np.frombuffer(content, np.uint8))
-            archive.writestr(f"{name}.npy", stream.getvalue())
-        for one in sorted(Path(place).iterdir()):
-            e, c, kind, _ = one.name.split(".")
-            archive.write(one, f"{kind}{e}.{c}.npy")
 
 
 class Data:
@@ -228,7 +216,12 @@ def stepped(scene: Scene, motion: Motion, own: Episode) -> tuple[NDArray[np.floa
     count = int(step[whole][-1]) + 1
     check_memory(count, motion.positions.shape[1], 0)
     x, good = at_steps(motion.positions[whole], motion.times[whole] / scene.delta, (step + fraction)[whole], count)
-    return (held(varied(scene, own), x) - start(scene)).astype(np.float32), good
+    still = [cloth.fixed.copy() for cloth in scene.cloths]
+    for fixed, cloth in zip(still, varied(scene, own).cloths, strict=True):
+        for pin in cloth.pins:
+            fixed[pin.vertices] = False  # keys move them
+    start = initial(scene)
+    return (np.where(np.concatenate(still)[:, None], start, x) - start).astype(np.float32), good
 
 
 def at_steps(x: Array, places: Array, snapped: Array, count: int) -> tuple[Array, Flags]:
@@ -245,17 +238,3 @@ def at_steps(x: Array, places: Array, snapped: Array, count: int) -> tuple[Array
 
     near = snapped[after] - snapped[after - 1] < ROW * np.median(np.diff(snapped))
     return np.asarray(CubicSpline(places, x, axis=0)(steps)), there | (near & (steps >= snapped[0]))
-
-
-def start(scene: Scene) -> Array:
-    """The positions (N, 3) of all vertices at the start, m."""
-    return np.concatenate([cloth.positions for cloth in scene.cloths])
-
-
-def held(scene: Scene, x: Array) -> Array:
-    """The positions (frames, N, 3) with those of the fixed vertices that no key moves as the scene has them."""
-    still = [cloth.fixed.copy() for cloth in scene.cloths]
-    for own, cloth in zip(still, scene.cloths, strict=True):
-        for pin in cloth.pins:
-            own[pin.vertices] = False
-    return np.where(np.concatenate(still)[:, None], start(scene), x)

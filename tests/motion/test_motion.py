@@ -53,13 +53,8 @@ def test_a_simulation_has_the_frames_times_and_counts_of_the_scene():
     np.testing.assert_array_equal(motion.positions[0], start)
     assert simulate(TWO, frames=2).positions.tolist() == motion.positions[:2].tolist()
     assert simulate(TWO, frames=1).positions.tolist() == [start.tolist()]
-
-
-@pytest.mark.parametrize("frames", [0, -3])
-def test_no_frames_is_no_simulation(frames):
-    with pytest.raises(InvalidInput) as caught:
-        simulate(TWO, frames=frames)
-    assert str(caught.value) == f"frames must be at least 1 (the initial state); {frames} was given"
+    with pytest.raises(InvalidInput, match=r"^frames must be at least 1 \(the initial state\); 0 was given$"):
+        simulate(TWO, frames=0)
 
 
 @pytest.mark.parametrize("method", list(METHODS))
@@ -133,31 +128,22 @@ def test_the_reference_motion():
     assert np.sqrt((distance**2).mean()) < 1e-6
 
 
-# Parts ----------------------------------------------------------------------------------------------------------------
-
-
-def test_the_parts_of_a_motion_are_those_of_the_objects():
-    seen = RNG.random((4, 10)) < 0.5
-    motion = walk(seen)
-    np.testing.assert_array_equal(motion.of(0), motion.positions[:, :4])
-    np.testing.assert_array_equal(motion.of(1), motion.positions[:, 4:])
-    np.testing.assert_array_equal(motion.seen(1), seen[:, 4:])
-    assert walk().seen(1).all()
-    assert walk().seen(1).shape == (4, 6)
-
-
-# Files ----------------------------------------------------------------------------------------------------------------
+# Parts and files ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("hidden", [False, True])
-def test_round_trip(tmp_path, hidden):
-    motion = walk(RNG.random((4, 10)) < 0.5 if hidden else None)
-    motion.positions[~(np.ones((4, 10), bool) if motion.observed is None else motion.observed)] = np.nan
+def test_round_trip_and_the_parts_of_the_objects(tmp_path, hidden):
+    seen = RNG.random((4, 10)) < 0.5 if hidden else None
+    motion = walk(seen)
+    if hidden:
+        motion.positions[~seen] = np.nan
+    np.testing.assert_array_equal(motion.of(0), motion.positions[:, :4])
+    np.testing.assert_array_equal(motion.of(1), motion.positions[:, 4:])
+    np.testing.assert_array_equal(motion.seen(1), seen[:, 4:] if hidden else np.ones((4, 6), bool))
     save_motion(motion, tmp_path / "walk.npz")
     back = load_motion(tmp_path / "walk.npz", TWO)
-    np.testing.assert_array_equal(back.positions, motion.positions)
-    np.testing.assert_array_equal(back.times, motion.times)
-    np.testing.assert_array_equal(back.observed, motion.observed)
+    for name in ("positions", "times", "observed"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(motion, name))
     assert (back.vertex_counts, back.name) == (COUNTS, "walk.npz")
     assert [path.name for path in tmp_path.iterdir()] == ["walk.npz"]
 
@@ -174,19 +160,6 @@ def test_weights_of_vertices_or_positions_are_kept(shape):
     assert reread(walk()).weights is walk().weights_of(0) is None
 
 
-def test_a_stream_that_cannot_go_back_is_read():
-    class Pipe(io.BytesIO):
-        def seekable(self):
-            return False
-
-        def seek(self, *_):
-            raise io.UnsupportedOperation("seek")
-
-    motion = walk()
-    found = load_motion(Pipe(written(positions=motion.positions).getvalue()), TWO)
-    np.testing.assert_array_equal(found.positions, motion.positions)
-
-
 def test_what_is_all_observed_needs_no_flags():
     motion = walk(np.ones((4, 10), bool))
     back = reread(motion)
@@ -194,21 +167,29 @@ def test_what_is_all_observed_needs_no_flags():
     np.testing.assert_array_equal(back.positions, motion.positions)
 
 
+class Pipe(io.BytesIO):
+    """A stream that cannot go back."""
+
+    def seekable(self):
+        return False
+
+    def seek(self, *_):
+        raise io.UnsupportedOperation("seek")
+
+
 def test_bare_positions_get_the_times_of_the_scene_and_other_arrays_are_left_alone(tmp_path):
     positions = walk().positions
     np.save(tmp_path / "walk.npy", positions)
-    for file in (written(positions=positions, velocities=np.zeros(3)), tmp_path / "walk.npy"):
-        motion = load_motion(file, TWO)
+    file = written(positions=positions, velocities=np.zeros(3))
+    for each in (Pipe(file.getvalue()), file, tmp_path / "walk.npy"):
+        motion = load_motion(each, TWO)
         np.testing.assert_array_equal(motion.positions, positions)
         np.testing.assert_allclose(motion.times, [0, 0.02, 0.04, 0.06], rtol=1e-15)  # one product each
         assert motion.vertex_counts == COUNTS
-
-
-@pytest.mark.parametrize("kind", [np.float32, np.int64, np.uint8])
-def test_numbers_of_other_types_become_doubles(kind):
-    motion = load_motion(written(positions=np.full((2, 10, 3), 7, kind)), TWO)
-    assert motion.positions.dtype == np.float64
-    assert motion.positions.max() == 7
+    for kind in (np.float32, np.int64, np.uint8):  # numbers of other types become doubles
+        motion = load_motion(written(positions=np.full((2, 10, 3), 7, kind)), TWO)
+        assert motion.positions.dtype == np.float64
+        assert motion.positions.max() == 7
 
 
 def good():
@@ -237,7 +218,6 @@ BAD = [
     ({"vertex_counts": np.array([6, 4])}, "vertex_counts: is [6, 4], the scene has [4, 6]"),
     ({"vertex_counts": np.array(10)}, "vertex_counts: is [10], the scene has [4, 6]"),
     ({"times": np.arange(3.0)}, "times: has shape (3,) and type float64, 4 numbers, one per frame, fit"),
-    ({"times": np.arange(4.0)[:, None]}, "times: has shape (4, 1) and type float64, 4 numbers, one per frame, fit"),
     ({"times": np.array(list("abcd"))}, "times: has shape (4,) and type <U1, 4 numbers, one per frame, fit"),
     ({"times": np.array([0, 1, 1, 2])}, "times: must be finite and increasing"),
     ({"times": np.array([0, 1, np.nan, 3])}, "times: must be finite and increasing"),
@@ -263,37 +243,35 @@ def test_each_fault_of_the_arrays_has_its_message(change, message):
 
 
 def test_what_was_not_observed_may_be_nan():
-    motion = check_motion({**good(), "positions": with_nan(), "observed": UNSEEN}, TWO, "walk.npz")
+    motion = check_motion(good() | {"positions": with_nan(), "observed": UNSEEN}, TWO, "walk.npz")
     np.testing.assert_array_equal(motion.observed, UNSEEN)
     assert np.isnan(motion.positions[2, 7, 1])
 
 
 # What is in a file, and a part of the message.
-FILES = [
-    (b"", "walk.npz: cannot be read as .npz or .npy ("),
-    (b"hello", "walk.npz: cannot be read as .npz or .npy ("),
-    (pickle.dumps({"positions": 1}), "walk.npz: cannot be read as .npz or .npy (it is neither)"),
-    (written(positions=np.zeros((4, 10, 3))).getvalue()[:200], "walk.npz: cannot be read as .npz or .npy ("),
-    (written(positions=np.array([{}, None])).getvalue(), "walk.npz: cannot be read as .npz or .npy (it holds pickled"),
-    (b"PK\x05\x06" + bytes(18), "walk.npz: positions: is missing"),
-]
+FILES = {
+    "empty": (b"", "cannot be read as .npz or .npy ("),
+    "text": (b"hello", "cannot be read as .npz or .npy ("),
+    "pickle": (pickle.dumps({"positions": 1}), "cannot be read as .npz or .npy (it is neither)"),
+    "cut": (written(positions=np.zeros((4, 10, 3))).getvalue()[:200], "cannot be read as .npz or .npy ("),
+    "objects": (written(positions=np.array([{}, None])).getvalue(), "cannot be read as .npz or .npy (it holds pickled"),
+    "no arrays": (b"PK\x05\x06" + bytes(18), "positions: is missing"),
+    "none": (None, "there is no such file"),
+    "folder": (..., "is a folder; a motion file (.npz) is needed"),
+}
 
 
-@pytest.mark.parametrize(("data", "message"), FILES, ids=["empty", "text", "pickle", "cut", "objects", "no arrays"])
-def test_files_that_are_no_motions_are_refused(tmp_path, data, message):
-    (tmp_path / "walk.npz").write_bytes(data)
+@pytest.mark.parametrize("name", FILES)
+def test_files_that_are_no_motions_are_refused(tmp_path, name):
+    (data, message), path = FILES[name], tmp_path / "walk.npz"
+    if data is ...:
+        path.mkdir()
+    elif data is not None:
+        path.write_bytes(data)
     with pytest.raises(InvalidMotion) as caught:
-        load_motion(tmp_path / "walk.npz", TWO)
-    assert str(caught.value).startswith(message)
+        load_motion(path, TWO)
+    assert str(caught.value).startswith(f"walk.npz: {message}")
     assert "\n" not in str(caught.value)
-
-
-def test_files_that_are_not_there_are_named(tmp_path):
-    with pytest.raises(InvalidMotion, match=r"^none\.npz: there is no such file$"):
-        load_motion(tmp_path / "none.npz", TWO)
-    (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(InvalidMotion, match=r"^folder\.npz: is a folder; a motion file \(\.npz\) is needed$"):
-        load_motion(tmp_path / "folder.npz", TWO)
 
 
 def test_a_motion_that_cannot_be_written_is_an_error_of_the_input(tmp_path):

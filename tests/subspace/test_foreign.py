@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from helpers.scenes import cloth, document, write_scene
+from helpers.scenes import cloth, document
 from helpers.subspaces import scene_of
 
 from clothfit.base.errors import InvalidInput, InvalidMotion
-from clothfit.cli.program import run
 from clothfit.motion.motion import Motion
 from clothfit.subspace.inputs import Episode
 from clothfit.subspace.recording import Data, collect, episode
@@ -77,21 +76,3 @@ def test_inputs_come_with_the_motion_and_their_files_are_found_from_anywhere(tmp
     (tmp_path / "wrong.json").write_text(json.dumps({"inputs": [{"acts": "rain"}]}))
     with pytest.raises(InvalidInput, match="'rain' is none of"):
         episode(SCENE, str(tmp_path / "wrong.json"))
-
-
-def test_the_command_writes_them_and_says_what_does_not_go_together(tmp_path, capsys):
-    path = write_scene(tmp_path, MADE)
-    times = 0.02 * np.arange(20)
-    np.savez(tmp_path / "a.npz", positions=swing(times), times=times)
-    (tmp_path / "gusts.json").write_text('[{"acts": "wind", "times": [0, 1], "values": [[0, 0, 0], [3, 0, 0]]}]')
-    named = ["--motion", f"{tmp_path}/a.npz@{tmp_path}/gusts.json"]
-    out = ["-o", str(tmp_path / "data.npz")]
-    assert run(["subspace", "record", str(path), *named, *named, *out]) == 0
-    data = Data(tmp_path / "data.npz")
-    assert [each.items[0]["acts"] for each in data.episodes] == ["wind", "wind"]
-    assert data.scene_of(0).wind_keys is not None
-    capsys.readouterr()
-    assert run(["subspace", "record", str(path), *named, *out]) == 3
-    assert "name two motions at least" in capsys.readouterr().err
-    assert run(["subspace", "record", str(path), *named, *named, "--wind", "3", *out]) == 2
-    assert "--wind makes motions at random" in capsys.readouterr().err

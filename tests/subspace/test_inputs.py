@@ -1,4 +1,4 @@
-"""Inputs over time from a list of their own."""
+"""Inputs over time from a list of their own; and what acts on a step, as numbers for a network."""
 
 import json
 
@@ -9,9 +9,10 @@ from helpers.subspaces import keys, moving, scene_of
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.subspace import FRAMES, IN_WIND, OF_SMALL, lengths
+from clothfit.engine.forces.wind import add_force
 from clothfit.engine.system import build
 from clothfit.subspace.inputs import Ranges, applied, episodes, gentle_wind, load, varied
-from clothfit.subspace.play import clamped
+from clothfit.subspace.network.signals import fitted, raw
 
 BALLS = [sphere(0.1), {**sphere(0.2), "friction": 0.1}]
 SCENE = scene_of(document(cloth(), colliders=BALLS))
@@ -88,32 +89,11 @@ def test_episodes_are_the_same_for_the_same_seed_and_within_their_ranges():
 def test_the_wind_by_default_pushes_a_quarter_of_the_weight():
     wind, own = gentle_wind(SCENE), SCENE.cloths[0]
     system = build(SCENE, 0)
-    from clothfit.engine.forces.wind import add_force
-
     f = np.zeros_like(system.x0)
     blown = system.faces._replace(wind=np.array([0.0, wind, 0.0]))
     add_force(blown, system.x0, np.zeros_like(f), f)
     weight = 9.81 * own.mass[~own.fixed].sum()
     assert abs(f[:, 1].sum()) == pytest.approx(0.25 * weight, rel=0.05)  # two digits of the wind are kept
-
-
-def test_pins_and_velocities_at_the_start_are_held_within_a_range_wherever_they_begin():
-    system = build(scene_of(moving()), 0, steps=5)
-    limits = {"wind": [[-9.0] * 3, [9.0] * 3], "pins": [[-0.1] * 3, [0.2] * 3], "start": [[-1.0] * 3, [2.0] * 3]}
-    assert system.inputs is not None
-    path = system.inputs.path + np.linspace(1e6, -1e9, len(system.inputs.path))[:, None, None]
-    said: dict[str, None] = {}
-    own = clamped(system._replace(inputs=system.inputs._replace(path=path), v0=system.v0 + 1e9), limits, said)
-    assert [sentence.split(",")[0] for sentence in said] == [
-        "the start is faster than those that were recorded", "pins leave the range that was recorded"
-    ]  # fmt: skip
-    pins, start = system.inputs.pins, system.x0[system.inputs.pins]
-    moved = own.inputs.path - start
-    np.testing.assert_allclose([moved.min(), moved.max()], [-0.1, 0.2], atol=1e-12)
-    np.testing.assert_allclose(own.v0[pins], (own.inputs.path[1] - own.inputs.path[0]) / system.h)
-    assert (own.v0[system.vertex.free] == 2.0).all()
-    np.testing.assert_array_equal(own.inputs.wind, system.inputs.wind)
-    assert clamped(system, limits, {}).inputs is system.inputs
 
 
 def test_motions_of_a_flag_are_long_and_those_of_what_falls_moves_or_lies_on_something_are_not():
@@ -123,3 +103,57 @@ def test_motions_of_a_flag_are_long_and_those_of_what_falls_moves_or_lies_on_som
     assert lengths(scene_of(document(**blown))) == (OF_SMALL, IN_WIND)
     others = [document(), document(loose, **blown), document(**blown, **gusts), document(colliders=BALLS, **blown)]
     assert {lengths(scene_of(each)) for each in others} == {(OF_SMALL, FRAMES)}
+
+
+# --- as numbers: how the carrier turns, and motions whose inputs differ
+
+STEPS = 10
+RATE = np.deg2rad(45.0)  # rad/s
+
+
+def in_frame(fixed, about):
+    """A system of a cloth whose frame turns about an axis at RATE, with these vertices fixed."""
+    end = [90.0 * (axis == about) for axis in "xyz"]
+    turning = {"rotKeys": {**keys([0, 2], (0, 0, 0), tuple(end)), "interpolation": "linear"}}
+    own = cloth(4, 3, vertIsFixed=[i in fixed for i in range(12)])
+    return build(scene_of(document(own, frame=turning, integrationMethod=2)), 0, steps=STEPS)
+
+
+@pytest.mark.parametrize("about", ["x", "y", "z"])
+def test_the_turn_is_that_of_the_frame(about):
+    """Of pins that are in no line, from the first step on."""
+    system = in_frame((0, 1, 6, 11), about)
+    turn = dict(raw(system, STEPS))["turn"]
+    rate = RATE * (np.array(list("xyz")) == about)
+    chord = (RATE * system.h) ** 2 / 10  # instead of the arc: (ωh)²/12, relative
+    np.testing.assert_allclose(turn[:, :3], np.tile(rate, (STEPS, 1)), rtol=chord, atol=1e-9)
+    np.testing.assert_allclose(turn[:, 3:], 0.0, atol=1e-9)
+
+
+def test_pins_in_a_line_have_no_turn_about_it():
+    """Those of the first row, along x."""
+    assert "turn" not in dict(raw(in_frame((0, 1, 3), "x"), STEPS))
+    turn = dict(raw(in_frame((0, 1, 3), "z"), STEPS))["turn"]
+    np.testing.assert_allclose(turn[:, :3], np.tile([0, 0, RATE], (STEPS, 1)), rtol=1e-4, atol=1e-9)
+
+
+def test_a_frame_that_does_not_turn_has_no_such_inputs():
+    own = cloth(4, 3)
+    shifted = {"posKeys": keys([0, 0.1, 0.2], (0, 0, 0), (0.3, 0.1, -0.2), (0, 0.4, 0))}
+    found = raw(build(scene_of(document(own, frame=shifted, integrationMethod=2)), 0, steps=STEPS), STEPS)
+    assert [name for name, _ in found] == ["carrier", "pins", "colliders"]
+
+
+def test_motions_with_other_inputs_share_the_signals():
+    """What a motion has not is 0 in it; pins that are others are refused."""
+    calm, windy = moving(), moving()
+    del calm["windVelKeys"]
+    systems = [build(scene_of(each), 0, steps=STEPS) for each in (calm, windy)]
+    own = fitted([raw(each, STEPS) for each in systems])
+    assert [name for name, _ in own.parts] == ["wind", "carrier", "pins"]
+    w = [own.of(each, STEPS) for each in systems]
+    np.testing.assert_array_equal(w[0][:, :3], 0.0)
+    np.testing.assert_array_equal(w[1][:, :3], dict(raw(systems[1], STEPS))["wind"])
+    np.testing.assert_array_equal(w[0][:, 3:], w[1][:, 3:])
+    with pytest.raises(InvalidInput, match="the same pins and colliders in all"):
+        fitted([raw(systems[0], STEPS), raw(in_frame((0, 1, 3), "z"), STEPS)])

@@ -46,21 +46,14 @@ def test_a_source_is_short_and_named_after_what_is_in_it(path):
     assert all(len(line) <= 145 for line in text.splitlines())
 
 
-def test_the_player_of_subspaces_is_that_of_the_clients():
+def test_the_player_of_subspaces_is_that_of_the_clients_and_the_licence_that_of_the_program():
     own = PACKAGE / "Runtime" / "Playback" / "Subspace.cs"
     assert own.read_bytes() == (EXAMPLES / "clients" / "Subspace.cs").read_bytes()
-
-
-def test_the_licence_is_that_of_the_program():
     assert (PACKAGE / "LICENSE.md").read_bytes() == (PACKAGE.parents[2] / "LICENSE").read_bytes()
 
 
 @pytest.mark.slow  # starts a compiler
-def test_unity_serialises_all_fields_and_all_settings_have_a_tooltip(harness):
+def test_the_menu_and_that_unity_serialises_all_fields_and_all_settings_have_a_tooltip(harness):
     assert harness("rules") == ["11 components"]
-
-
-@pytest.mark.slow
-def test_the_menu(harness):
     names = ["Export", "Estimate", "Cancel", "Import fitted", "Simulate and play", "Show target", "New scene"]
     assert harness("menus") == [f"Clothfit/{name}" for name in names]

@@ -14,6 +14,7 @@ from helpers.paths import EXAMPLES, SIDE
 from clothfit import load
 from clothfit.cli.program import run
 from clothfit.engine.system import build
+from clothfit.subspace.frames import Decoder
 from clothfit.subspace.model import save
 from clothfit.subspace.network.signals import raw
 from clothfit.subspace.play import play
@@ -137,7 +138,7 @@ def test_a_file_of_another_scene_is_refused(harness, tmp_path):
 # --- motions
 
 
-def test_a_motion_of_the_program_is_read_and_played(harness, tmp_path):
+def test_a_motion_of_the_program_is_read_and_played_and_a_broken_one_refused(harness, tmp_path):
     scene, motion, kept = tmp_path / "trial.json", tmp_path / "motion.pc2", tmp_path / "motion.npz"
     harness("scene", "trial", scene)
     for path in (motion, kept):
@@ -150,12 +151,9 @@ def test_a_motion_of_the_program_is_read_and_played(harness, tmp_path):
     assert [line for line in shown if "error" in line] == ["20 no error", "16 no error"]
     places = np.array([line.split() for line in shown if "error" not in line], float)
     np.testing.assert_allclose(places, truth[7], atol=1e-6)  # float32, into the mesh's axes and back
-
-
-def test_a_broken_motion_is_refused(harness, tmp_path):
-    (tmp_path / "m.pc2").write_bytes(b"POINTCACHE2\0" + struct.pack("<iiffi", 1, 41, 0, 1, 20) + b"\0" * 100)
-    shown = harness("play", "trial", tmp_path / "m.pc2")
-    assert shown[-1].endswith("m.pc2: the file is shorter than its header says")
+    motion.write_bytes(b"POINTCACHE2\0" + struct.pack("<iiffi", 1, 41, 0, 1, 20) + b"\0" * 100)
+    shown = harness("play", "trial", motion)
+    assert shown[-1].endswith("motion.pc2: the file is shorter than its header says")
     assert len(shown) == 20 + 1 + 16 + 1  # the meshes stay as they are
 
 
@@ -176,23 +174,17 @@ def test_a_network_plays_on_a_mesh(harness, tmp_path, wrong):
     else:
         assert error == "no error"
         truth = play(model, scene, steps + 1).motion.positions[-1]
-        a, b, c = (truth[corner] for corner in scene.cloths[0].triangles.T)
-        sums = np.zeros_like(truth)
-        for corner in scene.cloths[0].triangles.T:
-            np.add.at(sums, corner, np.cross(b - a, c - a))
-        np.testing.assert_allclose(normals, sums / np.linalg.norm(sums, axis=1, keepdims=True), atol=1e-4)  # float32
+        own = Decoder(truth, model.parts[0].basis, scene.cloths[0].triangles)
+        np.testing.assert_allclose(normals, own.normals(np.float32(truth[None]))[0], atol=1e-4)  # float32
     np.testing.assert_allclose(places, truth, atol=1e-5)  # float32, summed in another order
 
 
 # --- arguments of a process
 
 
-def test_arguments_arrive_as_they_are(harness):
+def test_arguments_arrive_as_they_are_and_are_quoted_for_windows_as_python_does_it(harness):
     odd = ["a b", "ü 窗", "c:\\folder\\", "\\\\", 'say "no"', "$HOME `x`", "", "it's", "*.json", "a\\\"b", "%PATH%"]
     show = "import sys, json; print(json.dumps(sys.argv[1:]))"
     assert json.loads(harness("echo", sys.executable, "-c", show, *odd)[0]) == odd
-
-
-def test_arguments_are_quoted_for_windows_as_python_does_it(harness):
     odd = ["a b", "c d\\", "e f\\\\", 'say "no" now', 'x \\"y', "\\ \\\\ z", ""]
     assert harness("quote", *odd) == [subprocess.list2cmdline([each]) for each in odd]

@@ -14,6 +14,7 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,21 +23,19 @@ from clothfit.base.arrays import Array
 from clothfit.base.checkpoint import digest
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
-from clothfit.engine.system import System, build
+from clothfit.engine.system import build
 from clothfit.scene.scene import dumps
 from clothfit.subspace import carrier
-from clothfit.subspace.build import TIMED, Fitness, Report
-from clothfit.subspace.judge import SOUGHT, cost, floor_of_recorded
+from clothfit.subspace.build import TIMED, Report, fitness
+from clothfit.subspace.judge import cost
 from clothfit.subspace.model import NETWORK, Model, Part
 from clothfit.subspace.network import training as trainings
-from clothfit.subspace.network.layers import OWN, Loss, Recipe, Trained
+from clothfit.subspace.network.layers import OWN, Loss, Motions, Recipe, Trained, dense
 from clothfit.subspace.network.signals import Signals, fitted, raw
 from clothfit.subspace.network.training import Budget, Progress, Training, begin
 from clothfit.subspace.network.weights import Network
-from clothfit.subspace.network.windows import Motions, dense
 from clothfit.subspace.physics.march import roll
-from clothfit.subspace.physics.reduced import Reduced
-from clothfit.subspace.physics.samples import nothing
+from clothfit.subspace.physics.samples import Reduced, nothing
 from clothfit.subspace.play import positions, rolled, stepper
 from clothfit.subspace.recording import Data
 
@@ -68,22 +67,17 @@ def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:
     onto = carrier.projection(basis, systems[0])
     z, good = [], []
     for e, system in zip(episodes, systems, strict=True):
-        own, fine = coordinates(data, c, e, system, onto)
-        z.append(np.concatenate([own[:1] - system.h * carrier.start_velocity(system, basis), own]))
-        good.append(np.concatenate([[True], fine]))
+        x, fine = data.motion(e, c)
+        own = carrier.coordinates(x, system, onto)
+        missing = data.steps + 1 - len(own)  # frames after the end of a motion, which are none
+        before = own[:1] - system.h * carrier.start_velocity(system, basis)
+        z.append(np.pad(np.concatenate([before, own]), ((0, missing), (0, 0)), mode="edge"))
+        good.append(np.pad(np.concatenate([[True], fine]), (0, missing)))
     w = np.stack([signals.of(system, data.steps) for system in systems])
     motions = Motions(np.stack(z), w, np.stack(good))
     taught = [e for k, e in enumerate(episodes) if k % ONE_OF != ONE_OF - 1]
     rest = settled(data, c, taught, basis, signals, motions.z[motions.good])
     return Lesson(motions, signals, int(motions.good[:, 1:].sum()), rest)
-
-
-def coordinates(data: Data, c: int, episode: int, system: System, onto: Array) -> tuple[Array, Array]:
-    """Of all frames (T, r), and which are good; those after the end of a motion are none."""
-    x, fine = data.motion(episode, c)
-    own = carrier.coordinates(x, system, onto)
-    missing = data.steps + 1 - len(own)
-    return np.pad(own, ((0, missing), (0, 0)), mode="edge"), np.pad(fine, (0, missing))
 
 
 def prepared(given: Lesson, recipe: Recipe, seed: int) -> tuple[Training, float]:
@@ -102,7 +96,11 @@ def prepared(given: Lesson, recipe: Recipe, seed: int) -> tuple[Training, float]
     if given.rest is not None and recipe.rests:
         part = part.joined(given.rest.scaled(size, float))
     own = Trained(dense(part), recipe, limits(motions, recipe.margin), np.random.default_rng([seed, 0]), kind)
-    noise = spread(motions.of(taught), recipe)
+    # the deviation of each component within a window, in the median, since a cloth that rests on an obstacle and then
+    # falls from it has deviations that mean nothing while it rests
+    starts, length = motions.of(taught).starts(recipe.windows[1])
+    within = motions.of(taught).windows(starts[:: max(1, len(starts) // SEEN)], length)[0].std(axis=1)
+    noise = (recipe.noise * np.median(within, axis=0)).astype(kind)
     part, rest = (some.scaled(1.0, kind) for some in (part, motions.of(beside or taught)))
     loss = Loss(recipe.velocity * size / pace)
     return Training(own, recipe, part, rest, noise, loss, begin(own, seed)), size
@@ -114,16 +112,6 @@ def limits(motions: Motions, margin: float) -> Array:
     low, high = z.min(axis=0), z.max(axis=0)
     more = margin * (high - low)
     return np.stack([low - more, high + more])
-
-
-def spread(motions: Motions, recipe: Recipe) -> Array:
-    """The noise (r,): by the deviation of each component within a window, in the median, since a cloth that rests on an
-    obstacle and then falls from it has deviations that mean nothing while it rests.
-    """
-    starts, length = motions.starts(recipe.windows[1])
-    chosen = starts[:: max(1, len(starts) // SEEN)]
-    within = motions.windows(chosen, length)[0].std(axis=1)
-    return np.asarray(recipe.noise * np.median(within, axis=0), np.float32)
 
 
 def finished(training: Training, size: float, given: Lesson) -> Network:
@@ -190,11 +178,6 @@ class Pupil:
     training: Training
     size: float  # of the coordinates
 
-    def part(self, before: Part) -> Part:
-        """The part of the model with the best values so far."""
-        network = finished(self.training, self.size, self.lesson)
-        envelope = np.asarray(network.range, float)
-        return replace(before, chosen=nothing(), envelope=envelope, network=network)
 
 
 def pupils(model: Model, data: Data, school: Schooling, held_out: int = 1) -> list[Pupil]:
@@ -221,12 +204,10 @@ def teach(
     parts = []
     for c, pupil in enumerate(own):
         share = replace(school.budget, minutes=school.budget.minutes / len(own))
-
-        def say(progress: Progress, c: int = c) -> None:
-            report(c, progress)
-
-        ended = pupil.training.run(share if ended else Budget(1e-9), say) and ended
-        parts.append(pupil.part(model.parts[c]))
+        ended = pupil.training.run(share if ended else Budget(1e-9), partial(report, c)) and ended
+        network = finished(pupil.training, pupil.size, pupil.lesson)
+        envelope = np.asarray(network.range, float)
+        parts.append(replace(model.parts[c], chosen=nothing(), envelope=envelope, network=network))
         judge(parts[c], reports[c], data, c)
     states = [pupil.training.state for pupil in own]
     training = [{"rounds": s.rounds, "seconds": s.seconds, "held_out_error": s.best_error} for s in states]
@@ -238,13 +219,10 @@ def judge(part: Part, found: Report, data: Data, c: int) -> None:
     """Put into a report what a network does with the last episode, and what it costs."""
     found.elements = {name: (0, there) for name, (_, there) in found.elements.items()}
     last = len(data.episodes) - 1
-    x, _ = data.motion(last, c)
-    scene = data.scene_of(last)
+    x, scene = data.motion(last, c)[0], data.scene_of(last)
     own = stepper(part, build(scene, c, steps=data.steps), data.steps, {})
-    away = positions(own, rolled(own, len(x) - 1, scene.name)) - own.system.x0 - x
-    rmse, size = (float(np.sqrt((each**2).sum(axis=2).mean())) for each in (away, x))
-    found.sampled = Fitness(rmse, rmse / size if size > 0 else 0.0)
-    found.floor = floor_of_recorded(data, c, last, part.basis) if found.sampled.relative > SOUGHT else 0.0
+    made = positions(own, rolled(own, len(x) - 1, scene.name)) - own.system.x0
+    found.judged(fitness(made, x), part, own.system, x)
     found.us_per_frame, found.full_us_per_step = cost(part, scene, c, min(data.steps, TIMED))
 
 
@@ -275,7 +253,8 @@ def restored(path: str, own: Sequence[Pupil], about: dict[str, str]) -> None:
     found = Checkpoint(path, identity=about).state()
     try:
         for c, each in enumerate(own):
-            held = {name.removeprefix(f"{c}."): one for name, one in found.items() if name.startswith(f"{c}.")}
-            trainings.restore(each.training.state, held, found["objects"][c])
+            state = each.training.state
+            held = {name: found[f"{c}.{name}"] for name in trainings.archived(state)}
+            trainings.restore(state, held, found["objects"][c])
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         raise InvalidInput(files.impossible(Checkpoint.kind, path)) from None

@@ -91,19 +91,17 @@ def raw(system: System, steps: int) -> list[tuple[str, Array]]:
     found = [(name, table[late]) for name, table in (("wind", inputs.wind), ("gravity", inputs.gravity)) if len(table)]
     shift = carrier.shift(inputs, steps + 1)
     if inputs.path.size:
-        found.append(("carrier", carried(shift[:, 0], system)))
+        found.append(("carrier", with_change(np.diff(shift[:, 0], axis=0) / system.h)))
         turn = turned(inputs.path[: steps + 1], system)
         if np.abs(turn).max(initial=0.0) > STILL:
             found.append(("turn", turn))
         found.append(("pins", of_places(inputs.path[: steps + 1] - inputs.path[0] - shift)))
     if len(inputs.centre):
-        found.append((COLLIDERS, of_places(past(inputs.centre[: steps + 1], shift, len(system.spheres.radius)))))
+        places, spheres = inputs.centre[: steps + 1].copy(), len(system.spheres.radius)
+        places[:, :spheres] -= shift
+        places[:, spheres + PLACE :: STATE] -= shift
+        found.append((COLLIDERS, of_places(places)))
     return found
-
-
-def carried(shift: Array, system: System) -> Array:
-    """Velocity and change of velocity (steps, 6) of the carrier, m/s, for its ways (steps + 1, 3)."""
-    return with_change(np.diff(shift, axis=0) / system.h)
 
 
 def with_change(rate: Array) -> Array:
@@ -118,15 +116,11 @@ def turned(path: Array, system: System) -> Array:
     3): (Σ |r|² − r rᵀ) ω = Σ r × ṙ, with r from their mean. About the line of pins in one the turn is 0.
     """
     away = path - path.mean(axis=1, keepdims=True)
-    return with_change(spin(0.5 * (away[1:] + away[:-1]), np.diff(away, axis=0)) / system.h)
-
-
-def spin(r: Array, way: Array) -> Array:
-    """The rotation (steps, 3), rad, nearest to ways (steps, P, 3), for places r relative to their mean."""
+    r, way = 0.5 * (away[1:] + away[:-1]), np.diff(away, axis=0)
     square = np.einsum("tpi,tpi->t", r, r)
     inertia = square[:, None, None] * np.eye(3) - np.einsum("tpi,tpj->tij", r, r)
-    moment = np.cross(r, way).sum(axis=1)
-    return np.asarray(np.einsum("tij,tj->ti", np.linalg.pinv(inertia, rcond=FLAT, hermitian=True), moment))
+    inverse, moment = np.linalg.pinv(inertia, rcond=FLAT, hermitian=True), np.cross(r, way).sum(axis=1)
+    return with_change(np.einsum("tij,tj->ti", inverse, moment) / system.h)
 
 
 def of_places(x: Array) -> Array:
@@ -135,18 +129,12 @@ def of_places(x: Array) -> Array:
     return np.concatenate([flat[1:], np.diff(flat, axis=0)], axis=1)
 
 
-def past(centre: Array, shift: Array, spheres: int) -> Array:
-    """The rows of colliders with their places past the carrier's way."""
-    found = centre.copy()
-    found[:, :spheres] -= shift
-    found[:, spheres + PLACE :: STATE] -= shift
-    return found
-
-
 def fitted(tables: Sequence[list[tuple[str, Array]]]) -> Signals:
     """The signals of recorded motions, from the raw ones of each: those of many numbers as their main components. What
     some of the motions have not is 0 in them. Raises InvalidInput where pins or colliders are not the same in all.
     """
+    from scipy.linalg import block_diag
+
     found = [dict(table) for table in tables]
     sizes = {name: table.shape[1] for each in found for name, table in each.items()}
     if any(table.shape[1] != sizes[name] for each in found for name, table in each.items()):
@@ -158,12 +146,7 @@ def fitted(tables: Sequence[list[tuple[str, Array]]]) -> Signals:
         plain = name in PLAIN
         means.append(np.zeros(size) if plain else every.mean(axis=0))
         mixes.append(np.eye(size) if plain else components(every - means[-1]))
-    mix = np.zeros((sum(size for _, size in parts), sum(each.shape[1] for each in mixes)))
-    row = column = 0
-    for each in mixes:
-        mix[row : row + len(each), column : column + each.shape[1]] = each
-        row, column = row + len(each), column + each.shape[1]
-    return Signals(parts, np.concatenate(means), mix)
+    return Signals(parts, np.concatenate(means), block_diag(np.zeros((0, 0)), *mixes))
 
 
 def components(away: Array) -> Array:

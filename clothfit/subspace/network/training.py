@@ -20,8 +20,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
-from clothfit.subspace.network.layers import Loss, Recipe, Trained, gradient, played
-from clothfit.subspace.network.windows import Motions
+from clothfit.subspace.network.layers import Loss, Motions, Recipe, Trained, gradient, played
 
 LOOKS = 60
 """How often in a training the held-out motions are played."""
@@ -135,23 +134,15 @@ class Training:
         recipe, state = self.recipe, self.state
         first, last = recipe.windows
         length = round(first * (last / first) ** min(1.0, done / GROWN))
-        z, w = self.draw(length)
+        if length not in self.known:
+            self.known = {length: self.motions.starts(length)}
+        starts, length = self.known[length]
+        z, w = self.motions.windows(starts[state.rng.integers(0, len(starts), recipe.batch)], length)
         begin = self.begin(z[:, :2])
         _, grad = gradient(self.own, self.loss, z, w, begin)
         state.rounds += 1
         if clipped(grad, recipe.clip):
             state.descent.step(state.values, grad, self.rate(done))
-
-    def draw(self, length: int) -> tuple[Array, Array]:
-        """Windows at random, and their inputs (`Motions.windows`)."""
-        starts, length = self.starts(length)
-        return self.motions.windows(starts[self.state.rng.integers(0, len(starts), self.recipe.batch)], length)
-
-    def starts(self, length: int) -> tuple[Indices, int]:
-        """The starts of all windows of a length, or of the longest that there are, and that."""
-        if length not in self.known:
-            self.known = {length: self.motions.starts(length)}
-        return self.known[length]
 
     def begin(self, frames: Array) -> Array:
         """The first two frames (B, 2, r) with noise: of both, so that they are somewhere else, and less of the second
@@ -202,26 +193,22 @@ class Training:
             value[:] = best
 
 
-def archived(state: State) -> dict[str, Any]:
-    """The arrays of a state, but for its numbers (`numbers`)."""
-    found = {f"value{k}": each for k, each in enumerate(state.values)}
-    found |= {f"best{k}": each for k, each in enumerate(state.best)}
-    return found | {f"mean{k}": each for k, each in enumerate(state.descent.state)}
+def archived(state: State) -> dict[str, Array]:
+    """The arrays of a state, by name; `numbers` has the rest."""
+    lists = {"value": state.values, "best": state.best, "mean": [*state.descent.mean, *state.descent.square]}
+    return {f"{name}{k}": each for name, own in lists.items() for k, each in enumerate(own)}
 
 
 def numbers(state: State) -> dict[str, Any]:
     """The rest of a state, as JSON holds it."""
-    return {
-        "best_error": state.best_error, "rounds": state.rounds, "seconds": state.seconds, "looked": state.looked,
-        "curve": state.curve, "count": state.descent.count, "random": state.rng.bit_generator.state,
-    }  # fmt: skip
+    found = {name: getattr(state, name) for name in ("best_error", "rounds", "seconds", "looked", "curve")}
+    return found | {"count": state.descent.count, "random": state.rng.bit_generator.state}
 
 
 def restore(state: State, held: dict[str, Any], about: dict[str, Any]) -> None:
     """Fill a state at its beginning with another one. Raises KeyError, TypeError, ValueError where it does not fit."""
-    for name, own in (("value", state.values), ("best", state.best), ("mean", state.descent.state)):
-        for k, each in enumerate(own):
-            each[:] = held[f"{name}{k}"]
+    for name, each in archived(state).items():
+        each[:] = held[name]
     state.best_error, state.rounds = float(about["best_error"]), int(about["rounds"])
     state.seconds, state.looked = float(about["seconds"]), int(about["looked"])
     state.curve = [(int(a), float(b), float(c)) for a, b, c in about["curve"]]
@@ -249,11 +236,6 @@ class Descent:
             self.mean[k] += kind(1.0 - FIRST) * (g - self.mean[k])
             self.square[k] += kind(1.0 - SECOND) * (g * g - self.square[k])
             value -= kind(size) * self.mean[k] / (np.sqrt(self.square[k]) + kind(LEAST * unbiased))
-
-    @property
-    def state(self) -> list[Array]:
-        """All its arrays."""
-        return [*self.mean, *self.square]
 
 
 def clipped(grad: Sequence[Array], most: float) -> bool:

@@ -15,12 +15,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import exp
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base import interrupts
+from clothfit.base import interrupts, npz
 from clothfit.base.arrays import Array
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
@@ -61,21 +61,16 @@ class Network:
         return sum(each.nbytes for each in (self.linear, self.offset, *self.weights, *self.biases))
 
 
+PLAIN, OF_SIGNALS, OF_LAYERS = ("linear", "offset", "range", "input_range"), ("mean", "mix"), ("weight", "bias")
+"""Names of arrays in the file, before the object's number: as they are, after `signal_`, and before that of a layer."""
+
+
 def arrays(own: Network, c: int) -> dict[str, Any]:
     """The arrays of object c by their names in the file."""
-    found: dict[str, Any] = {
-        f"linear{c}": own.linear, f"offset{c}": own.offset, f"range{c}": own.range,
-        f"input_range{c}": own.input_range,
-    }  # fmt: skip
-    for k, (weight, bias) in enumerate(zip(own.weights, own.biases, strict=True)):
-        found |= {f"weight{c}.{k}": weight, f"bias{c}.{k}": bias}
-    return found | {f"signal_mean{c}": own.signals.mean, f"signal_mix{c}": own.signals.mix}
-
-
-def names(layers: int, c: int) -> list[str]:
-    """The names of these arrays for so many layers."""
-    layer = [f"{kind}{c}.{k}" for k in range(layers) for kind in ("weight", "bias")]
-    return [f"{each}{c}" for each in ("linear", "offset", "range", "input_range", "signal_mean", "signal_mix")] + layer
+    found: dict[str, Any] = {f"{name}{c}": getattr(own, name) for name in PLAIN}
+    for k, pair in enumerate(zip(own.weights, own.biases, strict=True)):
+        found |= {f"{name}{c}.{k}": array for name, array in zip(OF_LAYERS, pair, strict=True)}
+    return found | {f"signal_{name}{c}": getattr(own.signals, name) for name in OF_SIGNALS}
 
 
 def described(own: Network) -> dict[str, Any]:
@@ -83,19 +78,19 @@ def described(own: Network) -> dict[str, Any]:
     return {"layers": len(own.weights), "activation": own.activation, "signals": [list(e) for e in own.signals.parts]}
 
 
-def from_arrays(held: Mapping[str, Any], about: Mapping[str, Any], c: int) -> Network:
-    """The network of object c from a file's arrays and head. Raises KeyError, TypeError or ValueError."""
+def read(file: IO[bytes], about: Mapping[str, Any], c: int) -> Network:
+    """The network of object c in a file, whose head describes it. Raises KeyError, TypeError or one of npz.FAULTS."""
+    plain, signals = [f"{name}{c}" for name in PLAIN], [f"signal_{name}{c}" for name in OF_SIGNALS]
+    layers = [[f"{name}{c}.{k}" for k in range(int(about["layers"]))] for name in OF_LAYERS]
+    found = npz.stored(file, [*plain, *signals, *layers[0], *layers[1]], "")
 
-    def of(name: str) -> Single:
-        return np.ascontiguousarray(held[name], np.float32)
+    def of(names: list[str], kind: Any = np.float32) -> Any:
+        return tuple(np.ascontiguousarray(found[name].read(), kind) for name in names)
 
-    count = int(about["layers"])
+    linear, offset, reach, given = of(plain)
     parts = tuple((str(name), int(size)) for name, size in about["signals"])
-    signals = Signals(parts, np.asarray(held[f"signal_mean{c}"], float), np.asarray(held[f"signal_mix{c}"], float))
-    weights = tuple(of(f"weight{c}.{k}") for k in range(count))
-    biases = tuple(of(f"bias{c}.{k}") for k in range(count))
-    reach, given = of(f"range{c}"), of(f"input_range{c}")
-    return Network(of(f"linear{c}"), of(f"offset{c}"), weights, biases, reach, given, str(about["activation"]), signals)
+    own = Signals(parts, *of(signals, float))
+    return Network(linear, offset, of(layers[0]), of(layers[1]), reach, given, str(about["activation"]), own)
 
 
 def fits(own: Network, r: int) -> bool:
@@ -119,7 +114,7 @@ CHUNK = 512
 
 
 class Stepper:
-    """A network that plays one cloth, as `physics.reduced.Reduced` does."""
+    """A network that plays one cloth, as `physics.samples.Reduced` does."""
 
     def __init__(self, own: Network, system: System, basis: Array, steps: int, said: dict[str, None]) -> None:
         """For motions of at most so many steps. What is clamped of the inputs goes to `said`. Raises InvalidInput where

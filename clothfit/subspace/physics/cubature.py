@@ -18,15 +18,13 @@ S. S. An, T. Kim, D. L. James, Optimizing cubature for efficient integration of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
-from clothfit.subspace.physics import samples
-from clothfit.subspace.physics.reduced import Reduced
-from clothfit.subspace.physics.samples import Selection
+from clothfit.subspace.physics.samples import Reduced, Selection
 
 EQUATIONS = 1600
 """Of each kind of element."""
@@ -49,34 +47,18 @@ class Found(NamedTuple):
     errors: dict[str, float]
 
 
-def impulses(whole: Reduced, sample: Sample) -> Array:
-    """The momentum (elements, r) that each element adds in a step, springs, faces, then vertices."""
-    samples.begin(whole.own, sample.t)
-    whole.linearise(sample.q, sample.p, sample.t)
-    lay = whole.layout
-    x, _, after = whole.places(sample.t)
-    given = np.empty_like(whole.b)
-    samples.of_copies(whole.A, whole.b, whole.velocities(sample.w, (after - x) / whole.h), given)
-    rows = lay.rows.reshape(-1, 3, whole.r)
-    s, f = int(lay.ends[0]), int(lay.ends[1])
-    by_copy = [np.einsum("ic,icr->ir", given[a:b], rows[lay.point[a:b]]) for a, b in ((1, s), (s, f), (f, len(given)))]
-    by_copy[1] = by_copy[1].reshape(-1, 3, whole.r).sum(axis=1)
-    return np.concatenate(by_copy)
-
-
 def find(runs: Sequence[Reduced], chosen: Sequence[Sample], errors: Sequence[float], seed: int) -> list[Found]:
     """The cubature for samples of motions, each with all its elements as a Reduced with its inputs, within each of some
     errors, the largest first.
     """
     whole = runs[0]
-    kinds = {"springs": len(whole.chosen.springs), "faces": len(whole.chosen.faces)}
-    kinds["vertices"] = len(whole.chosen.vertices)
+    kinds = whole.chosen.counts
     each = max(1, min(whole.r, EQUATIONS // len(chosen)))
     rng = np.random.default_rng(seed)
     mean = mean_matrix(runs, chosen)
     table = np.empty((each * len(chosen), sum(kinds.values())))
     for k, sample in enumerate(chosen):
-        given = impulses(runs[sample.motion], sample)
+        given = runs[sample.motion].impulses(sample.q, sample.p, sample.w, sample.t)
         mix = rng.standard_normal((each, whole.r)) / np.sqrt(each) if each < whole.r else np.eye(whole.r)
         table[k * each : (k + 1) * each] = (given @ np.linalg.solve(mean, mix.T)).T
     by_kind, there, first = [], [], 0
@@ -100,19 +82,17 @@ def mean_matrix(runs: Sequence[Reduced], chosen: Sequence[Sample]) -> Array:
     total = np.zeros((runs[0].r, runs[0].r))
     for sample in some:
         run = runs[sample.motion]
-        samples.begin(run.own, sample.t)
-        run.linearise(sample.q, sample.p, sample.t, cap=1.0)
-        total += run.matrix()
+        total += run.matrix(run.linearised(sample.q, sample.p, sample.t, cap=1.0)[0])
     return total / len(some)
 
 
 def selection(everything: Selection, weights: Sequence[Array]) -> Selection:
     """The elements whose weights are above 0."""
-    springs, faces, vertices = (np.flatnonzero(each > 0) for each in weights)
-    return Selection(
-        everything.springs[springs], weights[0][springs], everything.faces[faces], weights[1][faces],
-        everything.vertices[vertices], weights[2][vertices],
-    )  # fmt: skip
+    parts: list[Any] = []
+    for there, weight in zip(everything[::2], weights, strict=True):
+        chosen = np.flatnonzero(weight > 0)
+        parts += [there[chosen], weight[chosen]]
+    return Selection(*parts)
 
 
 SHARE = 16

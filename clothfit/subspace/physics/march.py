@@ -1,6 +1,6 @@
 """All steps of a reduced motion in one compiled loop: what plays a subspace.
 
-`reduced` says what the steps are. The sums over points have single precision (`dense`), and nothing else has. An
+`samples` says what the steps are. The sums over points have single precision (`dense`), and nothing else has. An
 iteration solves for what is to be added to a guess of the velocity, extrapolated from the last two: that is small, and
 so is what rounding does to it. Where a matrix is not positive definite, the iteration is taken with that of the clamped
 springs.
@@ -21,12 +21,11 @@ from clothfit.base.arrays import Array
 from clothfit.base.limits import FARTHEST
 from clothfit.engine.solve.sparse import XX, XY, XZ, YY, YZ, ZZ
 from clothfit.engine.step import bdf2
-from clothfit.engine.system import BDF2
 from clothfit.kernels.kernel import kernel
 from clothfit.subspace import carrier
 from clothfit.subspace.physics import samples
-from clothfit.subspace.physics.dense import LANES, PANEL, ROOM, add_matrix, add_vectors, factorise, products, solve
-from clothfit.subspace.physics.reduced import Reduced
+from clothfit.subspace.physics.dense import PANEL, ROOM, add_matrix, add_vectors, factorise, products, solve
+from clothfit.subspace.physics.samples import Reduced
 
 TOGETHER = 200
 """Steps between two looks for interrupts."""
@@ -35,21 +34,6 @@ FREE, SAFE, CLAMPED = 0, 1, 2
 """How the springs of an iteration push sideways: as they do, at most as much as they pull, and the same without a
 bend (`engine.forces.springs`).
 """
-
-
-class Fixed(NamedTuple):
-    """What no step changes."""
-
-    rows: NDArray[np.float32]  # R, (3 m, w)
-    mass: Array  # Uᵀ M U, (r, r)
-    weight: Array  # Uᵀ M 1, (r, 3)
-    alpha: float  # damping of the vertices, 1/s
-    path: Array  # (T, P + 1, 3), m, of the pins and their mean
-    held: Array  # (P + 1, 3), m, where they start
-    v_held: Array  # (P + 1, 3), m/s
-    h: float  # s
-    iterations: int
-    second: bool  # whether steps are those of BDF2
 
 
 class Work(NamedTuple):
@@ -103,7 +87,7 @@ def advance(forces, lay, fixed, work, state, t):
     samples.begin(forces[FREE], t)
     second = fixed.second and t > 0
     h = 2.0 / 3.0 * fixed.h if second else fixed.h
-    place_pins(fixed, work.pins, t, second, h)
+    samples.place_pins(fixed, work.pins, t, second, h)
     base, w, r, q, p = work.base, work.now, len(work.now), state.q, state.p
     part = 1.0 / 3.0 if second else 0.0
     for c in range(r):
@@ -126,35 +110,6 @@ def advance(forces, lay, fixed, work, state, t):
     for c in range(r):
         q[1, c], p[1, c] = q[0, c], p[0, c]
         q[0, c], p[0, c] = base[0, c] + h * w[c], w[c]
-
-
-@kernel
-def place_pins(fixed, pins, t, second, h):
-    """Where a step of the pins and their mean begins, their velocities there, and that with which they go on: what
-    `Reduced.places` gives, in `pins` as `Work` has them.
-    """
-    path = fixed.path
-    for p in range(pins.shape[1]):
-        for c in range(3):
-            x, v = path[t, p, c], pin_velocity(fixed, t, p, c)
-            pins[1, p, c] = v
-            if second:
-                before = pin_velocity(fixed, t - 1, p, c)
-                pins[1, p, c] = 2.0 * v - before
-                x, v = x + (x - path[t - 1, p, c]) / 3.0, v + (v - before) / 3.0
-            pins[2, p, c] = (path[t + 1, p, c] - x) / h
-            pins[3, p, c], pins[4, p, c] = x, v
-
-
-@kernel
-def pin_velocity(fixed, t, p, c):
-    """A component of the velocity of a pin before step t."""
-    path, h = fixed.path, fixed.h
-    if t == 0:
-        return fixed.v_held[p, c]
-    if fixed.second and t > 1:
-        return (1.5 * path[t, p, c] - 2.0 * path[t - 1, p, c] + 0.5 * path[t - 2, p, c]) / h
-    return (path[t, p, c] - path[t - 1, p, c]) / h
 
 
 @kernel
@@ -248,17 +203,12 @@ class March:
 
     def __init__(self, own: Reduced, beside: March | None = None) -> None:
         """At the start; with another motion of the same cloth in the same memory where there is one `beside`."""
-        self.layout = own.layout
-        rows = wide(own.layout.rows) if beside is None else beside.fixed.rows
-        self.fixed: Fixed = Fixed(
-            rows, np.ascontiguousarray(own.mass), own.weight, float(own.alpha), own.path, own.held, own.v_held, own.h,
-            own.system.newton_iterations, own.system.method == BDF2
-        )  # fmt: skip
+        self.layout, self.fixed = own.layout, own.fixed
         self.forces = tuple(
             own.own._replace(springs=own.own.springs._replace(cap=cap, bend=bend))
             for cap, bend in ((np.inf, 0.0), (1.0, bdf2.BEND), (1.0, 0.0))
         )
-        self.work: Work = workspace(own, rows.shape[1]) if beside is None else beside.work
+        self.work: Work = workspace(own) if beside is None else beside.work
         start = carrier.start_velocity(own.system, own.basis)
         self.t = 0
         self.state = State(np.zeros((2, own.r)), np.stack([start] * 2))
@@ -272,16 +222,9 @@ class March:
         return made
 
 
-def wide(rows: Array) -> NDArray[np.float32]:
-    """The same rows (3 m, r) in single precision, with as many columns as whole registers hold."""
-    made = np.zeros((len(rows), LANES * -(-rows.shape[1] // LANES)), np.float32)
-    made[:, : rows.shape[1]] = rows
-    return made
-
-
-def workspace(own: Reduced, width: int) -> Work:
+def workspace(own: Reduced) -> Work:
     """Memory for the steps of a reduced cloth."""
-    copies, m, r = len(own.layout.point), len(own.layout.constant), own.r
+    copies, m, r, width = len(own.layout.point), len(own.layout.constant), own.r, own.fixed.rows.shape[1]
 
     def single(*shape: int) -> Any:
         return np.zeros(shape, np.float32)
@@ -290,7 +233,7 @@ def workspace(own: Reduced, width: int) -> Work:
     return Work(
         single(ROOM, width), single(ROOM, width), single(width, width), single(1, width), single(3, width),
         single(3, 3 * m), np.zeros((3, m, 3)), np.zeros((m, 6)), np.zeros((m, 3)), y, u, samples.blocks(own.layout),
-        b, np.zeros((PANEL, r)), np.zeros((2, r)), np.zeros(r), np.zeros((5, len(own.held), 3)), np.zeros((r, r)),
+        b, np.zeros((PANEL, r)), np.zeros((2, r)), np.zeros(r), np.zeros((5, len(own.fixed.held), 3)), np.zeros((r, r)),
         np.zeros(r),
     )  # fmt: skip
 

@@ -25,18 +25,22 @@ one row. Arrays are (copies, 3) or (points, 3).
 
 from __future__ import annotations
 
-from math import sqrt
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices, aligned
+from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import applied, bodies, colliders, meeting, spheres, springs, touch, vertex, wind
 from clothfit.engine.inputs import tables
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.solve.sparse import BLOCK_SIZE, XX, XY, XZ, YY, YZ, ZZ
-from clothfit.engine.system import System
+from clothfit.engine.system import BDF2, IMPLICIT, System, meets_itself
 from clothfit.kernels.kernel import kernel
+from clothfit.subspace import carrier
+from clothfit.subspace.physics.dense import LANES
 
 
 class Selection(NamedTuple):
@@ -48,6 +52,11 @@ class Selection(NamedTuple):
     face_weight: Array  # (f,)
     vertices: Indices  # (c,), those that may touch something
     vertex_weight: Array  # (c,)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The numbers of elements by their kind."""
+        return {"springs": len(self.springs), "faces": len(self.faces), "vertices": len(self.vertices)}
 
 
 class Blocks(NamedTuple):
@@ -67,6 +76,21 @@ class Layout(NamedTuple):
     ends: Indices  # (3,), where the copies of springs, of faces and of vertices end
     pinned: Indices  # (e, 2), points that a pin is part of, and the pin
     sign: Array  # (e,), how often
+
+
+class Fixed(NamedTuple):
+    """What no step changes."""
+
+    rows: NDArray[np.float32]  # R, (3 m, w)
+    mass: Array  # Uᵀ M U, (r, r)
+    weight: Array  # Uᵀ M 1, (r, 3)
+    alpha: float  # damping of the vertices, 1/s
+    path: Array  # (T, P + 1, 3), m, of the pins and their mean
+    held: Array  # (P + 1, 3), m, where they start
+    v_held: Array  # (P + 1, 3), m/s
+    h: float  # s
+    iterations: int
+    second: bool  # whether steps are those of BDF2
 
 
 class Sampled(NamedTuple):
@@ -174,10 +198,6 @@ def blocks(layout: Layout) -> Blocks:
     return Blocks(aligned(len(layout.point) + 1, BLOCK_SIZE), aligned(1, BLOCK_SIZE))
 
 
-TINY = 1e-13
-"""What of a block's pivot is rounding, relative to its trace."""
-
-
 @kernel
 def begin(own, t):
     """Set the inputs of step t."""
@@ -191,28 +211,6 @@ def spread(lay, points, out):
     for i in range(1, len(out)):
         j = lay.point[i]
         out[i, 0], out[i, 1], out[i, 2] = points[j, 0], points[j, 1], points[j, 2]
-
-
-@kernel
-def add_pins(lay, pins, out):
-    """Add the part of the pins (P, 3) to points."""
-    for e in range(len(lay.pinned)):
-        j, p = lay.pinned[e, 0], lay.pinned[e, 1]
-        for c in range(3):
-            out[j, c] += lay.sign[e] * pins[p, c]
-
-
-@kernel
-def linearise(own, lay, points, h, y, u, A, b):
-    """Write y and u of the copies for R q and R p in the rows of `points` (2, 3 m), and the blocks A and b of a step
-    from there. What of y and u is the pins' is there.
-    """
-    for i in range(1, len(y)):
-        j = lay.point[i]
-        for c in range(3):
-            y[i, c] += points[0, 3 * j + c] + lay.constant[j, c]
-            u[i, c] += points[1, 3 * j + c]
-    assemble(own, lay, y, u, h, False, A, b)
 
 
 @kernel
@@ -230,68 +228,169 @@ def assemble(own, lay, y, u, h, ahead, A, b):
 
 
 @kernel
-def times_block(A, i, x0, x1, x2):
-    """B x of copy i."""
-    D = A.diagonal
-    return (
-        D[i, XX] * x0 + D[i, XY] * x1 + D[i, XZ] * x2,
-        D[i, XY] * x0 + D[i, YY] * x1 + D[i, YZ] * x2,
-        D[i, XZ] * x0 + D[i, YZ] * x1 + D[i, ZZ] * x2,
-    )
-
-
-@kernel
-def of_copies(A, b, velocity, out):
-    """out (copies, 3) = b − B w for velocities w."""
-    for i in range(len(b)):
-        p0, p1, p2 = times_block(A, i, velocity[i, 0], velocity[i, 1], velocity[i, 2])
-        out[i, 0], out[i, 1], out[i, 2] = b[i, 0] - p0, b[i, 1] - p1, b[i, 2] - p2
-
-
-@kernel
-def factors(lay, A, up, down):
-    """Write the rows √|d| lᵀ R of all weighted blocks, those with d > 0 to `up` and the others to `down`, (…, r) each;
-    returns how many there are of both.
+def place_pins(fixed, pins, t, second, h):
+    """Where a step of the pins and their mean begins, their velocities there, and that with which they go on, in `pins`
+    as `march.Work` has them.
     """
-    more, less = 0, 0
-    f = np.empty((3, 4))
-    for i in range(1, len(lay.point)):
-        weight = lay.weight[i]
-        for k in range(split(A.diagonal, i, f)):
-            scale = weight * f[k, 3]
-            if scale > 0.0:
-                write_row(lay.rows, 3 * lay.point[i], sqrt(scale), f[k], up[more])
-                more += 1
-            elif scale < 0.0:
-                write_row(lay.rows, 3 * lay.point[i], sqrt(-scale), f[k], down[less])
-                less += 1
-    return more, less
+    path = fixed.path
+    for p in range(pins.shape[1]):
+        for c in range(3):
+            x, v = path[t, p, c], pin_velocity(fixed, t, p, c)
+            pins[1, p, c] = v
+            if second:
+                before = pin_velocity(fixed, t - 1, p, c)
+                pins[1, p, c] = 2.0 * v - before
+                x, v = x + (x - path[t - 1, p, c]) / 3.0, v + (v - before) / 3.0
+            pins[2, p, c] = (path[t + 1, p, c] - x) / h
+            pins[3, p, c], pins[4, p, c] = x, v
 
 
 @kernel
-def write_row(rows, j, scale, along, out):
-    """out (r,) = scale · lᵀ R for `along` l (3,), R the three rows from j on."""
-    l0, l1, l2 = scale * along[0], scale * along[1], scale * along[2]
-    for c in range(rows.shape[1]):
-        out[c] = l0 * rows[j, c] + l1 * rows[j + 1, c] + l2 * rows[j + 2, c]
+def pin_velocity(fixed, t, p, c):
+    """A component of the velocity of a pin before step t."""
+    path, h = fixed.path, fixed.h
+    if t == 0:
+        return fixed.v_held[p, c]
+    if fixed.second and t > 1:
+        return (1.5 * path[t, p, c] - 2.0 * path[t - 1, p, c] + 0.5 * path[t - 2, p, c]) / h
+    return (path[t, p, c] - path[t - 1, p, c]) / h
 
 
-@kernel
-def split(D, i, f):
-    """Block i as Σ d l lᵀ, largest pivot first: rows l, d of f (3, 4); returns how many there are."""
-    a, b, c = D[i, XX], D[i, XY], D[i, XZ]
-    d, e, g = D[i, YY], D[i, YZ], D[i, ZZ]
-    least = TINY * (abs(a) + abs(d) + abs(g))
+TINY = 1e-13
+"""What of a block's pivot is rounding, relative to its trace."""
+
+
+def factors(D: Array) -> tuple[Array, Array]:
+    """Symmetric blocks (c, 3, 3) as Σ d l lᵀ, largest pivot first: all l (c, 3, 3), a row each, and d (c, 3), 0 for
+    those that are not needed.
+    """
+    least, every = TINY * np.abs(np.diagonal(D, axis1=1, axis2=2)).sum(axis=1), np.arange(len(D))
+    lines, pivots, needed = np.zeros(D.shape), np.zeros(D.shape[:2]), np.ones(len(D), bool)
     for k in range(3):
-        if max(abs(a), abs(d), abs(g)) <= least:
-            return k
-        if abs(a) >= abs(d) and abs(a) >= abs(g):
-            pivot, l0, l1, l2 = a, 1.0, b / a, c / a
-        elif abs(d) >= abs(g):
-            pivot, l0, l1, l2 = d, b / d, 1.0, e / d
-        else:
-            pivot, l0, l1, l2 = g, c / g, e / g, 1.0
-        f[k, 0], f[k, 1], f[k, 2], f[k, 3] = l0, l1, l2, pivot
-        a, b, c = a - pivot * l0 * l0, b - pivot * l0 * l1, c - pivot * l0 * l2
-        d, e, g = d - pivot * l1 * l1, e - pivot * l1 * l2, g - pivot * l2 * l2
-    return 3
+        size = np.abs(np.diagonal(D, axis1=1, axis2=2))
+        at = size.argmax(axis=1)
+        needed &= ~(size.max(axis=1) <= least)
+        pivots[needed, k] = D[every, at, at][needed]
+        lines[needed, k] = D[every, at][needed] / pivots[needed, k, None]
+        upper = np.triu(D - (pivots[:, k, None] * lines[:, k])[:, :, None] * lines[:, k, None, :])
+        D = upper + np.triu(upper, 1).swapaxes(1, 2)
+    return lines, pivots
+
+
+def wide(rows: Array) -> NDArray[np.float32]:
+    """The same rows (3 m, r) in single precision, with as many columns as whole registers hold."""
+    made = np.zeros((len(rows), LANES * -(-rows.shape[1] // LANES)), np.float32)
+    made[:, : rows.shape[1]] = rows
+    return made
+
+
+class Reduced:
+    """A cloth on a basis: its state is q and p (r,), positions x₀ + T + U q and velocities Ṫ + U p of the free
+    vertices, with T what carries them (`carrier`).
+
+    Here is what no step changes, and the equations of a step at a state, for a cubature; `march` takes the steps. They
+    are those of the scene's method, projected: implicit Euler with all its Newton iterations, or BDF2 whose inner step
+    begins at the extrapolated state, as `engine.step.bdf2` has it. Steps are never shortened (`engine.step.guard`).
+    """
+
+    def __init__(self, system: System, basis: Array, chosen: Selection | None = None) -> None:
+        """`basis` U (n, 3, r), 0 at fixed vertices. Raises InvalidInput for what subspaces do not have."""
+        check(system)
+        self.system, self.basis = system, np.ascontiguousarray(basis)
+        self.chosen = everything(system) if chosen is None else chosen
+        self.layout, self.own = build(system, basis, self.chosen)
+        self.r = basis.shape[2]
+        weighted = self.basis * system.vertex.mass[:, None, None]
+        mass = np.ascontiguousarray(weighted.reshape(-1, self.r).T @ self.basis.reshape(-1, self.r))
+        weight = np.ascontiguousarray(weighted.sum(axis=0).T)
+        self.fixed = Fixed(
+            wide(self.layout.rows), mass, weight, float(system.vertex.damping), *carrier.paths(system), system.h,
+            system.newton_iterations, system.method == BDF2
+        )  # fmt: skip
+
+    def under(self, system: System) -> Reduced:
+        """The same cloth under other inputs over time, with the same pins; it shares memory with this one."""
+        other = copy(self)
+        other.system, other.own = system, self.own._replace(inputs=system.inputs)
+        path, held, v_held = carrier.paths(system)
+        other.fixed = self.fixed._replace(path=path, held=held, v_held=v_held)
+        return other
+
+    def pins(self, t: int) -> Array:
+        """Of the pins and their mean, (P + 1, 3) each, before an implicit Euler step: places, velocities, and those of
+        the step.
+        """
+        found = np.zeros((5, len(self.fixed.held), 3))
+        if len(self.fixed.path):
+            place_pins(self.fixed, found, t, False, self.fixed.h)
+        return found[[3, 4, 2]]
+
+    def at_copies(self, points: Array, pins: Array) -> Array:
+        """The values (copies, 3) of points (m, 3) with the part of the pins and their mean (P + 1, 3), which is added
+        in place; the origin has 0.
+        """
+        lay = self.layout
+        np.add.at(points, lay.pinned[:, 0], lay.sign[:, None] * pins[lay.pinned[:, 1]])
+        found = points[lay.point]
+        found[0] = 0.0
+        return found
+
+    def linearised(self, q: Array, p: Array, t: int, cap: float = np.inf) -> tuple[Array, Array]:
+        """The blocks (copies, 3, 3) and the right-hand sides b (copies, 3) of an implicit Euler step t from a state q,
+        p (r,), with springs that push sideways up to `cap` times as much as they pull.
+        """
+        begin(self.own, t)
+        lay, still = self.layout, np.zeros_like(self.layout.constant)
+        x, v, _ = self.pins(t)
+        y, u = (self.at_copies(still.copy(), pins) for pins in (x - self.fixed.held, v))
+        y[1:] += ((lay.rows @ q).reshape(-1, 3) + lay.constant)[lay.point[1:]]
+        u[1:] += (lay.rows @ p).reshape(-1, 3)[lay.point[1:]]
+        forces = self.own._replace(springs=self.own.springs._replace(cap=cap, bend=0.0))
+        A, b = blocks(lay), np.zeros_like(y)
+        assemble(forces, lay, y, u, self.fixed.h, False, A, b)
+        return A.diagonal[: len(b), [[XX, XY, XZ], [XY, YY, YZ], [XZ, YZ, ZZ]]], b
+
+    def impulses(self, q: Array, p: Array, w: Array, t: int) -> Array:
+        """The momentum (elements, r) that each element adds in a step to a velocity w (r,): springs, faces, vertices.
+        """
+        lay = self.layout
+        D, b = self.linearised(q, p, t)
+        w = self.at_copies((lay.rows @ w).reshape(-1, 3), self.pins(t)[2])
+        given = b - (D[:, :, 0] * w[:, :1] + D[:, :, 1] * w[:, 1:2] + D[:, :, 2] * w[:, 2:])
+        rows, (s, f, _) = lay.rows.reshape(-1, 3, self.r), lay.ends
+        own = [np.einsum("ic,icr->ir", given[i:j], rows[lay.point[i:j]]) for i, j in ((1, s), (s, f), (f, len(given)))]
+        own[1] = own[1].reshape(-1, 3, self.r).sum(axis=1)
+        return np.concatenate(own)
+
+    def matrix(self, D: Array) -> Array:
+        """The projected matrix (r, r) of such blocks."""
+        lay = self.layout
+        lines, pivots = factors(D)
+        scale = lay.weight[:, None] * pivots
+        A = (1.0 + self.fixed.h * self.fixed.alpha) * self.fixed.mass
+        for sign in (1.0, -1.0):
+            i, k = np.nonzero(sign * scale > 0.0)
+            along, first = np.sqrt(sign * scale[i, k])[:, None] * lines[i, k], 3 * lay.point[i]
+            rows = np.asarray(sum(along[:, c, None] * lay.rows[first + c] for c in range(3)))
+            A = A + sign * (rows.T @ rows) if len(rows) else A  # NumPy computes one half of a square
+        return np.asarray(A)
+
+
+def check(system: System) -> None:
+    """Raise InvalidInput for what subspaces do not have."""
+    if system.method not in (IMPLICIT, BDF2):
+        raise InvalidInput("a subspace needs implicit steps: integrationMethod 2 or 3")
+    if meets_itself(system):
+        raise InvalidInput("selfCollision: a subspace does not know where a cloth touches itself")
+    if system.inputs is not None and (len(system.inputs.force) or len(system.inputs.gain)):
+        raise InvalidInput("a subspace has no applied forces")
+
+
+def decode(system: System, basis: Array, q: Array, first: int = 0) -> Array:
+    """Positions (T, n, 3), m, of coordinates (T, r) of the frames from `first` on."""
+    x = (q @ basis.reshape(-1, basis.shape[2]).T).reshape(-1, *system.x0.shape) + system.x0
+    inputs = system.inputs
+    if inputs is not None and inputs.path.size:
+        x[:, system.vertex.free] += carrier.shift(inputs, len(q), first)
+        x[:, inputs.pins] = inputs.path[first : first + len(q)]
+    return x

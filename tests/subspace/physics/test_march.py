@@ -10,7 +10,7 @@ from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.subspace import carrier
 from clothfit.subspace.physics.march import TOGETHER, March, roll
-from clothfit.subspace.physics.reduced import Reduced, check, decode
+from clothfit.subspace.physics.samples import Reduced, check, decode
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
@@ -35,7 +35,7 @@ def test_on_all_motions_the_steps_are_the_engine_s(method):
     assert not full.clamped.any()
     own = Reduced(system, whole(system))
     # single precision rounds at 6e-8 of 3 m; steps amplify that, most where a contact switches
-    np.testing.assert_allclose(decode(own, roll(own, STEPS)), full.x, atol=1e-6)
+    np.testing.assert_allclose(decode(system, own.basis, roll(own, STEPS)), full.x, atol=1e-6)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -53,16 +53,16 @@ def test_a_galerkin_step_leaves_no_force_within_the_basis():
     """The full step solves A w = b, that on a basis Uᵀ A U ω = Uᵀ b."""
     system = build(scene_of(document(cloth(4, 3), windVel={"x": 3, "y": 0, "z": 1})), 0)
     own, full = Reduced(system, some(system, 5)), Reduced(system, whole(system))
-    w, omega = ((roll(each, 1)[1] / each.h) for each in (full, own))
-    full.linearise(np.zeros(full.r), carrier.start_velocity(system, full.basis), 0)
-    A, U = full.matrix(), own.basis[system.vertex.free].reshape(-1, own.r)
+    w, omega = ((roll(each, 1)[1] / system.h) for each in (full, own))
+    D, _ = full.linearised(np.zeros(full.r), carrier.start_velocity(system, full.basis), 0)
+    A, U = full.matrix(D), own.basis[system.vertex.free].reshape(-1, own.r)
     np.testing.assert_allclose(U.T @ (A @ (U @ omega - w)), 0.0, atol=2e-6 * np.abs(U.T @ (A @ w)).max())
 
 
 def test_fixed_vertices_pins_and_the_start_are_exact():
     system = build(scene_of(moving()), 0, steps=STEPS)
     own = Reduced(system, some(system, 4))
-    x = decode(own, roll(own, STEPS))
+    x = decode(system, own.basis, roll(own, STEPS))
     np.testing.assert_array_equal(x[0], system.x0)
     np.testing.assert_array_equal(x[:, system.inputs.pins], system.inputs.path[: STEPS + 1])
     still = ~system.vertex.free
@@ -87,14 +87,15 @@ def test_compressed_springs_are_clamped_where_the_matrix_is_not_definite():
     system = build(scene, 0)
     squeezed = system._replace(x0=system.x0 * 0.2)
     own = Reduced(squeezed, whole(system))
-    own.linearise(np.zeros(own.r), np.zeros(own.r), 0)
-    assert np.linalg.eigvalsh(own.matrix())[0] < 0.0
-    own.linearise(np.zeros(own.r), np.zeros(own.r), 0, cap=1.0)
+    rest = np.zeros(own.r), np.zeros(own.r), 0
+    assert np.linalg.eigvalsh(own.matrix(own.linearised(*rest)[0]))[0] < 0.0
+    D, b = own.linearised(*rest, cap=1.0)
     points = np.zeros_like(own.layout.constant)
-    np.add.at(points, own.layout.point, own.layout.weight[:, None] * own.b)
-    right = own.h * own.weight @ system.vertex.gravity + points.ravel() @ own.layout.rows
+    np.add.at(points, own.layout.point, own.layout.weight[:, None] * b)
+    right = own.system.h * own.fixed.weight @ system.vertex.gravity + points.ravel() @ own.layout.rows
     q = roll(own, 3)
-    np.testing.assert_allclose(q[1], own.h * np.linalg.solve(own.matrix(), right), atol=1e-6 * np.abs(q[1]).max())
+    one = own.system.h * np.linalg.solve(own.matrix(D), right)
+    np.testing.assert_allclose(q[1], one, atol=1e-6 * np.abs(q[1]).max())
     assert np.isfinite(q).all()
 
 
