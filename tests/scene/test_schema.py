@@ -1,6 +1,7 @@
 """The structure of a scene: the published schema, its defaults, and our words for what breaks it."""
 
 import json
+from contextlib import suppress
 
 import jsonschema
 import numpy as np
@@ -13,7 +14,6 @@ from clothfit.base.messages import place
 from clothfit.scene import array_checks as checks
 from clothfit.scene import scene
 from clothfit.scene import schema as structure
-from clothfit.scene.schema import conforms
 
 SCHEMA = json.loads(structure.schema_path().read_text("utf-8"))
 
@@ -117,7 +117,6 @@ def test_the_published_schema_accepts_a_scene_and_describes_the_long_lists():
     validator = jsonschema.Draft202012Validator(SCHEMA)
     whole = document(cloth(), cloth(2, 2), colliders=[sphere()], fit={"windVel": True})
     validator.validate(whole)
-    assert conforms(whole, SCHEMA, SCHEMA)
     for name, item in {"vertMass": 0, "springStiffness": -1, "springs": -1, "triangles": 0.5, "vertPos": {}}.items():
         assert not validator.is_valid(document(cloth(**{name: [item]})))
 
@@ -145,7 +144,7 @@ def test_only_the_required_fields_are_needed_and_the_rest_has_the_defaults_of_th
     assert (only.triangles.shape, only.drag, only.damping, only.settings) == ((0, 3), 0, 0, "nn")
 
 
-# The quick look at a scene's structure: when it says yes, so does a validator of JSON Schema.
+# Whatever a validator of JSON Schema refuses is refused.
 
 
 JUDGE = jsonschema.Draft202012Validator(SCHEMA)
@@ -155,31 +154,20 @@ values = st.one_of(
     st.sampled_from(["", "nG", "nGL", "G", "x"]), st.lists(st.integers(0, 2), max_size=2),
     st.dictionaries(st.sampled_from(["x", "y", "z", "type"]), st.integers(-1, 1), max_size=4),
 )  # fmt: skip
-names = st.sampled_from(
-    [*SCHEMA["properties"], *(("objects", 0, name) for name in SCHEMA["$defs"]["object"]["properties"]),
-     *(("colliders", 0, name) for name in SCHEMA["$defs"]["collider"]["properties"]), ("fit", "windVel")]
+paths = st.sampled_from(
+    [(name,) for name in SCHEMA["properties"]] + [("fit", "windVel")]
+    + [("objects", 0, name) for name in SCHEMA["$defs"]["object"]["properties"]]
+    + [("colliders", 0, name) for name in SCHEMA["$defs"]["collider"]["properties"]]
 )  # fmt: skip
 
 
-@given(st.lists(st.tuples(names, values), max_size=3))
-def test_what_conforms_is_valid(changes):
+@given(st.lists(st.tuples(paths, values), max_size=3))
+def test_what_breaks_the_schema_is_refused(changes):
     scene = document(cloth(2, 2), colliders=[sphere()], fit={})
     for path, value in changes:
-        owner, (*steps, last) = scene, (path if isinstance(path, tuple) else (path,))
-        for step in steps:
-            held = dict(enumerate(owner)) if isinstance(owner, list) else owner
-            owner = held.get(step, {}) if isinstance(held, dict) else {}
-        if isinstance(owner, dict):
-            owner[last] = value
-    assert not conforms(scene, SCHEMA, SCHEMA) or JUDGE.is_valid(scene)
-
-
-@pytest.mark.parametrize(
-    ("value", "schema"),
-    [(1.0, {"enum": [1]}), (True, {"enum": [1]}), (1, {"enum": [True]}), (1, {"const": 1}), (1, {"type": "boolean"})],
-)
-def test_in_doubt_it_says_no(value, schema):
-    assert not conforms(value, schema, schema)
+        with suppress(LookupError, TypeError):  # another change took the place away
+            scene = changed(scene, path, value)
+    assert JUDGE.is_valid(scene) or problems(scene)
 
 
 # The long arrays of a scene: every kind of wrong value is found and named by its place in the flat list.

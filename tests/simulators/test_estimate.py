@@ -12,7 +12,7 @@ from clothfit.export.topology import roles
 from clothfit.meshes.mesh import plane
 from clothfit.motion.motion import Motion
 from clothfit.objective.target import target
-from clothfit.simulators import substep, values, xpbd, xpbd_values
+from clothfit.simulators import directions, values, xpbd, xpbd_values
 from clothfit.simulators.blender import left_out, program, values_of, with_values
 from clothfit.simulators.estimate import Options, estimate
 from clothfit.simulators.values import ManyFit
@@ -74,7 +74,7 @@ def test_a_fit_is_never_worse_than_the_mapping(scene):
         (found,) = estimate(scene, motion, Options("xpbd", settings))
         assert found.rmse <= found.mapped_rmse
         model = xpbd.model_of(scene, 0, settings, FRAMES)
-        mapped, _ = substep.simulate(model, FRAMES)
+        mapped, _ = directions.simulate(model, FRAMES)
         gaps = np.linalg.norm(mapped - motion.positions, axis=2)
         assert found.mapped_rmse == pytest.approx(np.sqrt((gaps**2).mean()), rel=1e-9)
 
