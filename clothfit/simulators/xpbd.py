@@ -15,7 +15,6 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput
-from clothfit.base.limits import FARTHEST
 from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.engine.inputs.tables import Inputs
 from clothfit.engine.system import System, build
@@ -23,7 +22,6 @@ from clothfit.export.blender import FOLD
 from clothfit.export.topology import roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
-from clothfit.simulators import substep
 from clothfit.simulators.substep import Model
 
 DISTANCE, ANGLE = "distance", "angle"
@@ -140,11 +138,3 @@ def pins_of(inputs: Inputs | None, frames: int) -> tuple[Indices, Array]:
     if inputs is None or not len(inputs.path):
         return np.zeros(0, np.int32), np.zeros((frames, 0, 3))
     return inputs.pins, inputs.path[:frames].copy()
-
-
-def simulate(model: Model, frames: int, name: str = "xpbd") -> Array:
-    """Positions (frames, n, 3), m. Raises InvalidInput where the motion runs away."""
-    positions, good = substep.simulate(model, frames)
-    if good < frames:
-        raise InvalidInput(f"{name}: its cloth runs away, beyond {FARTHEST:g} m, in frame {good}; take more substeps")
-    return positions

@@ -13,8 +13,8 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.scene import Scene
-from clothfit.simulators import substep, xpbd
-from clothfit.simulators.directions import Seeds, Sweep, no_seeds
+from clothfit.simulators import xpbd
+from clothfit.simulators.directions import Seeds, Sweep, no_seeds, simulate
 from clothfit.simulators.substep import Model
 from clothfit.simulators.values import RANGE, Tool, Value
 
@@ -83,7 +83,7 @@ class Parts:
             return Sweep(made, self.seeds, len(self.values)) if along else Sweep(made, no_seeds(made), 0)
 
         def motion(numbers: Array) -> Array | None:
-            positions, good = substep.simulate(self.at(numbers), frames)
+            positions, good = simulate(self.at(numbers), frames)
             return positions if good == frames else None
 
         def columns(numbers: Array) -> Array:
