@@ -247,18 +247,18 @@ def load(path_or_file: Readable, *, folder: str | None = None) -> Scene:
     """
     name = name_of(path_or_file)
     source = read(path_or_file)
-    parsed = parse(source, name)
-    problems = structure.problems_of(parsed.document)
+    given, constants = parse(source, name)
+    problems = structure.problems_of(given)
     if problems:
         raise InvalidScene(problems, name)
-    document = {**structure.defaults("scene"), **parsed.document}
+    document = {**structure.defaults("scene"), **given}
     if folder is None:
         folder = os.path.dirname(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else ""
     cloths = tuple(_cloth(item, f"objects[{i}]", folder, problems) for i, item in enumerate(document["objects"]))
     inputs = _inputs(document, folder, problems)
     touched = obstacles(document, folder, problems)
     _check_touched(document, *touched, problems)
-    if parsed.constants and not problems:  # one in a field that is not ours
+    if constants and not problems:  # one in a field that is not ours
         problems.append(constant_problem(source))
     asked = from_file(document["fit"].get("bounds", {}), KINDS, "fit.bounds", problems)
     if problems:

@@ -38,6 +38,8 @@ MOST_PROBLEMS = 20
 SAY_NOTHING = frozenset({"$schema", "$id", "$defs", "title", "description", "default", "then"})
 """Keywords that refuse nothing by themselves."""
 
+NOT_FINITE = "not a finite number within the range of doubles"
+
 Schema = dict[str, Any]
 Steps = tuple[str | int, ...]
 
@@ -77,6 +79,12 @@ def problems_of(document: Any) -> list[str]:
         where = place(steps)
         found.setdefault(where, f"{where}: {sentence}")
     return list(found.values())
+
+
+def item_problems(values: list[Any], field: str, where: str) -> list[str]:
+    """The same of the items of a list that an object has in such a field, which stands at `where`."""
+    items = {"items": _schema()["$defs"]["object"]["properties"][field]["items"]}
+    return [f"{where}{place(steps)}: {sentence}" for steps, sentence in _problems(values, items, ())]
 
 
 def defaults(kind: str) -> dict[str, Any]:
@@ -140,7 +148,7 @@ def _sentence(rule: str, bound: Any, value: Any) -> str | None:
             if any(TYPES[one][0](value) for one in types):
                 return None
             if {"number", "integer"}.intersection(types) and type(value) in (int, float) and not is_number(value):
-                return f"{shown(value)} is not a finite number within the range of doubles"
+                return f"{shown(value)} is {NOT_FINITE}"
             return f"{shown(value)} is not {' or '.join(TYPES[one][1] for one in types)}"
         case "enum" | "const", _:
             items = bound if rule == "enum" else [bound]

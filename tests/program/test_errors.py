@@ -5,7 +5,6 @@ The cases are those that no test nearer to the code has, and a few of each exit 
 stands for what varies.
 """
 
-import io
 import json
 import re
 import shlex
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 from helpers import marker_files, scene_files
 from helpers.paths import ROOT
-from helpers.scenes import MISSING, changed, even, trial
+from helpers.scenes import even, trial
 
 import clothfit
 from clothfit.base.errors import InvalidInput
@@ -115,6 +114,8 @@ def test_a_command_line_that_is_not_understood_ends_with_2(fails, arguments, mes
         ("estimate scene.json --target good.npz --map map.csv", "--map: … has all vertices, in their order; leave it"),
         ("export scene.json --to csv -o -", "an export is several files, which need a folder; name one with -o"),
         ("new -", "a mesh is not read from standard input; name a file"),
+        ("estimate scene.json --starts 1000000000", "--starts must be at most 10000; 1000000000 was given"),
+        ("estimate scene.json --loss huber --loss-scale 1e300", "--loss-scale must be within 1e-100 … 1e+100 m; "),
         ("new plane --integrator magic", "integrator: there is no …; use "),
         ("new plane --fit colour", "fit: there is no …; use two letters, or "),
         ("new plane --fit wind=L", "fit: … cannot be fitted as …; use "),
@@ -122,27 +123,6 @@ def test_a_command_line_that_is_not_understood_ends_with_2(fails, arguments, mes
 )
 def test_a_value_or_a_path_that_cannot_be_ends_with_3(fails, arguments, message):
     fails(3, arguments, message)
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "message"),
-    [
-        (("delta",), MISSING, "delta: is missing, and it has no default"),
-        (("title",), 5, "title: 5 is not "),
-        (("integrationMethod",), 7, "integrationMethod: 7 is not one of "),
-        (("optimizationIterations",), 0, "optimizationIterations: 0 is too small; it must be at least "),
-        (("objects",), [], "objects: is empty; at least "),
-        (("mine",), float("nan"), "line …, column …: … is not JSON; a finite number is needed"),
-        (("forwardSubSteps",), 2_000_000_000, " velocities each, take … of memory, … use fewer iterations "),
-        (("objects", 0, "springs", 3), 3.5, "springs[3]: 3.5 is not an index (a whole number)"),
-        (("objects", 0, "vertPos", 5), {"x": 0, "y": 0}, "vertPos[5].z: is missing; a vector needs x, y and z"),
-        (("objects", 0, "vertPos", 5, "x"), 1e300, " are too far apart; the spring's rest length is not finite"),
-        (("objects", 0, "vertMass"), [1.0], "vertMass: … for …; one each is needed"),
-        (("objects", 0, "optimizationSettings"), "x", " is not two letters of n, F, R, M, G, L (masses, then"),
-    ],
-)
-def test_a_scene_that_cannot_be_ends_with_3(fails, path, value, message):
-    fails(3, "simulate scene.json", message, scene_json=changed(SMALL, path, value))
 
 
 def raising(error):
@@ -312,10 +292,7 @@ def order(cost, direction=ONES):
         ("targets: 0 are given for 1 scenes; give one item for each", lambda: clothfit.estimate_many([SCENE], [])),
         ("target: none is given; at least one motion is needed", lambda: clothfit.estimate(SCENE, [])),
         ("is not a number, an array of numbers or a scene", lambda: clothfit.estimate(SCENE, start=["a"])),
-        ("objects; one each is needed", lambda: SCENE.with_values([], [])),
-        ("items for 1 objects are given", lambda: SCENE.with_values([1], [1], drag=[])),
         ("up must be y or z; 'x' was given", lambda: clothfit.Reading(up="x")),
-        ("half a surrogate pair; save it as UTF-8", lambda: clothfit.load(io.StringIO('{"a": "\ud800"}'))),
         ("a scene comes from a path, an open file or a dict, not from", lambda: clothfit.load(5)),
         ("have no coefficient; give a number", lambda: mesh.air_drag(LINE, 1.0)),
         ("derivative check: only 0 of", lambda: order(0.0)),

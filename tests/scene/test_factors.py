@@ -44,6 +44,9 @@ def test_one_factor_keeps_the_proportions():
     np.testing.assert_array_equal(changed.mass, 2.0 * given.cloths[0].mass)
     np.testing.assert_array_equal(changed.stiffness, 3.0 * given.cloths[0].stiffness)
     np.testing.assert_array_equal(changed.rest, 0.5 * given.cloths[0].rest)
+    still = scene({**cloth(3, 3, optimizationSettings="nF"), "springStiffness": [0.0] * 16})
+    assert with_parameters(still, [7.0]).cloths[0].stiffness.tolist() == [0.0] * 16
+    assert parameters(still, flags=still).tolist() == [1.0]  # which is hidden
 
 
 def test_a_factor_for_each_group():
@@ -97,12 +100,6 @@ def test_no_value_of_a_map_passes_the_bounds():
         assert values[2] == 0.0
         positive = np.delete(values, 2)
         assert own.ends[0] <= positive.min() <= positive.max() <= own.ends[1]
-
-
-def test_values_of_0_stay_0_and_hide_their_factor():
-    given = scene({**cloth(3, 3, optimizationSettings="nF"), "springStiffness": [0.0] * 16})
-    assert with_parameters(given, [7.0]).cloths[0].stiffness.tolist() == [0.0] * 16
-    assert parameters(given, flags=given).tolist() == [1.0]
 
 
 def test_how_many_modes_each_map_has():
