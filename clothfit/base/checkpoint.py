@@ -150,8 +150,12 @@ def encoded(kind: str, identity: Mapping[str, str], state: Mapping[str, Any], re
     held = {name: each for name, each in state.items() if isinstance(each, np.ndarray)}
     facts = {name: each for name, each in state.items() if name not in held}
     about = {"identity": dict(identity), "state": facts, "result": result}
-    text = json.dumps(about, default=np.ndarray.tolist).encode()
-    head = np.frombuffer(checksum(text, held) + b"\n" + text, np.uint8)
+    return archived(kind, json.dumps(about, default=np.ndarray.tolist).encode(), held)
+
+
+def archived(kind: str, about: bytes, held: Mapping[str, NDArray[Any]]) -> bytes:
+    """The archive of a text and of arrays, with their checksum."""
+    head = np.frombuffer(checksum(about, held) + b"\n" + about, np.uint8)
     file = io.BytesIO()
     np.savez(file, **{kind: head, **held})  # type: ignore[arg-type]  # takes `allow_pickle` for an array
     return file.getvalue()
@@ -162,9 +166,7 @@ def decoded(kind: str, data: bytes, name: str) -> tuple[dict[str, str], dict[str
     InvalidInput.
     """
     try:
-        names = [each.removesuffix(".npy") for each in zipfile.ZipFile(io.BytesIO(data)).namelist()]
-        held = {each: stored.read() for each, stored in npz.stored(io.BytesIO(data), names, "").items()}
-        head = held.pop(kind).tobytes()
+        head, held = opened(kind, data)
     except (*npz.FAULTS, KeyError, NotImplementedError):
         head, held = b"", {}
     first, _, about = head.partition(b"\n")
@@ -184,6 +186,13 @@ def decoded(kind: str, data: bytes, name: str) -> tuple[dict[str, str], dict[str
 def impossible(kind: str, name: str) -> str:
     """What is said of a whole file with a state that cannot be."""
     return f"{name}: is not what a {kind} has written; begin anew, without --resume"
+
+
+def opened(kind: str, data: bytes) -> tuple[bytes, dict[str, NDArray[Any]]]:
+    """The text and the arrays in the bytes of a file. Raises one of several errors where they cannot be read."""
+    names = [each.removesuffix(".npy") for each in zipfile.ZipFile(io.BytesIO(data)).namelist()]
+    held = {name: each.read() for name, each in npz.stored(io.BytesIO(data), names, "").items()}
+    return held.pop(kind).tobytes(), held
 
 
 def checksum(text: bytes, held: Mapping[str, NDArray[Any]]) -> bytes:

@@ -202,8 +202,8 @@ def test_runs_that_are_killed_leave_whole_files_and_go_on(tmp_path, monkeypatch)
     from kills import trials
 
     scene = Path(write_scene(tmp_path, trial("nL", 10)))
-    # With this seed each of the two commands is killed while it writes, and with an older file there and without one,
+    # With this seed each of the two commands is killed while it writes, one with an older file there and one without,
     # unless it is faster than it was.
-    runs, faults = trials(count=4, seed=550, frames=6, steps=5000, scene=scene, warm=0)
+    runs, faults = trials(count=2, seed=882, frames=6, steps=5000, scene=scene, warm=0)
     assert faults == []
-    assert sum(run.counts["killed"] for run in runs) == 4
+    assert sum(run.counts["killed"] for run in runs) == 2

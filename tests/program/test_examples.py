@@ -147,7 +147,7 @@ def test_the_cape_begins_outside_of_the_figure():
 
 
 @compiled
-@pytest.mark.parametrize(("name", "frames"), [("cape", 80), ("tablecloth", 15), ("curtain", SHORT), ("flag", SHORT)])
+@pytest.mark.parametrize(("name", "frames"), [("cape", 40), ("tablecloth", 15), ("curtain", SHORT), ("flag", SHORT)])
 def test_a_fit_finds_the_values_of_a_motion_played_with_others(name, frames):
     scene = clothfit.load(WORLD / f"{name}.json")
     scene = scene.with_step(scene.delta, frames)
