@@ -41,14 +41,11 @@ def test_a_film_loops_moves_and_is_small(path):
     assert path.stat().st_size < 1_500_000
 
 
-def test_the_curtain_is_that_of_the_first_page():
+def test_the_curtain_is_that_of_the_first_page_and_there_are_no_other_films_all_small_together_and_of_no_storm():
     readme = (ROOT / "README.md").read_text("utf-8").replace(" \\\n    ", " ")
     commands = [command.partition(" --gif")[0] for command in gallery.CURTAIN.commands]
     guess = [command for command in commands if command.startswith("evaluate")]  # its film is the gallery's alone
     assert [command for command in commands if f"$ clothfit {command}" not in readme] == guess
-
-
-def test_there_are_no_other_films_all_are_small_together_and_of_no_storm():
     assert {path.name for path in gallery.FILMS.iterdir()} == {path.name for path in FILMS.values()}
     assert sum(path.stat().st_size for path in FILMS.values()) < 7_000_000
     winds = re.findall(r"--wind (\S+)", gallery.PAGE.read_text("utf-8"))

@@ -81,10 +81,6 @@ def test_the_commands_of_a_page_print_what_it_says(checkout, page):
         assert CUT in shown or printed == shape(shown)  # a page may leave out lines that depend on the machine
 
 
-def test_the_first_page_shows_all_of_a_day():
-    assert {command.split()[0] for command, _ in commands("first")} >= {"simulate", "target", "estimate", "evaluate"}
-
-
 def shorten(path, frames):
     """Let a scene end after fewer frames, if the file is one."""
     if path.suffix == ".json":
@@ -131,7 +127,8 @@ def test_its_python_runs(checkout, capsys):
     assert (checkout / "fitted.json").is_file()
 
 
-def test_its_two_commands_are_the_targets_of_the_makefile():
+def test_it_shows_all_of_a_day_and_its_two_commands_are_the_targets_of_the_makefile():
+    assert {command.split()[0] for command, _ in commands("first")} >= {"simulate", "target", "estimate", "evaluate"}
     (first, *_) = blocks("console")
     targets = re.findall(r"\$ make (\w+)", first)
     assert targets == ["demo", "test"]

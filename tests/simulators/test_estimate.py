@@ -11,7 +11,7 @@ from clothfit.export.topology import roles
 from clothfit.meshes.mesh import plane
 from clothfit.motion.motion import Motion
 from clothfit.objective.target import target
-from clothfit.simulators import directions, values, xpbd, xpbd_values
+from clothfit.simulators import directions, values, xpbd
 from clothfit.simulators.blender import left_out, values_of, with_values
 from clothfit.simulators.estimate import Options, estimate
 from clothfit.simulators.values import ManyFit
@@ -48,7 +48,7 @@ def moved(scene, tool, factors):
 
 def test_xpbd_finds_the_values_that_a_cloth_of_xpbd_moved_with(scene):
     settings = xpbd.Settings(2, 3)
-    tool = xpbd_values.tool_of(scene, 0, settings, FRAMES)
+    tool = xpbd.tool_of(scene, 0, settings, FRAMES)
     motion, truth = moved(scene, tool, [1.6, 0.7, 1.3, 2.0, 0.5, 0.8, 1.2, 0.9, 1.5, 0.6])
     (found,) = estimate(scene, motion, Options("xpbd", settings))
     assert found.mapped_rmse > 1e-3 * found.travel
@@ -58,7 +58,7 @@ def test_xpbd_finds_the_values_that_a_cloth_of_xpbd_moved_with(scene):
 
 
 def test_the_columns_are_the_change_by_the_logarithms(scene):
-    tool = xpbd_values.tool_of(scene, 0, xpbd.Settings(2, 2), FRAMES)
+    tool = xpbd.tool_of(scene, 0, xpbd.Settings(2, 2), FRAMES)
     values = np.array([value.start for value in tool.values]) * 1.1
     columns, e = tool.columns(values), 1e-5
     for k in range(len(values)):
@@ -102,7 +102,7 @@ def test_the_command_writes_the_values(scene, folder, capsys):
 
 def test_xpbd_finds_the_values_of_each_constraint(scene):
     settings, rng = xpbd.Settings(1, 4), np.random.default_rng(2)
-    tool = xpbd_values.each_of(scene, 0, settings, FRAMES).tool(FRAMES)
+    tool = xpbd.each_of(scene, 0, settings, FRAMES).tool(FRAMES)
     motion, _ = moved(scene, tool, np.exp(0.1 * rng.normal(size=len(tool.values))))
     (found,) = estimate(scene, motion, Options("xpbd", settings, most=6, model="L"))
     # the few values cannot make it; with each, what is left falls with every step
@@ -115,7 +115,7 @@ def along(scene, motion, pull):
     """A fit of each value from the mapped ones to a motion that is pulled so far, the distances of its frames, and
     their changes along a direction: those that it has, and central differences, whose error is of order 1e-10.
     """
-    tool = xpbd_values.each_of(scene, 0, xpbd.Settings(1, 2), FRAMES).tool(FRAMES)
+    tool = xpbd.each_of(scene, 0, xpbd.Settings(1, 2), FRAMES).tool(FRAMES)
     goal = target(motion, 0, scene.delta, FRAMES - 1)
     fit, e = ManyFit(tool, goal, None, np.array([value.start for value in tool.values])), 1e-5
     d = np.random.default_rng(5).normal(size=len(fit.start))
@@ -151,7 +151,7 @@ def test_more_values_than_are_fitted_one_by_one_are_refused_before_any_fit(folde
 def test_rest_lengths_are_those_of_distances(scene):
     (own,) = scene.cloths
     for bending, distances in (("distance", slice(None)), ("angle", ~roles(own).bending)):
-        each = xpbd_values.each_of(scene, 0, xpbd.Settings(1, 2, bending), FRAMES)
+        each = xpbd.each_of(scene, 0, xpbd.Settings(1, 2, bending), FRAMES)
         lengths = [value.mapped for value in each.values if value.name == "rest length"]
         assert lengths == own.rest[distances].tolist()
 
