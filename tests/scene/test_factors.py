@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 from helpers.physics import scene
-from helpers.scenes import cloth, load_text
+from helpers.scenes import cloth
 
 from clothfit.scene.factors import LEAST_MODES, MAP_VALUES, Factors, modes_of_each, smooth_maps
 from clothfit.scene.families import spring_groups
 from clothfit.scene.fit_vector import elements, parameters, with_parameters
-from clothfit.scene.scene import dumps
 
 STIFFNESS = [3.0, 5.0, 0.0, *np.linspace(1.0, 40.0, 13)]
 MASSES = np.linspace(0.01, 0.3, 9).tolist()
@@ -129,13 +128,3 @@ def test_the_change_of_the_values_is_their_derivative_and_the_gradient_its_trans
     difference = (own.values(p + h * d) - own.values(p - h * d)) / (2 * h)
     np.testing.assert_allclose(own.change(p, d), difference, atol=1e-7)  # h² and rounding over h, of values up to 40
     assert own.gradient(p, g) @ d == pytest.approx(g @ own.change(p, d), rel=1e-12)
-
-
-def test_a_fitted_scene_is_saved_and_read_again():
-    given = made("FM")
-    p = np.exp(np.random.default_rng(3).normal(0.0, 0.1, len(parameters(given))))
-    changed = with_parameters(given, p)
-    again = load_text(dumps(changed).decode())
-    np.testing.assert_array_equal(again.cloths[0].stiffness, changed.cloths[0].stiffness)
-    np.testing.assert_array_equal(parameters(again, flags=given), parameters(changed, flags=given))
-    np.testing.assert_array_equal(parameters(again), 1.0)

@@ -126,12 +126,16 @@ def test_flexion_springs_over_two_cells_in_a_row_bend():
     assert [FAMILIES[k] for k in family] == ["bending along"] * 24 + ["bending across"] * 24
 
 
-def test_springs_beside_the_mesh_are_others():
+def test_springs_beside_the_mesh_are_others_and_strange_triangles_have_families():
     mesh = plane(2, 1.0)
     far = np.array([[0, 15], [0, 14], [3, 12]], np.int32)
     assert [FAMILIES[k] for k in families_of(mesh.positions, mesh.triangles, far)] == ["other"] * 3
     assert [FAMILIES[k] for k in families_of(mesh.positions, mesh.triangles[:0], far)] == ["other"] * 3
     assert len(families_of(mesh.positions, mesh.triangles, far[:0])) == 0
+    points = np.array([(0, 0, 0), (1, 0, 0), (0, 0, 0), (0, 1, 0), (0, 0, 1)], float)
+    pairs = np.array([(0, 1), (1, 2), (3, 4), (2, 3)], np.int32)
+    for strange in ([(0, 1, 2)], [(0, 0, 0)], [(0, 1, 2)] * 2, [(0, 1, 2), (0, 1, 3), (0, 1, 4)]):
+        assert len(families_of(points, np.array(strange, np.int32), pairs)) == 4
 
 
 def test_cells_that_are_cut_crosswise_have_the_directions_of_their_triangles():
@@ -148,15 +152,6 @@ def test_cells_that_are_cut_crosswise_have_the_directions_of_their_triangles():
     assert {name: found[name] for name in ("edges along", "edges across", "edges diagonal")} == {
         "edges along": 2 * n * n, "edges across": 2 * n * n, "edges diagonal": 2 * n * (n + 1)
     }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "triangles", [[(0, 1, 2)], [(0, 0, 0)], [(0, 1, 2), (0, 1, 2)], [(0, 1, 2), (0, 1, 3), (0, 1, 4)]]
-)
-def test_strange_triangles_have_families(triangles):
-    points = np.array([(0, 0, 0), (1, 0, 0), (0, 0, 0), (0, 1, 0), (0, 0, 1)], float)
-    pairs = np.array([(0, 1), (1, 2), (3, 4), (2, 3)], np.int32)
-    assert len(families_of(points, np.array(triangles, np.int32), pairs)) == 4
 
 
 # The fields `families`, `regions` and `warp` of an object: what they do to the groups, and what is refused.

@@ -51,21 +51,6 @@ def test_the_table_names_the_elements_and_the_fields_of_the_schema():
             assert letters in (set(), {"n", "N", *kind.modes, *kind.modes.lower()})
 
 
-def test_the_order_is_that_of_the_kinds_then_of_the_objects_then_the_scenes_own():
-    found = [(block.cloth, block.name, block.mode, block.count) for block in load_text(json.dumps(full())).blocks]
-    assert found == [
-        (0, "mass", "G", 1),
-        (0, "stiffness", "L", 16),
-        (0, "damping", "G", 1),
-        (0, "drag", "G", 1),
-        (0, "velocity", "G", 3),
-        (0, "rest", "L", 16),
-        (1, "mass", "L", 4),
-        (None, "wind", "G", 3),
-        (None, "gravity", "G", 3),
-    ]
-
-
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [

@@ -50,11 +50,6 @@ def test_the_fields_become_arrays():
     assert [(ball.centre.tolist(), ball.radius) for ball in made.spheres] == [([0, 0, 0], 0.75)]
 
 
-@pytest.mark.parametrize(("letters", "settings"), [("nl", "nL"), ("Gg", "GG"), ("LN", "Ln")])
-def test_the_settings_are_normalised(letters, settings):
-    assert scene.load(document(cloth(optimizationSettings=letters))).cloths[0].settings == settings
-
-
 def test_planes_are_ignored_with_a_warning_and_arrays_are_read_only():
     made = scene.load(document(colliders=[sphere(type=0), sphere()]))
     assert len(made.spheres) == 1
