@@ -77,8 +77,8 @@ def shorten(path, frames):
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
 def test_the_commands_of_a_page_print_what_it_says(checkout, page):
-    for scene in (checkout / "examples").glob("*.json"):
-        shorten(scene, 40)  # numbers do not count
+    for scene in (checkout / "examples").glob("*.json") if page == "first" else ():
+        shorten(scene, 40)  # of the numbers that are printed none counts
     for command, shown in commands(page):
         said = io.StringIO()  # both streams, as a terminal shows them
         with redirect_stdout(said), redirect_stderr(said):
