@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import chain
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,21 +34,8 @@ class ReadOnly:
                 value.setflags(write=False)
 
 
-class Arrays(NamedTuple):
-    """The long arrays of one object: n vertices, S springs, T triangles."""
-
-    positions: Array  # (n, 3) m
-    fixed: Flags  # (n,) the vertex does not move
-    mass: Array  # (n,) kg
-    springs: Indices  # (S, 2) vertices
-    stiffness: Array  # (S,) N/m
-    triangles: Indices  # (T, 3) vertices
-    velocity: Array  # (n, 3) m/s, 0 where the file has none
-    rest: Array  # (S,) m, the lengths at `positions` where the file has none
-
-
-def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> Arrays | None:
-    """Turn the lists of one object into arrays; None when something is wrong with them.
+def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> dict[str, Any] | None:
+    """Turn the lists of one object into arrays, by the names of `Cloth`; None when something is wrong with them.
 
     `fields` has passed the check of the structure and has its defaults; `place` is such as `objects[0]`.
     """
@@ -72,8 +59,11 @@ def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> Arrays | 
     if positions is not None and springs is not None:
         check_lengths(positions, springs, f"{place}.springs", problems)
         rest = rest if given or len(problems) > before else lengths(positions, springs)
-    made = (positions, fixed, mass, springs, stiffness, triangles, velocity, rest)
-    return None if len(problems) > before else Arrays(*made)  # type: ignore[arg-type]  # None only with a problem
+    made = {
+        "positions": positions, "fixed": fixed, "mass": mass, "springs": springs, "stiffness": stiffness,
+        "triangles": triangles, "velocity": velocity, "rest": rest,
+    }  # fmt: skip
+    return None if len(problems) > before else made
 
 
 def vectors(values: list[Any], place: str, problems: list[str]) -> Array | None:

@@ -430,10 +430,10 @@ def _cloth(item: dict[str, Any], place: str, folder: str, problems: list[str]) -
     asked = from_file(item["fit"].get("bounds", {}), CLOTH_KINDS, f"{place}.fit.bounds", problems)
     if arrays is None:
         return None
-    pinned = pins(item.get("pins", ()), arrays.fixed, place, folder, problems)
+    pinned = pins(item.get("pins", ()), arrays["fixed"], place, folder, problems)
     _check_pins(item, pinned, place, problems)
     return Cloth(
-        **arrays._asdict(),
+        **arrays,
         drag=float(item["dragCoefficient"]),
         damping=float(item["damping"]),
         settings="".join(LETTERS[letter.lower()] for letter in item["optimizationSettings"]),

@@ -122,23 +122,16 @@ def angles(members: Indices, x: Array) -> Array:
 
 def world(system: System, frames: int) -> dict[str, Array]:
     """Wind, gravity and spheres at the times of the frames."""
-    inputs, spheres = system.inputs, len(system.spheres.radius)
-
-    def rows(base: Array, table: Array | None) -> Array:
-        found = np.broadcast_to(base, (frames, *base.shape)).copy()
-        if table is not None and len(table):
-            found += table[:frames]
-        return found
-
-    wind = inputs.wind_base if inputs else system.faces.wind
-    gravity = inputs.gravity_base if inputs else system.vertex.gravity
-    centre = rows(system.spheres.centre, None)
-    if inputs and len(inputs.centre):
-        centre = inputs.centre[:frames, :spheres].copy()
-    return {
-        "wind": rows(wind, inputs and inputs.wind), "gravity": rows(gravity, inputs and inputs.gravity),
-        "centre": centre,
-    }  # fmt: skip
+    inputs, still = system.inputs, system.spheres.centre
+    bases = (inputs.wind_base, inputs.gravity_base) if inputs else (system.faces.wind, system.vertex.gravity)
+    wind, gravity, centre = (np.broadcast_to(each, (frames, *each.shape)).copy() for each in (*bases, still))
+    if inputs:
+        for own, table in ((wind, inputs.wind), (gravity, inputs.gravity)):
+            if len(table):
+                own += table[:frames]
+        if len(inputs.centre):
+            centre = inputs.centre[:frames, : len(still)].copy()
+    return {"wind": wind, "gravity": gravity, "centre": centre}
 
 
 def pins_of(inputs: Inputs | None, frames: int) -> tuple[Indices, Array]:
