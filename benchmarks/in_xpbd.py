@@ -18,7 +18,7 @@ import numpy as np
 
 import clothfit
 from clothfit.base.arrays import Array
-from clothfit.simulators import xpbd, xpbd_values
+from clothfit.simulators import xpbd
 from clothfit.simulators.estimate import EACH, FEW, Options, estimate
 from clothfit.simulators.values import MOST, rms
 from in_blender import kept, scenes
@@ -30,7 +30,7 @@ SETTINGS = xpbd.Settings(substeps=1, iterations=5)
 def fitted(scene: clothfit.Scene, steps: int) -> dict[str, Any]:
     """The errors of one cloth, with so many steps of each fit."""
     began = time.process_time()
-    model = EACH if len(xpbd_values.each_of(scene, 0, SETTINGS, 2).values) <= MOST else FEW
+    model = EACH if len(xpbd.each_of(scene, 0, SETTINGS, 2).values) <= MOST else FEW
     (one,) = estimate(replace(scene, frames=FRAMES), None, Options("xpbd", SETTINGS, most=steps, model=model))
     few = one.few or one
     own = scene.cloths[0]
@@ -46,7 +46,7 @@ def later(scene: clothfit.Scene, model: str, found: Array) -> dict[str, float]:
     longer = replace(scene, frames=2 * FRAMES - 1)
     truth = clothfit.simulate(longer).positions
     own = longer, 0, SETTINGS, longer.frames
-    tool = xpbd_values.each_of(*own).tool(longer.frames) if model == EACH else xpbd_values.tool_of(*own)
+    tool = xpbd.each_of(*own).tool(longer.frames) if model == EACH else xpbd.tool_of(*own)
 
     def error(numbers: Array) -> float:
         made = tool.motion(numbers)

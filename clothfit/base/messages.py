@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 LONGEST_VALUE = 40  # characters of a value in a message
 
@@ -20,6 +20,11 @@ def shown(value: object) -> str:
         return "an object"
     text = json.dumps(value)
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
+
+
+LENGTHS = {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9}
+MASSES = {"t": 1e3, "kg": 1.0, "g": 1e-3, "mg": 1e-6, "µg": 1e-9}
+"""Units, from the largest, in SI units."""
 
 
 def harmless(text: str) -> str:
@@ -44,18 +49,14 @@ PLAIN = {
 
 def spelled(text: str, encoding: str | None) -> str:
     """A text as a stream of that encoding can hold it: `um` where it has no µ. Other characters stay."""
-    try:
-        text.encode(encoding or "utf-8")
-        return text
-    except (UnicodeEncodeError, LookupError):
-        return "".join(each if _holds(encoding, each) else PLAIN.get(each, each) for each in text)
 
+    def holds(character: str) -> bool:
+        try:
+            return bool(character.encode(encoding or "utf-8"))
+        except (UnicodeEncodeError, LookupError):
+            return False
 
-def _holds(encoding: str | None, character: str) -> bool:
-    try:
-        return bool(character.encode(encoding or "utf-8"))
-    except (UnicodeEncodeError, LookupError):
-        return False
+    return "".join(each if holds(each) else PLAIN.get(each, each) for each in text)
 
 
 def place(path: Iterable[str | int]) -> str:
@@ -93,18 +94,18 @@ def named(key: str) -> str:
 
 def metres(value: float) -> str:
     """Write a length in the unit that suits its size."""
-    for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
-        if value >= size:
-            return f"{value / size:.3g} {unit}"
-    return f"{value / 1e-9:.3g} nm"
+    return _in_units(value, LENGTHS)
 
 
 def kilograms(value: float) -> str:
     """Write a mass in the unit that suits its size."""
-    for unit, size in (("t", 1e3), ("kg", 1.0), ("g", 1e-3), ("mg", 1e-6)):
-        if value >= size:
-            return f"{value / size:.3g} {unit}"
-    return f"{value / 1e-9:.3g} µg"
+    return _in_units(value, MASSES)
+
+
+def _in_units(value: float, units: Mapping[str, float]) -> str:
+    """Write a number in the largest unit that it has one of, or in the smallest."""
+    unit = next((unit for unit, size in units.items() if value >= size), [*units][-1])
+    return f"{value / units[unit]:.3g} {unit}"
 
 
 def meant(wrong: str, names: Iterable[str]) -> str:

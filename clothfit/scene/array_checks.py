@@ -1,22 +1,24 @@
 """The long arrays of a scene: from JSON lists to NumPy arrays, and whether they make sense.
 
-Each list is checked as a whole (the set of its types, then array comparisons), and item by item only to find what is
-wrong. Indices in messages are those of the list in the file, so `springs[3]` is the second end of the second spring.
+Each list is checked as a whole (the set of its types, then array comparisons), and item by item, by the schema, only to
+find what is wrong. Indices in messages are those of the list in the file, so `springs[3]` is the second end of the
+second spring.
 Every function appends its sentences to `problems`, at most a handful per list.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.messages import counted, shown
+from clothfit.scene import schema as structure
 from clothfit.scene.kinds import KIND, Kind
 
 HANDFUL = 5
@@ -32,21 +34,8 @@ class ReadOnly:
                 value.setflags(write=False)
 
 
-class Arrays(NamedTuple):
-    """The long arrays of one object: n vertices, S springs, T triangles."""
-
-    positions: Array  # (n, 3) m
-    fixed: Flags  # (n,) the vertex does not move
-    mass: Array  # (n,) kg
-    springs: Indices  # (S, 2) vertices
-    stiffness: Array  # (S,) N/m
-    triangles: Indices  # (T, 3) vertices
-    velocity: Array  # (n, 3) m/s, 0 where the file has none
-    rest: Array  # (S,) m, the lengths at `positions` where the file has none
-
-
-def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> Arrays | None:
-    """Turn the lists of one object into arrays; None when something is wrong with them.
+def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> dict[str, Any] | None:
+    """Turn the lists of one object into arrays, by the names of `Cloth`; None when something is wrong with them.
 
     `fields` has passed the check of the structure and has its defaults; `place` is such as `objects[0]`.
     """
@@ -70,8 +59,11 @@ def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> Arrays | 
     if positions is not None and springs is not None:
         check_lengths(positions, springs, f"{place}.springs", problems)
         rest = rest if given or len(problems) > before else lengths(positions, springs)
-    made = (positions, fixed, mass, springs, stiffness, triangles, velocity, rest)
-    return None if len(problems) > before else Arrays(*made)  # type: ignore[arg-type]  # None only with a problem
+    made = {
+        "positions": positions, "fixed": fixed, "mass": mass, "springs": springs, "stiffness": stiffness,
+        "triangles": triangles, "velocity": velocity, "rest": rest,
+    }  # fmt: skip
+    return None if len(problems) > before else made
 
 
 def vectors(values: list[Any], place: str, problems: list[str]) -> Array | None:
@@ -80,33 +72,29 @@ def vectors(values: list[Any], place: str, problems: list[str]) -> Array | None:
         flat = list(chain.from_iterable(map(itemgetter("x", "y", "z"), values)))
     except (KeyError, TypeError):  # an item that is no object or lacks a component
         flat = [None]
-    if set(map(type, flat)) <= NUMBER_TYPES:
-        array = _doubles(flat)
-        if np.isfinite(array).all():
-            return array.reshape(-1, 3)
-    wrong = list(chain.from_iterable(_vector_problems(value, f"{place}[{i}]") for i, value in enumerate(values)))
-    problems.extend(wrong[:HANDFUL])
-    _count_rest(len(wrong), problems)
-    return None
+    array = _doubles(flat)
+    if array is None:
+        check_items(values, "vertPos", place, problems)
+    return None if array is None else array.reshape(-1, 3)
 
 
 def numbers(values: list[Any], place: str, problems: list[str]) -> Array | None:
     """Turn a list of numbers into an array (n,); all must be finite."""
-    if not check_types(values, NUMBER_TYPES, "a number", place, problems):
-        return None
     array = _doubles(values)
-    return array if check_finite(array, place, problems) else None
+    if array is None:
+        check_items(values, "springStiffness", place, problems)
+    return array
 
 
 def flags(values: list[Any], place: str, problems: list[str]) -> Flags | None:
     """Turn a list of true and false into an array (n,)."""
-    right = check_types(values, {bool}, "true or false", place, problems)
+    right = check_types(values, {bool}, "vertIsFixed", place, problems)
     return np.array(values, dtype=np.bool_) if right else None
 
 
 def vertices(values: list[Any], n: int, size: int, place: str, problems: list[str]) -> Indices | None:
     """Turn a flat list of indices below n, in groups of `size`, into an array (len / size, size)."""
-    if not check_types(values, {int}, "an index (a whole number)", place, problems):
+    if not check_types(values, {int}, "springs", place, problems):
         return None
     has = f"the object has {counted(n, 'vertex', 'vertices')}"
     array = check_indices(values, n, place, lambda i: f"vertex {shown(values[i])} does not exist ({has})", problems)
@@ -129,20 +117,19 @@ def check_indices(
     return None if wrong else array
 
 
-def check_types(values: list[Any], types: set[type], what: str, place: str, problems: list[str]) -> bool:
-    """Check that every item has one of the types."""
-    if set(map(type, values)) <= types:
-        return True
-    wrong = [i for i, value in enumerate(values) if type(value) not in types]
-    _report(wrong, place, lambda i: f"{shown(values[i])} is not {what}", problems)
-    return False
+def check_types(values: list[Any], types: set[type], field: str, place: str, problems: list[str]) -> bool:
+    """Check that every item has one of the types, those of a field of an object."""
+    right = set(map(type, values)) <= types
+    if not right:
+        check_items(values, field, place, problems)
+    return right
 
 
-def check_finite(array: Array, place: str, problems: list[str]) -> bool:
-    """Check that every number is finite."""
-    wrong = np.flatnonzero(~np.isfinite(array)).tolist()
-    _report(wrong, place, lambda i: _not_finite(array[i]), problems)
-    return not wrong
+def check_items(values: list[Any], field: str, place: str, problems: list[str]) -> None:
+    """Check the items of a list one by one, by what the schema has of such a field of an object."""
+    found = structure.item_problems(values, field, place)
+    problems.extend(found[:HANDFUL])
+    _count_rest(len(found), problems)
 
 
 def check_range(values: Array | None, kind: Kind, place: str, problems: list[str]) -> None:
@@ -183,7 +170,10 @@ def new_values(values: npt.ArrayLike, shape: int | tuple[int, ...], place: str, 
         problems.append(f"{place}: an array of {array.dtype} of shape {array.shape} is not {needed}")
         return None
     copy = array.astype(np.float64)
-    return copy if check_finite(copy.reshape(-1), place, problems) else None
+    flat = copy.reshape(-1)
+    wrong = np.flatnonzero(~np.isfinite(flat)).tolist()
+    _report(wrong, place, lambda i: f"{shown(float(flat[i]))} is {structure.NOT_FINITE}", problems)
+    return None if wrong else copy
 
 
 def _check_counts(fields: dict[str, Any], place: str, problems: list[str]) -> None:
@@ -198,35 +188,15 @@ def _check_counts(fields: dict[str, Any], place: str, problems: list[str]) -> No
             problems.append(f"{place}.{name}: {has} for {owners}; one each is needed")
 
 
-def _vector_problems(value: Any, place: str) -> Iterable[str]:
-    if not isinstance(value, dict):
-        yield f"{place}: {shown(value)} is not a vector (an object with x, y and z)"
-        return
-    for axis in "xyz":
-        if axis not in value:
-            yield f"{place}.{axis}: is missing; a vector needs x, y and z"
-        elif type(value[axis]) not in NUMBER_TYPES:
-            yield f"{place}.{axis}: {shown(value[axis])} is not a number"
-        elif not np.isfinite(component := _doubles([value[axis]])[0]):
-            yield f"{place}.{axis}: {_not_finite(component)}"
-
-
-def _not_finite(value: np.float64) -> str:
-    return f"{shown(float(value))} is not a finite number within the range of doubles"
-
-
-def _doubles(values: list[Any]) -> Array:
+def _doubles(values: list[Any]) -> Array | None:
+    """Numbers as an array (n,); None where one is of another type, not finite or beyond the range of doubles."""
+    if not set(map(type, values)) <= NUMBER_TYPES:
+        return None
     try:
-        return np.array(values, dtype=np.float64)
-    except OverflowError:  # an integer beyond the range of doubles; reported as not finite
-        return np.array([_double(value) for value in values])
-
-
-def _double(value: float) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return float("inf") if value > 0 else float("-inf")
+        array = np.array(values, dtype=np.float64)
+    except OverflowError:  # an integer
+        return None
+    return array if np.isfinite(array).all() else None
 
 
 def _report(wrong: Sequence[int], place: str, sentence: Callable[[int], str], problems: list[str]) -> None:

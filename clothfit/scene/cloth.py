@@ -338,7 +338,7 @@ def _family(given: dict[str, Any], springs: int, place: str, problems: list[str]
     if len(values) != springs:
         has, owners = counted(len(values), "value", "values"), counted(springs, "spring", "springs")
         problems.append(f"{place}.springs: {has} for {owners}; one each is needed")
-    if not checks.check_types(values, {int}, "an index (a whole number)", f"{place}.springs", problems):
+    if not checks.check_types(values, {int}, "springs", f"{place}.springs", problems):
         return None
     has = f"there are {counted(len(names), 'name', 'names')}"
     right = checks.check_indices(

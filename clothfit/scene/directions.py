@@ -57,13 +57,6 @@ class Pairs(NamedTuple):
     side: Slots  # (P, 2), the edge's side in each
 
 
-class Grid(NamedTuple):
-    """What cells say about the edges."""
-
-    part: Slots  # (E,), the grid that each edge belongs to; -1 none
-    colour: Slots  # (E,), 0 or 1 for the two directions of a grid, DIAGONAL
-
-
 def keys(pairs: npt.NDArray[np.integer[Any]]) -> Keys:
     """A number for each pair (P, 2) of vertices in either order, sorted by the smaller and then the larger."""
     low, high = np.sort(pairs, axis=1).astype(np.int64).T
@@ -101,7 +94,7 @@ def classes(positions: Array, triangles: Indices, edges: Edges, given: Array | N
     """The class (E,) of each edge. `given` (T, 3) is the direction along the cloth in each triangle; it need neither
     lie in the triangle nor have a length, and where it has none the mesh decides.
     """
-    grid = _grid(triangles, edges, angles(positions, triangles))
+    parts, colour = _grid(triangles, edges, angles(positions, triangles))
     aligned = None if given is None else _aligned(positions, triangles, edges, given)
     found = np.full(len(edges.key), NONE)
     if aligned is not None:
@@ -110,13 +103,13 @@ def classes(positions: Array, triangles: Indices, edges: Edges, given: Array | N
     e = positions[edges.ends[:, 1]] - positions[edges.ends[:, 0]]
     length = np.sqrt((e * e).sum(axis=1))
     unit = np.abs(e) / np.where(length > 0, length, 1.0)[:, None]
-    for part in np.unique(grid.part[grid.part >= 0]):
-        own = np.flatnonzero(grid.part == part)
-        legs = own[grid.colour[own] != DIAGONAL]
-        first = _first(unit[legs], None if aligned is None else aligned[legs], grid.colour[legs])
+    for part in np.unique(parts[parts >= 0]):
+        own = np.flatnonzero(parts == part)
+        legs = own[colour[own] != DIAGONAL]
+        first = _first(unit[legs], None if aligned is None else aligned[legs], colour[legs])
         if first is not None:
-            found[own] = np.where(grid.colour[own] == first, ALONG, ACROSS)
-            found[own[grid.colour[own] == DIAGONAL]] = DIAGONAL
+            found[own] = np.where(colour[own] == first, ALONG, ACROSS)
+            found[own[colour[own] == DIAGONAL]] = DIAGONAL
     return found
 
 
@@ -166,8 +159,10 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.where(length > 0, length, 1.0))
 
 
-def _grid(triangles: Indices, edges: Edges, angle: Array) -> Grid:
-    """The grids of a mesh with these corner angles (T, 3)."""
+def _grid(triangles: Indices, edges: Edges, angle: Array) -> tuple[Slots, Slots]:
+    """Of each edge (E,) of a mesh with these corner angles (T, 3) the grid that it belongs to, -1 none, and its colour:
+    0 or 1 for the two directions of a grid, DIAGONAL.
+    """
     cells = _cells(triangles, edges, angle)
     (t, u), (k, j) = cells.triangle.T, cells.side.T
     i = np.argmax(triangles[u] == triangles[t, (k + 1) % 3][:, None], axis=1)  # the same end of the diagonal, in u
@@ -184,7 +179,7 @@ def _grid(triangles: Indices, edges: Edges, angle: Array) -> Grid:
     own = part[edges.of[t, (k + 1) % 3]]
     halves_of = 2 * np.bincount(own[own >= 0], minlength=2 * len(edges.key))
     part[halves_of[part] < COVERAGE * all_of[piece[edges.ends[:, 0]]]] = -1
-    return Grid(part, colour)
+    return part, colour
 
 
 def _cells(triangles: Indices, edges: Edges, angle: Array) -> Pairs:

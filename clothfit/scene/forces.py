@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import IO, Any
 
@@ -82,41 +83,38 @@ class Forces(ReadOnly):
         return values, np.where(acts[:, None], self.gain[row], 0.0), self.places[row]
 
 
+def refuse(name: str, faults: Iterable[tuple[bool, str]]) -> None:
+    """Raise InvalidInput with the first sentence that is about a fault; what follows is not looked at."""
+    for wrong, sentence in faults:
+        if wrong:
+            raise InvalidInput(f"{name}: {sentence}")
+
+
 def check(forces: Forces, vertices: int) -> None:
-    """Raise InvalidInput where forces do not fit a scene of so many vertices."""
-    values, times, name = forces.values, forces.times, forces.name
-    if values.ndim != 3 or values.shape[2] != 3:
-        raise InvalidInput(f"{name}: forces: have the shape {values.shape}; (steps, vertices, 3) is needed")
-    if values.shape[1] != vertices or not vertices:
-        raise InvalidInput(f"{name}: forces: are for {values.shape[1]} vertices; the scene has {vertices}")
-    if times.shape != values.shape[:1]:
-        raise InvalidInput(f"{name}: times: have the shape {times.shape} for {len(values)} rows of forces")
-    if not len(times):
-        raise InvalidInput(f"{name}: times: is empty; at least one row of forces is needed")
-    check_feedback(forces)
-    late = np.flatnonzero(~(np.diff(times) > 0))
-    if len(late):
-        raise InvalidInput(f"{name}: times[{late[0] + 1}]: is not later than the one before it")
-    if not np.isfinite(times).all() or np.abs(times).max(initial=0.0) > FARTHEST:
-        raise InvalidInput(f"{name}: times: are not all finite and below {FARTHEST:g} s")
-    wrong = np.argwhere(~(np.abs(values) <= STRONGEST))
-    if len(wrong):
-        t, i, _ = wrong[0]
-        raise InvalidInput(f"{name}: forces[{t}][{i}]: is not finite and at most {STRONGEST:g} N")
+    """Raise InvalidInput where forces do not fit a scene of so many vertices, or gains and places the forces."""
+    refuse(forces.name, _faults(forces, vertices))
 
 
-def check_feedback(forces: Forces) -> None:
-    """Raise InvalidInput where gains and places do not fit the forces."""
-    gain, places, name = forces.gain, forces.places, forces.name
-    if gain is None and places is None:
-        return
-    if gain is None or places is None:
-        raise InvalidInput(f"{name}: gain and places belong together; one of them is missing")
-    if gain.shape != forces.values.shape[:2] or places.shape != forces.values.shape:
-        shapes = f"gain {gain.shape} and places {places.shape}"
-        raise InvalidInput(f"{name}: {shapes} do not fit forces {forces.values.shape}")
-    if not ((gain >= 0) & (gain <= STRONGEST)).all() or not (np.abs(places) <= FARTHEST).all():
-        raise InvalidInput(f"{name}: gain must be within 0 … {STRONGEST:g} N/m, and places finite")
+def _faults(forces: Forces, vertices: int) -> Iterator[tuple[bool, str]]:
+    values, times, gain, places = forces.values, forces.times, forces.gain, forces.places
+    flat = values.ndim != 3 or values.shape[2] != 3
+    yield flat, f"forces: have the shape {values.shape}; (steps, vertices, 3) is needed"
+    own = values.shape[1]
+    yield own != vertices or not vertices, f"forces: are for {own} vertices; the scene has {vertices}"
+    yield times.shape != values.shape[:1], f"times: have the shape {times.shape} for {len(values)} rows of forces"
+    yield not len(times), "times: is empty; at least one row of forces is needed"
+    yield (gain is None) != (places is None), "gain and places belong together; one of them is missing"
+    if gain is not None and places is not None:
+        other = gain.shape != values.shape[:2] or places.shape != values.shape
+        yield other, f"gain {gain.shape} and places {places.shape} do not fit forces {values.shape}"
+        beyond = not ((gain >= 0) & (gain <= STRONGEST)).all() or not (np.abs(places) <= FARTHEST).all()
+        yield beyond, f"gain must be within 0 … {STRONGEST:g} N/m, and places finite"
+    for late in np.flatnonzero(~(np.diff(times) > 0)):
+        yield True, f"times[{late + 1}]: is not later than the one before it"
+    far = not np.isfinite(times).all() or np.abs(times).max(initial=0.0) > FARTHEST
+    yield bool(far), f"times: are not all finite and below {FARTHEST:g} s"
+    for t, i, _ in np.argwhere(~(np.abs(values) <= STRONGEST)):
+        yield True, f"forces[{t}][{i}]: is not finite and at most {STRONGEST:g} N"
 
 
 def load_forces(path: str | os.PathLike[str], vertices: int | None, pulls: bool = False) -> Forces:
@@ -274,20 +272,22 @@ def regulator(arrays: dict[str, Array], rows: int, vertices: int, name: str) -> 
     lacking = [each for each in REGULATOR if each not in arrays]
     if len(lacking) == len(REGULATOR):
         return None
-    if lacking:
-        raise InvalidInput(f"{name}: {', '.join(REGULATOR)} belong together; missing: {', '.join(lacking)}")
+    refuse(name, [(bool(lacking), f"{', '.join(REGULATOR)} belong together; missing: {', '.join(lacking)}")])
+    refuse(name, _faults_of_gains(arrays, rows, vertices))
     measure, push, gains, reference, bound = (arrays[each] for each in REGULATOR)
-    if measure.ndim != 2 or push.ndim != 2 or not len(measure) == len(push) == vertices:
-        shapes = f"measure {measure.shape} and push {push.shape}"
-        raise InvalidInput(f"{name}: {shapes} do not fit {vertices} vertices; (vertices, shapes) is needed")
-    k, m = measure.shape[1], push.shape[1]
-    if gains.ndim != 4 or gains.shape[1:] != (rows, 3 * m, 6 * k) or reference.shape != (*gains.shape[:2], 6 * k):
-        shapes = f"gains {gains.shape} and reference {reference.shape}"
-        needed = f"(objects, {rows}, {3 * m}, {6 * k}) and (objects, {rows}, {6 * k}) are needed"
-        raise InvalidInput(f"{name}: {shapes} do not fit forces, measure and push; {needed}")
-    for each, array in zip(REGULATOR[:4], (measure, push, gains, reference), strict=True):
-        if not np.isfinite(array).all():
-            raise InvalidInput(f"{name}: {each}: is not finite everywhere")
-    if bound.shape != () or not bound > 0:
-        raise InvalidInput(f"{name}: bound: must be one number above 0, N")
     return Regulator(measure, push, gains, reference, float(bound))
+
+
+def _faults_of_gains(arrays: dict[str, Array], rows: int, vertices: int) -> Iterator[tuple[bool, str]]:
+    measure, push, gains, reference, bound = (arrays[each] for each in REGULATOR)
+    shapes = f"measure {measure.shape} and push {push.shape}"
+    other = measure.ndim != 2 or push.ndim != 2 or not len(measure) == len(push) == vertices
+    yield other, f"{shapes} do not fit {vertices} vertices; (vertices, shapes) is needed"
+    k, m = measure.shape[1], push.shape[1]
+    shapes = f"gains {gains.shape} and reference {reference.shape}"
+    other = gains.ndim != 4 or gains.shape[1:] != (rows, 3 * m, 6 * k) or reference.shape != (*gains.shape[:2], 6 * k)
+    needed = f"(objects, {rows}, {3 * m}, {6 * k}) and (objects, {rows}, {6 * k}) are needed"
+    yield other, f"{shapes} do not fit forces, measure and push; {needed}"
+    for each in REGULATOR[:4]:
+        yield not np.isfinite(arrays[each]).all(), f"{each}: is not finite everywhere"
+    yield bound.shape != () or not bound > 0, "bound: must be one number above 0, N"

@@ -149,15 +149,18 @@ def frame(item: Any, folder: str, problems: list[str]) -> Frame | None:
     """The field `frame` of a document, None where it is absent or faulty; faults go to `problems`."""
     if item is None:
         return None
-    found = [keys(item.get(name), f"frame.{name}", folder, problems) for name in ("posKeys", "rotKeys")]
+    return Frame(*_moves(item, "frame", folder, problems))
+
+
+def _moves(
+    item: Mapping[str, Any], place: str, folder: str, problems: list[str]
+) -> tuple[Keys | None, Keys | None, Array | None]:
+    """The keys of displacements and of angles in what moves, and the point (3,), m, about which it turns."""
+    position, rotation = (keys(item.get(name), f"{place}.{name}", folder, problems) for name in ("posKeys", "rotKeys"))
     if "posKeys" not in item and "rotKeys" not in item:
-        refuse(problems, "frame", "needs posKeys, rotKeys or both")
-    return Frame(found[0], found[1], _pivot(item))
-
-
-def _pivot(item: Mapping[str, Any]) -> Array | None:
-    """The point (3,), m, about which keys turn, where it is given."""
-    return np.array([item["pivot"][axis] for axis in "xyz"], float) if "pivot" in item else None
+        refuse(problems, place, "needs posKeys, rotKeys or both")
+    pivot = np.array([item["pivot"][axis] for axis in "xyz"], float) if "pivot" in item else None
+    return position, rotation, pivot
 
 
 def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: list[str]) -> tuple[Pin, ...]:
@@ -180,12 +183,9 @@ def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: 
                 owner[vertex] = i
                 continue
             break
-        position = keys(item.get("posKeys"), f"{here}.posKeys", folder, problems)
-        rotation = keys(item.get("rotKeys"), f"{here}.rotKeys", folder, problems)
-        if "posKeys" not in item and "rotKeys" not in item:
-            refuse(problems, here, "needs posKeys, rotKeys or both")
+        moves = _moves(item, here, folder, problems)
         if len(problems) == before:
-            found.append(Pin(np.array(vertices, np.int32), position, rotation, _pivot(item)))
+            found.append(Pin(np.array(vertices, np.int32), *moves))
     return tuple(found)
 
 

@@ -30,6 +30,12 @@ def numberings(scene: Scene) -> list[Indices | None]:
     return [_numbering(item.get(FIELD), i, scene) for i, item in enumerate(objects)]
 
 
+def _complete(scene: Scene) -> list[Indices]:
+    """For each object the vertices (n_mesh,) that those of its mesh became, −1 for none."""
+    found = zip(numberings(scene), scene.vertex_counts, strict=True)
+    return [np.arange(count, dtype=np.int32) if numbering is None else numbering for numbering, count in found]
+
+
 def picks(scene: Scene) -> Indices | None:
     """For each vertex of the scene the first vertex of the meshes that became it, both numbered through all objects;
     None where nothing was renumbered. Raises InvalidScene as `numberings`.
@@ -37,12 +43,10 @@ def picks(scene: Scene) -> Indices | None:
     Positions (frames, points, 3) of the meshes become those of the scene by `positions[:, picks(scene)]`, if there are
     `sum(mesh_counts(scene))` of them.
     """
-    found = numberings(scene)
-    if all(numbering is None for numbering in found):
+    if all(numbering is None for numbering in numberings(scene)):
         return None
     chosen, begin = [], 0
-    for numbering, count in zip(found, scene.vertex_counts, strict=True):
-        own = np.arange(count, dtype=np.int32) if numbering is None else numbering
+    for own in _complete(scene):
         became, first = np.unique(own, return_index=True)
         chosen.append(begin + first[became >= 0])
         begin += len(own)
@@ -51,8 +55,7 @@ def picks(scene: Scene) -> Indices | None:
 
 def mesh_counts(scene: Scene) -> tuple[int, ...]:
     """How many vertices each object's mesh has. Raises InvalidScene as `numberings`."""
-    counts = zip(numberings(scene), scene.vertex_counts, strict=True)
-    return tuple(count if numbering is None else len(numbering) for numbering, count in counts)
+    return tuple(map(len, _complete(scene)))
 
 
 def unwelded(scene: Scene, positions: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -60,11 +63,8 @@ def unwelded(scene: Scene, positions: npt.NDArray[Any]) -> npt.NDArray[Any]:
     meshes (frames, points, 3); those in no triangle, which were left out, follow their object's first vertex. Raises
     InvalidScene as `numberings`.
     """
-    chosen, begin = [], 0
-    for numbering, count in zip(numberings(scene), scene.vertex_counts, strict=True):
-        own = np.arange(count, dtype=np.int32) if numbering is None else numbering
-        chosen.append(begin + np.maximum(own, 0))
-        begin += count
+    begins = np.cumsum([0, *scene.vertex_counts])
+    chosen = [begin + np.maximum(own, 0) for begin, own in zip(begins, _complete(scene), strict=False)]
     return positions[:, np.concatenate(chosen)]
 
 

@@ -247,18 +247,18 @@ def load(path_or_file: Readable, *, folder: str | None = None) -> Scene:
     """
     name = name_of(path_or_file)
     source = read(path_or_file)
-    parsed = parse(source, name)
-    problems = structure.problems_of(parsed.document)
+    given, constants = parse(source, name)
+    problems = structure.problems_of(given)
     if problems:
         raise InvalidScene(problems, name)
-    document = {**structure.defaults("scene"), **parsed.document}
+    document = {**structure.defaults("scene"), **given}
     if folder is None:
         folder = os.path.dirname(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else ""
     cloths = tuple(_cloth(item, f"objects[{i}]", folder, problems) for i, item in enumerate(document["objects"]))
     inputs = _inputs(document, folder, problems)
     touched = obstacles(document, folder, problems)
     _check_touched(document, *touched, problems)
-    if parsed.constants and not problems:  # one in a field that is not ours
+    if constants and not problems:  # one in a field that is not ours
         problems.append(constant_problem(source))
     asked = from_file(document["fit"].get("bounds", {}), KINDS, "fit.bounds", problems)
     if problems:
@@ -430,10 +430,10 @@ def _cloth(item: dict[str, Any], place: str, folder: str, problems: list[str]) -
     asked = from_file(item["fit"].get("bounds", {}), CLOTH_KINDS, f"{place}.fit.bounds", problems)
     if arrays is None:
         return None
-    pinned = pins(item.get("pins", ()), arrays.fixed, place, folder, problems)
+    pinned = pins(item.get("pins", ()), arrays["fixed"], place, folder, problems)
     _check_pins(item, pinned, place, problems)
     return Cloth(
-        **arrays._asdict(),
+        **arrays,
         drag=float(item["dragCoefficient"]),
         damping=float(item["damping"]),
         settings="".join(LETTERS[letter.lower()] for letter in item["optimizationSettings"]),

@@ -6,7 +6,7 @@ numbers. Files written on Windows often start with a byte order mark; UTF-16 and
 Python's `json` is laxer than JSON: it accepts NaN and Infinity, keeps the last of repeated keys, turns 1e999 into
 infinity, and raises errors of its own on deep nesting and on integers beyond 4300 digits. This module refuses repeated
 keys, deep nesting and broken syntax. It accepts numbers that are not finite, so that the check of the values can name
-their place in the scene; `Parsed.constants` lists them.
+their place in the scene; `parse` lists them.
 
 A text may come from anybody: its size, its nesting and the memory for its values are checked before it is parsed.
 """
@@ -67,14 +67,6 @@ class Source:
         return self.mark + text.encode(self.encoding)
 
 
-@dataclass(frozen=True)
-class Parsed:
-    """The JSON document of a text."""
-
-    document: Any
-    constants: tuple[str, ...]  # each NaN, Infinity and -Infinity, in the order of the text
-
-
 def name_of(origin: object) -> str:
     """Name a scene in messages: the base name of its file, "standard input", or "scene"."""
     name = origin if isinstance(origin, (str, os.PathLike)) else getattr(origin, "name", None)
@@ -103,8 +95,10 @@ def read(origin: Readable) -> Source:
     return source
 
 
-def parse(source: Source, name: str) -> Parsed:
-    """Parse the JSON of a text. Raises InvalidScene on broken syntax, repeated keys and deep nesting."""
+def parse(source: Source, name: str) -> tuple[Any, list[str]]:
+    """The JSON document of a text, and each NaN, Infinity and -Infinity in their order. Raises InvalidScene on broken
+    syntax, repeated keys and deep nesting.
+    """
     repeated: list[tuple[dict[str, Any], str]] = []
     constants: list[str] = []
 
@@ -126,8 +120,11 @@ def parse(source: Source, name: str) -> Parsed:
     except json.JSONDecodeError as error:
         raise InvalidScene(_syntax_problem(error), name) from None
     if repeated:
-        raise InvalidScene(_repetitions(document, repeated[:MOST_REPETITIONS]), name)
-    return Parsed(document, tuple(constants))
+        del repeated[MOST_REPETITIONS:]
+        wanted = {id(owner) for owner, _ in repeated}
+        paths = {id(value): path for path, value in _containers(document) if id(value) in wanted}
+        raise InvalidScene([_repetition(paths.get(id(owner)), key) for owner, key in repeated], name)
+    return document, constants
 
 
 def constant_problem(source: Source) -> str:
@@ -208,13 +205,6 @@ def _syntax_problem(error: json.JSONDecodeError) -> str:
     if error.pos >= len(error.doc.rstrip()) or error.msg.startswith("Unterminated string"):
         return f"{where}: the text ends inside a value; is the file complete?"
     return f"{where}: not JSON: {error.msg[0].lower()}{error.msg[1:]}"
-
-
-def _repetitions(document: Any, repeated: list[tuple[dict[str, Any], str]]) -> list[str]:
-    """A sentence for each object and key that it has more than once."""
-    wanted = {id(owner) for owner, _ in repeated}
-    paths = {id(value): path for path, value in _containers(document) if id(value) in wanted}
-    return [_repetition(paths.get(id(owner)), key) for owner, key in repeated]
 
 
 def _repetition(path: tuple[str | int, ...] | None, key: str) -> str:

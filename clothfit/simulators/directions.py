@@ -1,4 +1,5 @@
-"""Substeps of XPBD with the changes of a state along many directions at once: the whole derivative of a motion.
+"""Substeps of XPBD, and with them the changes of a state along many directions at once: the derivative of a motion, or
+the motion alone where there is no direction.
 
 A direction is a relative change of values: of compliances, times of damping and rest lengths, of a mass, or of the
 damping of a vertex. The changes lie side by side, (n, 3, D), so that one pass over the constraints serves all of them.
@@ -17,7 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import NO_NUMBERS, Array, Indices
+from clothfit.base.limits import FARTHEST
+from clothfit.base.memory import check_memory
 from clothfit.engine.forces import wind
 from clothfit.kernels.kernel import kernel
 from clothfit.simulators import substep
@@ -89,6 +93,20 @@ class Sweep:
         advance(self.model, self.seeds, t, self.x, self.v, self.many, self.work)
 
 
+def simulate(model: Model, frames: int) -> tuple[Array, int]:
+    """Positions (frames, n, 3), m, and how many of them are good: fewer where the motion runs away."""
+    check_memory(frames, len(model.x0), 0)
+    positions, own = np.empty((frames, *model.x0.shape)), Sweep(model, no_seeds(model), 0)
+    positions[0] = own.x
+    for t in range(frames - 1):
+        own.advance(t)
+        interrupts.check()
+        if not np.abs(own.x).max(initial=0.0) < FARTHEST:
+            return positions, t + 1
+        positions[t + 1] = own.x
+    return positions, frames
+
+
 @kernel
 def advance(model, seeds, t, x, v, many, work):
     """Take step t."""
@@ -99,26 +117,36 @@ def advance(model, seeds, t, x, v, many, work):
 @kernel
 def pushforward(model, seeds, t, s, x, v, many, work):
     """Take a substep, and turn the changes of the state before it into those after it."""
-    h = model.h / model.substeps
-    push_predict(model, seeds, t, s, x, v, many, work)
-    work.multiplier[:] = 0.0
-    work.pressing[:] = 0.0
+    h, multiplier, pressing = model.h / model.substeps, work.multiplier, work.pressing
+    pushes = many.x.shape[2] > 0
+    if pushes:
+        push_predict(model, seeds, t, s, x, v, many, work)
+    else:
+        substep.predict(model, t, s, x, v, work)
+    multiplier[:] = 0.0
+    pressing[:] = 0.0
     many.multiplier[:] = 0.0
     many.pressing[:] = 0.0
     stiff = model.contact / (h * h)
     for _ in range(model.iterations):
         for c in range(len(model.rest)):
-            work.multiplier[c] = project(model, seeds, c, h, x, work.start, work.multiplier[c], many, work.local)
+            if pushes:
+                multiplier[c] = project(model, seeds, c, h, x, work.start, multiplier[c], many, work.local)
+            else:
+                multiplier[c] = substep.project(model, c, h, x, work.start, multiplier[c], work.local[0])
         for r in range(len(model.radius)):
             for i in range(len(x)):
-                if model.free[i]:
-                    work.pressing[r, i] = touch(model, seeds, stiff, r, i, x, work.pressing[r, i], many, work)
+                if model.free[i] and pushes:
+                    pressing[r, i] = touch(model, seeds, stiff, r, i, x, pressing[r, i], many, work)
+                elif model.free[i]:
+                    pressing[r, i] = substep.touch(model, stiff, r, i, x, pressing[r, i], work)
     substep.finish(model, x, v, work)
-    for i in range(len(x)):
-        for j in range(3):
-            v_row, x_row, start = many.v[i, j], many.x[i, j], many.start[i, j]
-            for k in range(len(v_row)):
-                v_row[k] = (x_row[k] - start[k]) / h
+    if pushes:
+        for i in range(len(x)):
+            for j in range(3):
+                v_row, x_row, start = many.v[i, j], many.x[i, j], many.start[i, j]
+                for k in range(len(v_row)):
+                    v_row[k] = (x_row[k] - start[k]) / h
 
 
 @kernel

@@ -15,7 +15,7 @@ from clothfit.motion.motion import Motion
 from clothfit.objective.experiment import experiments
 from clothfit.objective.target import Target, target
 from clothfit.scene.scene import Scene
-from clothfit.simulators import blender, xpbd, xpbd_values
+from clothfit.simulators import blender, xpbd
 from clothfit.simulators.values import MOST, Fit, Fitted, ManyFit
 
 SIMULATORS = ("xpbd", "blender")
@@ -51,7 +51,7 @@ def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any
         if options.model == EACH:
             check_count(scene, index, options.settings)
         frames = scene.frames
-        tool, every = xpbd_values.tool_of(scene, index, options.settings, frames), 1
+        tool, every = xpbd.tool_of(scene, index, options.settings, frames), 1
     else:
         every = blender.stride(scene)
         frames = (scene.frames - 1) // every + 1
@@ -72,15 +72,15 @@ def each(
     scene: Scene, index: int, goal: Target, options: Options, few: Fitted, told: Callable[[float, int], None]
 ) -> Fitted:
     """Fit the values of each constraint and vertex of XPBD, from the few on."""
-    own = xpbd_values.each_of(scene, index, options.settings, scene.frames)
-    begin = xpbd_values.as_few(own, xpbd_values.groups_of(scene, index), few.found)
+    own = xpbd.each_of(scene, index, options.settings, scene.frames)
+    begin = xpbd.as_few(own, xpbd.groups_of(scene, index), few.found)
     found = ManyFit(own.tool(scene.frames), goal, told, begin).run(options.most)
     return replace(found, few=few, simulations=few.simulations + found.simulations)
 
 
 def check_count(scene: Scene, index: int, settings: xpbd.Settings) -> None:
     """Raise InvalidInput where a cloth has more values of constraints and vertices than are fitted one by one."""
-    count = len(xpbd_values.each_of(scene, index, settings, 2).values)
+    count = len(xpbd.each_of(scene, index, settings, 2).values)
     if count > MOST:
         raise InvalidInput(
             f"{scene.name}: objects[{index}]: --model {EACH} fits at most {MOST} values in xpbd, and this cloth has "

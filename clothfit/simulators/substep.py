@@ -1,4 +1,5 @@
-"""A substep of XPBD: predict, correct by all constraints in turn some times over, take the velocity from the way.
+"""The parts of a substep of XPBD, which `directions` takes: predict, correct by all constraints in turn some times
+over, take the velocity from the way.
 
 With h the substep, f the drag of the air at (x, v), α the damping of the vertices:
 
@@ -43,10 +44,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.limits import FARTHEST
-from clothfit.base.memory import check_memory
 from clothfit.engine.forces import wind
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
@@ -165,7 +163,6 @@ def change_of_normal(by, p, pp, dp, length, growth):
     return fma(splat(-length / pp), dp, first)
 
 
-
 @kernel
 def factors(model, c, h):
     """α̃ and γ of constraint c."""
@@ -228,12 +225,13 @@ def push_out(stiff, inverse, depth, multiplier):
 
 
 @kernel
-def touch(stiff, inverse, centre, radius, x, i, multiplier, n):
-    """Correct vertex i by its contact with a sphere; returns λ⁺."""
-    depth, _ = gap(centre, radius, x, i, n)
-    change, _ = push_out(stiff, inverse, depth, multiplier)
+def touch(model, stiff, r, i, x, multiplier, work):
+    """Correct vertex i by its contact with sphere r; returns λ⁺."""
+    w, n = model.inverse[i], work.normal
+    depth, _ = gap(work.centre[r], model.radius[r], x, i, n)
+    change, _ = push_out(stiff, w, depth, multiplier)
     for j in range(3):
-        x[i, j] += inverse * n[j] * change
+        x[i, j] += w * n[j] * change
     return multiplier + change
 
 
@@ -323,46 +321,3 @@ def finish(model, x, v, work):
     for i in range(len(x)):
         for j in range(3):
             v[i, j] = (x[i, j] - work.start[i, j]) / h
-
-
-@kernel
-def step(model, t, s, x, v, work):
-    """Take substep s of step t."""
-    h = model.h / model.substeps
-    predict(model, t, s, x, v, work)
-    multiplier, pressing = work.multiplier, work.pressing
-    multiplier[:] = 0.0
-    pressing[:] = 0.0
-    stiff = model.contact / (h * h)
-    for _ in range(model.iterations):
-        for c in range(len(model.rest)):
-            multiplier[c] = project(model, c, h, x, work.start, multiplier[c], work.local[0])
-        for r in range(len(model.radius)):
-            for i in range(len(x)):
-                if model.free[i]:
-                    pressing[r, i] = touch(
-                        stiff, model.inverse[i], work.centre[r], model.radius[r], x, i, pressing[r, i], work.normal
-                    )
-    finish(model, x, v, work)
-
-
-@kernel
-def advance(model, t, x, v, work):
-    """Take step t."""
-    for s in range(model.substeps):
-        step(model, t, s, x, v, work)
-
-
-def simulate(model: Model, frames: int) -> tuple[Array, int]:
-    """Positions (frames, n, 3), m, and how many of them are good: fewer where the motion runs away."""
-    check_memory(frames, len(model.x0), 0)
-    positions, work = np.empty((frames, *model.x0.shape)), workspace(model)
-    x, v = model.x0.copy(), model.v0.copy()
-    positions[0] = x
-    for t in range(frames - 1):
-        advance(model, t, x, v, work)
-        interrupts.check()
-        if not np.abs(x).max(initial=0.0) < FARTHEST:
-            return positions, t + 1
-        positions[t + 1] = x
-    return positions, frames

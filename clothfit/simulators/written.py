@@ -13,7 +13,7 @@ from clothfit.export.tools import json_text
 from clothfit.scene.scene import Scene
 from clothfit.simulators.estimate import Options
 from clothfit.simulators.values import Fitted
-from clothfit.simulators.xpbd import SOLVED, Settings
+from clothfit.simulators.xpbd import GROUPS, SOLVED, Settings, groups_of
 
 FORMAT = "clothfit-simulator-1"
 
@@ -106,8 +106,6 @@ def factors(scene: Scene, number: int, found: Fitted) -> Array:
     if found.few:
         _, _, mapped, fitted = found.kinds()[0]
         return fitted / mapped
-    from clothfit.simulators.xpbd_values import GROUPS, groups_of
-
     factor = dict(zip((value.name for value in found.tool.values), found.found, strict=True))
     times: Array = np.array([factor.get(f"{name} compliance", 1.0) for name in GROUPS])[groups_of(scene, number)]
     return times

@@ -24,13 +24,10 @@ def test_a_request_raises_at_the_next_check_until_it_is_cleared():
     interrupts.check()
 
 
-def test_before_there_is_a_result_a_signal_raises_at_once():
+def test_before_there_is_a_result_a_signal_raises_at_once_and_with_one_it_waits_for_a_check():
     with pytest.raises(KeyboardInterrupt), interrupts.deferred():
         signal.raise_signal(signal.SIGINT)
     interrupts.check()
-
-
-def test_with_a_result_a_signal_waits_for_a_check():
     before, passed = signal.getsignal(signal.SIGINT), []
     with interrupts.deferred():
         interrupts.hold()

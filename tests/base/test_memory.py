@@ -12,31 +12,21 @@ from clothfit.engine.tape import LIVE, Plan, least_bytes, plan_for
 STATE, SNAPSHOT = 200, 500
 
 
-@pytest.mark.parametrize(
-    ("text", "size"),
-    [
-        ("200MB", 200_000_000),
-        ("200 mb", 200_000_000),
-        ("2GiB", 2 * 2**30),
-        ("1.5G", 1_500_000_000),
-        (".5k", 500),
-        ("1e9", 10**9),
-        ("64KiB", 65536),
-        ("12345", 12345),
-        (12345, 12345),
-    ],
-)
+SIZES = {"200MB": 2 * 10**8, "2 gib": 2 * 2**30, "1.5G": 1_500_000_000, ".5k": 500, "1e9": 10**9, 12345: 12345}
+
+
+@pytest.mark.parametrize(("text", "size"), SIZES.items())
 def test_sizes(text, size):
     assert parse(text) == budget(text) == size
 
 
-@pytest.mark.parametrize("text", ["", "MB", "200MBit", "-5", "1,5G", "nan", "inf", "half", "2 00MB"])
+@pytest.mark.parametrize("text", ["", "MB", "200MBit", "-5", "1,5G", "nan", "2 00MB"])
 def test_what_is_no_size_is_refused_with_an_example(text):
     with pytest.raises(InvalidInput, match=f"^memory: {text!r} is not a size; give one such as 200MB, 2GiB or 1.5G$"):
         parse(text)
 
 
-@pytest.mark.parametrize("text", [0, "0.0001k", "1e30"])
+@pytest.mark.parametrize("text", [0, "1e30"])
 def test_sizes_that_cannot_be_are_refused(text):
     with pytest.raises(InvalidInput, match="must be between 1 byte"):
         parse(text)
@@ -56,8 +46,8 @@ def test_the_default_is_half_of_what_is_free(monkeypatch):
 
 
 def limit(folder, most, used):
-    for name, text in (("most", most), ("used", used)):
-        (folder / name).write_text(text)
+    (folder / "most").write_text(most)
+    (folder / "used").write_text(used)
     return folder / "most", folder / "used"
 
 
@@ -71,11 +61,8 @@ def test_a_container_leaves_what_it_has_not_used(tmp_path, monkeypatch):
     assert memory.free() == 10**6
     (tmp_path / "memory.stat").write_text("anon 300\nactive_file 200\ninactive_file 400\n")
     assert left(*files) == 3_000_400  # what it keeps of files that it has read is free
-
-
-@pytest.mark.parametrize(("most", "used", "rest"), [("max\n", "10", None), ("10", "25", 0)])
-def test_a_container_without_a_limit_and_one_beyond_it(tmp_path, most, used, rest):
-    assert left(*limit(tmp_path, most, used)) == rest
+    assert left(*limit(tmp_path, "max\n", "10")) is None
+    assert left(*limit(tmp_path, "10", "1000")) == 0
 
 
 def test_what_is_free_is_no_more_than_the_machine_has():
@@ -90,6 +77,7 @@ def test_a_plan_holds_no_more_than_it_may_and_covers_all_steps(steps, share):
     found = plan_for(steps, STATE, SNAPSHOT, most)
     kept = 0 if found.snapshots is None else (found.snapshots + LIVE) * SNAPSHOT
     assert found.length * STATE + kept <= most
+    assert plan_for(steps, STATE, SNAPSHOT, low - 1) is None
     assert found.strides[-1] == found.length
     assert all(a % b == 0 for a, b in zip(found.strides, found.strides[1:], strict=False))
     counts = [-(-a // b) for a, b in zip([max(steps, 1), *found.strides], found.strides, strict=False)]
@@ -104,9 +92,3 @@ def test_everything_is_kept_where_it_fits_and_as_few_steps_as_possible_are_done_
     levels = [len(plan_for(1000, STATE, SNAPSHOT, m).strides) for m in range(12_000, 60_000, 4000)]
     assert levels == sorted(levels, reverse=True)
     assert levels[0] > 2 > levels[-1]
-
-
-def test_there_is_no_plan_for_too_little():
-    enough = least_bytes(1000, STATE, SNAPSHOT)
-    assert plan_for(1000, STATE, SNAPSHOT, enough) is not None
-    assert plan_for(1000, STATE, SNAPSHOT, enough - 1) is None

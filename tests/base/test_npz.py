@@ -5,6 +5,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from helpers.files import Stream
 
 from clothfit.base import memory, npz
 
@@ -51,27 +52,17 @@ def test_what_numpy_writes_is_read(save, kind):
         np.testing.assert_array_equal(found["b"], np.arange(5.0))
 
 
-def test_items_of_no_size_are_read():
+def test_a_bare_array_is_read_and_one_of_items_without_size():
     assert [array.shape for array in read(npy(header("(2,)", "|S0"))).values()] == [(2,)]
-
-
-def test_a_bare_array_is_read():
     file = io.BytesIO()
     np.save(file, np.asfortranarray(np.arange(6.0).reshape(2, 3)))
     np.testing.assert_array_equal(read(file.getvalue())["a"], np.arange(6.0).reshape(2, 3))
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        '{"shape": (2,), "fortran_order": False, "descr": "<f8"}',
-        "{'fortran_order':False,'descr':'<f8','shape':( 2L , )}",
-        header() + " " * 500,
-    ],
-)
-def test_headers_of_other_writers_are_read(text):
-    value = np.array([1.0, 2.0])
-    for wide in (False, True):
+@pytest.mark.parametrize("wide", [False, True])
+def test_headers_of_other_writers_are_read(wide):
+    value, dense = np.array([1.0, 2.0]), "{'fortran_order':False,'descr':'<f8','shape':( 2L , )}"
+    for text in ('{"shape": (2,), "fortran_order": False, "descr": "<f8"}', dense, header() + " " * 500):
         np.testing.assert_array_equal(read(npy(text, value.tobytes(), wide))["a"], value)
 
 
@@ -83,19 +74,15 @@ HEADERS = {
     "objects": (header(descr="|O"), "it holds pickled objects"),
     "more numbers than there are": (header("(3,)"), "it ends early: 24 bytes of numbers are promised, 16 are there"),
     "huge": (header("(115292150460684697, 9, 3)"), "it ends early: "),
-    "beyond all integers": (header("(99999999999999999999999,)"), NOT_PLAIN),
     "negative": (header("(-1,)"), NOT_PLAIN),
-    "a fraction": (header("(2.0,)"), NOT_PLAIN),
     "no tuple": (header("2"), NOT_PLAIN),
     "records": ("{'descr': [('x', '<f8')], 'fortran_order': False, 'shape': (2,), }", NOT_PLAIN),
     "twice": (header() + header(), NOT_PLAIN),
     "code": ("__import__('os').system('true')", NOT_PLAIN),
     "deep": ("(" * 9000, NOT_PLAIN),
-    "signs": ("-" * 9000 + "1", NOT_PLAIN),
     "nothing": ("", NOT_PLAIN),
     "no type": (header(descr="f99"), "there is no type 'f99' of plain numbers"),
     "a type of pointers": (header(descr="T"), "there is no type 'T' of plain numbers"),
-    "an old name of a type": (header(descr="|a8"), "there is no type '|a8' of plain numbers"),
     "several types": (header(descr="<f8, <f8"), "there is no type '<f8, <f8' of plain numbers"),
     "a wide type": (header(descr="V999999999"), "it ends early: "),
     "long": (header() + " " * 10_000, STRANGE),
@@ -117,9 +104,7 @@ def test_headers_that_lie_are_refused_before_anything_is_read(text, message):
         (b"\x93NUMPY\7\0\0\0", STRANGE),
         (b"\x93NUMPY", "what it holds is not an array"),
         (b"", "it is neither"),
-        (b"hello", "it is neither"),
         (archive(("a.npy", b"hello")), "what it holds is not an array"),
-        (archive(("a.npy", archive())), "what it holds is not an array"),
         (archive(("a", npy(header(), bytes(16))), ("a.npy", npy(header(), bytes(16)))), "it holds a more than once"),
         (archive(("a.npy", npy(header(), bytes(16))), method=zipfile.ZIP_LZMA), "it is packed in another way"),
         (archive(*((f"{i:050}", b"") for i in range(12_000))), "it holds too many files to be a motion"),
@@ -131,21 +116,17 @@ def test_files_that_are_not_in_order_are_refused(data, message):
     assert str(caught.value).startswith(message)
 
 
-def test_what_is_encrypted_is_refused():
-    data = bytearray(archive(("a.npy", npy(header(), bytes(16)))))
-    data[6] |= 1
-    data[data.rindex(b"PK\1\2") + 8] |= 1
-    with pytest.raises(ValueError, match="it is encrypted"):
-        npz.stored(io.BytesIO(bytes(data)), NAMES, "a")
-
-
 @pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
-def test_damage_is_noticed_by_the_checksum(method):
+def test_damage_is_noticed_by_the_checksum_and_what_is_encrypted_is_refused(method):
     value = RNG.random(1000)
     data = bytearray(archive(("a.npy", npy(header("(1000,)"), value.tobytes())), method=method))
     data[4000] ^= 1
     with pytest.raises(npz.FAULTS):
         read(bytes(data))
+    data[6] |= 1
+    data[data.rindex(b"PK\1\2") + 8] |= 1
+    with pytest.raises(ValueError, match="it is encrypted"):
+        npz.stored(io.BytesIO(bytes(data)), NAMES, "a")
 
 
 def test_little_that_unpacks_to_much_is_refused(monkeypatch):
@@ -172,22 +153,10 @@ def test_what_nobody_reads_takes_no_memory():
     assert (found.shape, found.nbytes) == ((100_000_000,), 800_000_000)
 
 
-class Endless(io.RawIOBase):
-    """A device that gives some bytes, and zeros without end; it notes how many."""
-
-    def __init__(self, first=b""):
-        self.first, self.given = first, 0
-
-    def read(self, size=-1):
-        piece = (self.first[self.given : self.given + size]).ljust(size, b"\0")
-        self.given += size
-        return piece
-
-
 def test_of_what_does_not_begin_as_arrays_do_no_more_is_read_than_of_a_text(monkeypatch):
     monkeypatch.setattr(npz, "MOST_TEXT", 1000)
     monkeypatch.setattr(memory, "free", lambda: 10_000)
-    device, long = Endless(), Endless(b"PK\3\4")
+    device, long = Stream(b""), Stream(b"PK\3\4")
     with pytest.raises(OSError, match="more than the 1 kB that can be read"):
         npz.content(device)
     with pytest.raises(OSError, match="more than the 5 kB for which there is memory"):

@@ -2,31 +2,15 @@ import io
 import os
 
 import pytest
+from helpers.files import Stream
 
 from clothfit.base import memory
 from clothfit.base.reading import whole
 
 
-class Trickle(io.RawIOBase):
-    """A stream that gives a byte at a time, and notes how many."""
-
-    def __init__(self, data):
-        self.data, self.given = data, 0
-
-    def read(self, size=-1):
-        piece = self.data[self.given : self.given + 1]
-        self.given += len(piece)
-        return piece
-
-
-class Endless(io.RawIOBase):
-    """A stream that gives whatever is asked for, as a device does."""
-
-    given = 0
-
-    def read(self, size=-1):
-        self.given += size
-        return bytes(size)
+def trickle(data):
+    """A stream that gives a byte at a time."""
+    return Stream(data, 1, endless=False)
 
 
 @pytest.mark.parametrize("data", [b"", b"abc", bytes(100)])
@@ -35,7 +19,7 @@ def test_all_is_read_whatever_the_stream(tmp_path, data):
     path.write_bytes(data)
     with open(path, "rb") as file:
         assert whole(file, 100) == data
-    assert whole(io.BytesIO(data), 100) == whole(Trickle(data), 100) == data
+    assert whole(io.BytesIO(data), 100) == whole(trickle(data), 100) == data
     assert whole(io.StringIO("é" * 100), 100) == "é" * 100
 
 
@@ -62,7 +46,7 @@ def test_a_file_that_grows_as_fast_as_it_is_read_is_left(tmp_path):
 
 
 def test_a_stream_without_end_is_left_at_the_limit():
-    stream = Endless()
+    stream = Stream(b"")
     with pytest.raises(OSError, match="more than the 1 kB that can be read"):
         whole(stream, 1000)
     assert stream.given == 1001
@@ -76,6 +60,6 @@ def test_without_a_limit_it_is_half_of_the_free_memory(monkeypatch):
 
 
 def test_what_gives_neither_text_nor_bytes_is_no_file():
-    stream = Trickle([1, 2])
+    stream = trickle([1, 2])
     with pytest.raises(TypeError, match="the file gave list instead of text or bytes"):
         whole(stream, 10)

@@ -11,6 +11,23 @@ import numpy as np
 from clothfit.formats.animation import Animation
 from clothfit.formats.registry import foreign, module_of
 
+
+class Stream(io.RawIOBase):
+    """A device that gives some bytes, a `piece` at a time or as many as are asked for, then zeros without end where it
+    is `endless`; it notes how many.
+    """
+
+    def __init__(self, data: Any, piece: int | None = None, endless: bool = True) -> None:
+        self.data, self.piece, self.endless, self.given = data, piece, endless, 0
+
+    def read(self, size: int = -1) -> Any:
+        size = self.piece or size
+        found = self.data[self.given : self.given + size]
+        found = found.ljust(size, b"\0") if self.endless else found
+        self.given += len(found)
+        return found
+
+
 WORDS = [b"0", b"-1", b"1e308", b"99999999999", b"nan", b'"', b"\n", b"\t", b",", b";", b"\xff", b"#", b""]
 
 

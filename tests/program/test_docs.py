@@ -17,27 +17,30 @@ ORDER = ast.literal_eval(re.search(r"^FOLDERS = (\[.*?\])", HOUSE, re.DOTALL | r
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_the_links_of_a_page_lead_somewhere_and_its_tables_are_whole(path):
+def test_the_links_and_modules_that_a_page_names_exist_and_its_tables_are_whole(path):
     assert list(broken_links(path)) == []
     assert ragged_tables(path) == []
+    page = path.read_text("utf-8")
+    quoted = re.findall(r"`(?:clothfit/)?((?:" + "|".join(ORDER) + r")/[\w/.]+)`", page)
+    assert [name for name in quoted if not (ROOT / "clothfit" / name).exists()] == []
+    dotted = re.findall(r"\bclothfit\.((?:" + "|".join(ORDER) + r")(?:\.\w+)*)", page)
+    assert [name for name in dotted if not exists(name)] == []
 
 
-def test_a_link_that_leads_nowhere_is_found(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("# A b, c\n\n[x](#a-b-c) [y](#d) [z](gone.md) `[n](one)`\n\n```\n# d\n[n](one)\n```\n", "utf-8")
+def test_a_link_that_leads_nowhere_and_rows_of_different_widths_are_found(tmp_path):
+    page, table = tmp_path / "page.md", "| c |\n|---|\n| 1 | 2 |\n"
+    links = "# A b, c\n\n[x](#a-b-c) [y](#d) [z](gone.md) `[n](one)`\n\n```\n# d\n[n](one)\n```\n\n"
+    page.write_text(f"{links}| a | b |\n|---|---|\n| `x \\| y` | 1 |\n\n{table}", "utf-8")
     assert list(broken_links(page)) == ["#d", "gone.md"]
+    assert ragged_tables(page) == [table]
 
 
-def test_rows_of_different_widths_are_found(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("| a | b |\n|---|---|\n| `x \\| y` | 1 |\n\n| c |\n|---|\n| 1 | 2 |\n", "utf-8")
-    assert ragged_tables(page) == ["| c |\n|---|\n| 1 | 2 |\n"]
-
-
-def test_the_index_names_every_page():
+def test_the_index_names_every_page_and_the_page_on_the_architecture_the_folders_in_order():
     index = (ROOT / "docs" / "README.md").read_text("utf-8")
     pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
     assert [name for name in pages if f"]({name})" not in index] == []
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    assert re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE) == ORDER
 
 
 def test_the_scene_format_names_every_field_and_shows_a_scene():
@@ -50,20 +53,6 @@ def test_the_scene_format_names_every_field_and_shows_a_scene():
     changed = json.loads(scene) | json.loads(flags) | {"objects": json.loads(scene)["objects"]}
     changed["objects"][0] |= json.loads(flags)["objects"][0]
     assert load(io.StringIO(json.dumps(changed))).mode("wind") == "G"
-
-
-def test_the_page_on_the_architecture_names_the_folders_in_order():
-    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
-    assert re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE) == ORDER
-
-
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_the_modules_and_folders_that_a_page_names_exist(path):
-    page = path.read_text("utf-8")
-    quoted = re.findall(r"`(?:clothfit/)?((?:" + "|".join(ORDER) + r")/[\w/.]+)`", page)
-    assert [name for name in quoted if not (ROOT / "clothfit" / name).exists()] == []
-    dotted = re.findall(r"\bclothfit\.((?:" + "|".join(ORDER) + r")(?:\.\w+)*)", page)
-    assert [name for name in dotted if not exists(name)] == []
 
 
 def exists(name):

@@ -5,18 +5,17 @@ The cases are those that no test nearer to the code has, and a few of each exit 
 stands for what varies.
 """
 
-import io
 import json
 import re
 import shlex
 import struct
+from unittest.mock import Mock
 
-import jsonschema
 import numpy as np
 import pytest
 from helpers import marker_files, scene_files
 from helpers.paths import ROOT
-from helpers.scenes import MISSING, changed, even, trial
+from helpers.scenes import even, trial
 
 import clothfit
 from clothfit.base.errors import InvalidInput
@@ -87,7 +86,6 @@ def fails(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("export scene.json", "missing option "),
         (
             "estimate scene.json --starts 2 --report page.html",
             "--report is for one fit of one scene; make the pages of several with clothfit report",
@@ -108,7 +106,6 @@ def test_a_command_line_that_is_not_understood_ends_with_2(fails, arguments, mes
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("simulate scene.json -o scene.json", "it is an input, which is never written over; name another file"),
         (f"simulate scene.json -o {'n' * 300}", "cannot write …: File name too long"),
         ("simulate scene.json -o moved.ply", "cannot write …: … can only be read"),
         ("simulate scene.json -o a.npz --up z", ".npz has the scene's axes and metres; leave --scale, --up, …out"),
@@ -116,6 +113,8 @@ def test_a_command_line_that_is_not_understood_ends_with_2(fails, arguments, mes
         ("estimate scene.json --target good.npz --map map.csv", "--map: … has all vertices, in their order; leave it"),
         ("export scene.json --to csv -o -", "an export is several files, which need a folder; name one with -o"),
         ("new -", "a mesh is not read from standard input; name a file"),
+        ("estimate scene.json --starts 1000000000", "--starts must be at most 10000; 1000000000 was given"),
+        ("estimate scene.json --loss huber --loss-scale 1e300", "--loss-scale must be within 1e-100 … 1e+100 m; "),
         ("new plane --integrator magic", "integrator: there is no …; use "),
         ("new plane --fit colour", "fit: there is no …; use two letters, or "),
         ("new plane --fit wind=L", "fit: … cannot be fitted as …; use "),
@@ -126,56 +125,16 @@ def test_a_value_or_a_path_that_cannot_be_ends_with_3(fails, arguments, message)
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "message"),
-    [
-        (("delta",), MISSING, "delta: is missing, and it has no default"),
-        (("title",), 5, "title: 5 is not "),
-        (("integrationMethod",), 7, "integrationMethod: 7 is not one of "),
-        (("optimizationIterations",), 0, "optimizationIterations: 0 is too small; it must be at least "),
-        (("objects",), [], "objects: is empty; at least "),
-        (("mine",), float("nan"), "line …, column …: … is not JSON; a finite number is needed"),
-        (("forwardSubSteps",), 2_000_000_000, " velocities each, take … of memory, … use fewer iterations "),
-        (("objects", 0, "springs", 3), 3.5, "springs[3]: 3.5 is not an index (a whole number)"),
-        (("objects", 0, "vertPos", 5), {"x": 0, "y": 0}, "vertPos[5].z: is missing; a vector needs x, y and z"),
-        (("objects", 0, "vertPos", 5, "x"), 1e300, " are too far apart; the spring's rest length is not finite"),
-        (("objects", 0, "vertMass"), [1.0], "vertMass: … for …; one each is needed"),
-        (("objects", 0, "optimizationSettings"), "x", " is not two letters of n, F, R, M, G, L (masses, then"),
-    ],
-)
-def test_a_scene_that_cannot_be_ends_with_3(fails, path, value, message):
-    fails(3, "simulate scene.json", message, scene_json=changed(SMALL, path, value))
-
-
-def ruled():
-    """A schema with a rule that has no words of its own; none of today's is such."""
-    rule = jsonschema.Draft202012Validator({"properties": {"delta": {"multipleOf": 7}}})
-    return [("clothfit.scene.schema.conforms", lambda *_: False), ("clothfit.scene.schema._validator", lambda: rule)]
-
-
-def raising(error):
-    """A function that fails."""
-
-    def function(*_, **__):
-        raise error
-
-    return function
-
-
-@pytest.mark.parametrize(
     ("arguments", "name", "value", "message"),
     [
         ("convert good.npz out.glb", "formats.glb.MOST_GLB_BYTES", 100, "are more than a GLB file can have;"),
         ("convert good.npz out.c3d", "formats.c3d.LARGEST_WORD", 1, " points are more than C3D can name; write"),
-        ("simulate scene.json -o a.usd", "formats.registry.import_module", raising(ImportError()),
+        ("simulate scene.json -o a.usd", "formats.registry.import_module", Mock(side_effect=ImportError),
          " needs …; install it with: pip install 'clothfit["),
     ],
 )  # fmt: skip
 def test_what_a_format_or_a_system_cannot_hold_ends_with_3(fails, arguments, name, value, message):
     fails(3, arguments, message, [(f"clothfit.{name}", value)])
-
-
-def test_a_rule_of_the_schema_without_words_is_named(fails):
-    fails(3, "simulate scene.json", " breaks the rule ", ruled())
 
 
 def usd(*prims, head='#usda 1.0\n(upAxis = "Y"\nmetersPerUnit = 1)\n'):
@@ -203,7 +162,6 @@ def weights(values, count=4):
     ("name", "content", "message"),
     [
         ("npz", {"positions": np.zeros((2, 0, 3))}, "has no points"),
-        ("obj", b"\x89PNG\r\n", "it is a picture; name another file"),
         ("pc2", struct.pack("<12siiffi", b"POINTCACHE2\0", 1, 1, 0, 1, 1), " bytes, it has …; is it complete?"),
         ("abc", b"\x89HDF", "it is in Alembic's older container, HDF5; convert it with: abcconvert -toOgawa"),
         ("abc", b"Ogawa\0" + bytes(20), "it was not written to its end; export it again"),
@@ -263,8 +221,6 @@ def test_lists_of_a_mesh_beyond_the_memory_are_refused(fails):
         ("estimate scene.json --target good.npz@other.json", " in this scene, … in …; a fit of both needs as many",
          {"scene_json": GUSTY, "other_json": trial("nG", 5)}),
         ("estimate scene.json --start other.json", " values of …, … are needed", {"other_json": trial("nG", 5, nx=3)}),
-        ("estimate scene.json --target bad.npz", "times: must be finite and increasing",
-         {"bad_npz": {**GOOD, "times": np.zeros(5)}}),
         ("estimate scene.json --target bad.csv", "no marker is seen in any frame",
          {"bad_csv": b"time,a_x,a_y,a_z,b_x,b_y,b_z\n0.02,,,,,,\n"}),
         ("convert good.npz a.pc2 --mesh a.obj", "--mesh: … has … vertices, the motion has ", {"a_obj": TRIANGLE}),
@@ -280,7 +236,6 @@ def test_what_does_not_go_together_ends_with_3(fails, arguments, message, files)
 @pytest.mark.parametrize(
     ("arguments", "message", "scene"),
     [
-        ("simulate scene.json", "the simulation diverged at step … (t = … s), ", HARD),
         ("evaluate scene.json scene.json --steps 300", "; the horizon ends before that",
          {**HARD, "optimizationIterations": 5}),
         ("report scene.json scene.json --steps 300", "; the frames before are shown", HARD),
@@ -311,27 +266,16 @@ SCENE, ONES = clothfit.load(SMALL), np.ones(3)
 LINE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([(0, 1, 1)], np.int32))
 
 
-def order(cost, direction=ONES):
-    """The check of the derivative of a cost that is the same everywhere."""
-    return verify.taylor_order(lambda p: cost, np.zeros(3), ONES, direction)
-
-
 @pytest.mark.parametrize(
     ("message", "call"),
     [
-        ("evaluations are too few, at least 1 is needed", lambda: clothfit.estimate(SCENE, max_evaluations=0)),
         ("targets: 0 are given for 1 scenes; give one item for each", lambda: clothfit.estimate_many([SCENE], [])),
         ("target: none is given; at least one motion is needed", lambda: clothfit.estimate(SCENE, [])),
         ("is not a number, an array of numbers or a scene", lambda: clothfit.estimate(SCENE, start=["a"])),
-        ("objects; one each is needed", lambda: SCENE.with_values([], [])),
-        ("items for 1 objects are given", lambda: SCENE.with_values([1], [1], drag=[])),
         ("up must be y or z; 'x' was given", lambda: clothfit.Reading(up="x")),
-        ("half a surrogate pair; save it as UTF-8", lambda: clothfit.load(io.StringIO('{"a": "\ud800"}'))),
         ("a scene comes from a path, an open file or a dict, not from", lambda: clothfit.load(5)),
         ("have no coefficient; give a number", lambda: mesh.air_drag(LINE, 1.0)),
-        ("derivative check: only 0 of", lambda: order(0.0)),
-        ("derivative check: direction of shape (2,) given, p has (3,)", lambda: order(0.0, np.ones(2))),
-        ("derivative check: the cost is nan near p; a finite one is needed", lambda: order(np.nan)),
+        ("derivative check: only 0 of", lambda: verify.taylor_order(lambda p: 0.0, np.zeros(3), ONES, ONES)),
     ],
 )
 def test_a_call_from_python_raises_invalid_input(message, call):

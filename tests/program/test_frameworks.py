@@ -66,27 +66,18 @@ def test_the_product_for_jax_is_the_derivative(with_jax):
 
 
 @pytest.mark.parametrize("name", ["with_torch", "with_jax"])
-def test_a_model_is_trained_through_the_simulation(name):
+def test_a_model_is_trained_and_a_cost_that_the_framework_differentiates_is_fitted(name, capsys):
     module = example(name)
     scene = module.curtain()
     truth = clothfit.with_parameters(scene, 1.5 * clothfit.parameters(scene))
     losses = module.train(scene, clothfit.simulate(truth, tolerance=1e-10))
     assert losses[-1] < 1e-2 * losses[0]  # the truth is among what the model can say
-
-
-@pytest.mark.parametrize("name", ["with_torch", "with_jax"])
-def test_a_cost_that_the_framework_differentiates_is_fitted(name):
-    module = example(name)
-    scene = module.curtain()
     objective = clothfit.Objective(scene, objective=module.sag)
     assert clothfit.verify.check(objective, clothfit.parameters(scene)).passed
     fit = clothfit.estimate(scene, objective=module.sag, model="F", rmse=1e-4)
     assert fit.cost <= 1e-8  # m²: `rmse` is its root
 
-
-@pytest.mark.parametrize("name", ["with_torch", "with_jax"])
-def test_the_example_says_what_it_did(name, capsys):
-    example(name).main()
+    module.main()
     printed = capsys.readouterr().out.splitlines()
     assert len(printed) == 2
     assert printed[1].endswith("converged")

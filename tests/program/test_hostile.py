@@ -50,17 +50,9 @@ def refused(data, kind="scene"):
 
 BROKEN = {
     "deep": (TEXT[:-1] + ', "x": ' + "[" * 65 + "]" * 65 + "}", "nested too deeply to be a scene (more than 64"),
-    "very deep": ("[" * 10**6, "the JSON is nested too deeply"),
     "repeated keys by the thousand": ('{"a": [' + '{"b": 1, "b": 2},' * 20_000 + "1]}", "the key b appears more than"),
-    "too many steps": (TEXT.replace('"optimizationIterations": 4', '"optimizationIterations": 1e10'), "whole number"),
-    "more than 32 bits": (
-        TEXT.replace('"optimizationIterations": 4', f'"optimizationIterations": {10**30}'),
-        "is too large; it must be at most 2147483647",
-    ),
-    "iterations": (
-        TEXT.replace('"forwardSubSteps": 1', '"forwardSubSteps": 2000000000'),
-        "of memory, ",
-    ),
+    "more than 32 bits": (TEXT.replace('Iterations": 4', f'Iterations": {10**30}'), "it must be at most 2147483647"),
+    "iterations": (TEXT.replace('"forwardSubSteps": 1', '"forwardSubSteps": 2000000000'), "of memory, "),
     "time": (TEXT.replace('"delta": 0.02', '"delta": 1e308'), "delta: 2 steps of 1e+308 s do not end at a finite time"),
 }
 
@@ -70,12 +62,10 @@ def test_scenes_that_are_too_much_are_refused(text, message):
     assert message in refused(text.encode())
 
 
-def test_as_many_levels_as_are_allowed_are_read():
+def test_brackets_count_where_they_are_no_text():
     nested = TEXT[:-1] + ', "x": ' + "[" * 63 + '"]]\\"[[{{"' + "]" * 63 + ', "y": "' + "[{" * 99 + '"}'
     assert dumps(load_text(nested)).decode() == nested
 
-
-def test_brackets_in_strings_do_not_hide_those_outside():
     hidden = TEXT[:-1] + ', "x": ["' + "]" * 99 + '\\\\", ' + "[" * 70 + "]" * 71 + "}"
     with pytest.raises(InvalidScene, match="nested too deeply"):
         load_text(hidden)
@@ -86,9 +76,7 @@ def test_a_scene_larger_than_any_is_refused_unread(tmp_path):
     with open(path, "wb") as file:
         os.truncate(file.fileno(), 10**12)
     verdict = judged(("simulate", str(path), "-o", "out.npz"), slow=math.inf)
-    assert verdict.message == (
-        "error: sparse.json: cannot be read: it has more than the 500 MB that can be read\n"
-    )
+    assert verdict.message == "error: sparse.json: cannot be read: it has more than the 500 MB that can be read\n"
     assert (verdict.code, verdict.faults) == (3, ())
 
 
@@ -126,19 +114,6 @@ def test_names_that_cannot_be_are_refused():
             verdict = judged(("estimate", "good.json", *arguments, "-o", "out.json"), slow=math.inf)
             assert verdict.code == 3
             assert verdict.message.splitlines()[-1].startswith("error: ")
-
-
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        (("--starts", "1000000000"), "--starts must be at most 10000; 1000000000 was given"),
-        (("--loss", "huber", "--loss-scale", "1e300"), "--loss-scale must be within 1e-100 … 1e+100 m; 1e+300 m"),
-    ],
-)
-def test_options_that_ask_for_too_much_are_refused(option, message):
-    verdict = judged(("estimate", "good.json", "-o", "out.json", *option), slow=math.inf)
-    assert verdict.code == 3
-    assert message in verdict.message
 
 
 def test_planes_by_the_thousand_get_one_warning():

@@ -57,32 +57,20 @@ def test_all_names_exist_and_are_listed():
 
 
 def test_errors_are_what_they_should_be():
-    assert issubclass(clothfit.InvalidScene, clothfit.InvalidInput)
-    assert issubclass(clothfit.InvalidMotion, clothfit.InvalidInput)
+    of = {"InvalidScene": "InvalidInput", "InvalidMotion": "InvalidInput", "Diverged": "ClothfitError"}
+    assert all(issubclass(getattr(clothfit, name), getattr(clothfit, base)) for name, base in of.items())
     assert issubclass(clothfit.InvalidInput, ValueError)
-    assert issubclass(clothfit.Diverged, clothfit.ClothfitError)
-
-
-def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="module 'clothfit' has no attribute 'fold'"):
         clothfit.fold  # noqa: B018
 
 
-def used(names):
-    """Code that uses names of the package."""
-    return f"import clothfit; [getattr(clothfit, name) for name in {names}]"
-
-
 NAMES = [*CALLS, "evaluate", "degrade"]
-MODULES = "; ".join(f"import clothfit.{home}" for home in HOMES)
-REVERSED = "; ".join(f"import clothfit.{home}" for home in reversed(HOMES))
+USED = f"import clothfit; [getattr(clothfit, name) for name in {NAMES}]"
 
 
-@pytest.mark.parametrize(
-    "before",
-    [f"{used(NAMES)}; {MODULES}", REVERSED, f"import clothfit.cli.evaluate, clothfit.cli.estimate; {MODULES}"],
-    ids=["names first", "modules first", "commands first"],
-)
-def test_names_are_functions_in_whatever_order_names_are_used_and_modules_imported(before):
-    code = f"{before}; import clothfit, inspect; "
-    assert python(code + f"print(*[n for n in {NAMES} if not inspect.isfunction(getattr(clothfit, n))])") == []
+@pytest.mark.parametrize("first", [USED, "", "import clothfit.cli.evaluate, clothfit.cli.estimate"],
+                         ids=["names first", "modules first", "commands first"])  # fmt: skip
+def test_names_are_functions_in_whatever_order_names_are_used_and_modules_imported(first):
+    modules = "; ".join(f"import clothfit.{home}" for home in (HOMES if first else reversed(HOMES)))
+    code = f"print(*[n for n in {NAMES} if not inspect.isfunction(getattr(clothfit, n))])"
+    assert python(f"{first}\n{modules}; import clothfit, inspect; {code}") == []

@@ -18,10 +18,7 @@ from clothfit.scene import schema as structure
 pytestmark = pytest.mark.slow  # starts processes
 
 PACKAGE = ROOT / "clothfit"
-WHERE = (
-    "import clothfit.scene.schema as s; print(s.schema_path()); "
-    "print(s.defaults('scene')['optimizationIterations'])"
-)
+WHERE = "from clothfit.scene.schema import defaults, schema_path as at; print(at(), len(defaults('scene')))"
 
 
 @pytest.fixture(scope="module")
@@ -48,23 +45,12 @@ def names(wheel):
         return archive.namelist()
 
 
-def project():
-    return tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-
-
-def test_the_schema_of_a_checkout_is_the_one_beside_the_package():
-    assert structure.schema_path() == ROOT / "schemas" / "scene.schema.json"
-    assert structure.defaults("scene")["optimizationIterations"] == 100
-
-
-def test_the_version_is_written_once_and_as_the_build_reads_it():
+def test_the_version_is_written_once_and_the_entry_point_exists():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     source = (PACKAGE / "base" / "version.py").read_text("utf-8")
     assert re.findall(r'^__version__ = "(.+)"$', source, re.MULTILINE) == [clothfit.__version__]
-    assert "version" in project()["dynamic"]
-
-
-def test_the_entry_point_exists():
-    module, _, name = project()["scripts"]["clothfit"].partition(":")
+    assert "version" in project["dynamic"]
+    module, _, name = project["scripts"]["clothfit"].partition(":")
     assert callable(getattr(__import__(module, fromlist=[name]), name))
 
 
@@ -88,11 +74,12 @@ def test_a_wheel_carries_the_licence_and_the_command(wheel):
 def test_the_schema_is_found_from_an_unpacked_wheel(wheel, tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path)
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-c", WHERE], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines() == [str(tmp_path / "clothfit" / "schemas" / "scene.schema.json"), "100"]
+    environment, call = {**os.environ, "PYTHONPATH": str(tmp_path)}, [sys.executable, "-c", WHERE]
+    done = subprocess.run(call, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+    place, count = done.stdout.split()
+    assert place == str(tmp_path / "clothfit" / "schemas" / "scene.schema.json")
+    assert int(count) == len(structure.defaults("scene")) > 5
+    assert structure.schema_path() == ROOT / "schemas" / "scene.schema.json"  # of a checkout
 
 
 def test_a_source_distribution_holds_what_is_needed_to_build_test_and_try(sdist):

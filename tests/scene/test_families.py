@@ -126,12 +126,16 @@ def test_flexion_springs_over_two_cells_in_a_row_bend():
     assert [FAMILIES[k] for k in family] == ["bending along"] * 24 + ["bending across"] * 24
 
 
-def test_springs_beside_the_mesh_are_others():
+def test_springs_beside_the_mesh_are_others_and_strange_triangles_have_families():
     mesh = plane(2, 1.0)
     far = np.array([[0, 15], [0, 14], [3, 12]], np.int32)
     assert [FAMILIES[k] for k in families_of(mesh.positions, mesh.triangles, far)] == ["other"] * 3
     assert [FAMILIES[k] for k in families_of(mesh.positions, mesh.triangles[:0], far)] == ["other"] * 3
     assert len(families_of(mesh.positions, mesh.triangles, far[:0])) == 0
+    points = np.array([(0, 0, 0), (1, 0, 0), (0, 0, 0), (0, 1, 0), (0, 0, 1)], float)
+    pairs = np.array([(0, 1), (1, 2), (3, 4), (2, 3)], np.int32)
+    for strange in ([(0, 1, 2)], [(0, 0, 0)], [(0, 1, 2)] * 2, [(0, 1, 2), (0, 1, 3), (0, 1, 4)]):
+        assert len(families_of(points, np.array(strange, np.int32), pairs)) == 4
 
 
 def test_cells_that_are_cut_crosswise_have_the_directions_of_their_triangles():
@@ -148,15 +152,6 @@ def test_cells_that_are_cut_crosswise_have_the_directions_of_their_triangles():
     assert {name: found[name] for name in ("edges along", "edges across", "edges diagonal")} == {
         "edges along": 2 * n * n, "edges across": 2 * n * n, "edges diagonal": 2 * n * (n + 1)
     }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "triangles", [[(0, 1, 2)], [(0, 0, 0)], [(0, 1, 2), (0, 1, 2)], [(0, 1, 2), (0, 1, 3), (0, 1, 4)]]
-)
-def test_strange_triangles_have_families(triangles):
-    points = np.array([(0, 0, 0), (1, 0, 0), (0, 0, 0), (0, 1, 0), (0, 0, 1)], float)
-    pairs = np.array([(0, 1), (1, 2), (3, 4), (2, 3)], np.int32)
-    assert len(families_of(points, np.array(triangles, np.int32), pairs)) == 4
 
 
 # The fields `families`, `regions` and `warp` of an object: what they do to the groups, and what is refused.
@@ -240,26 +235,15 @@ def test_the_fields_survive_a_round_trip():
 @pytest.mark.parametrize(
     ("field", "value", "place", "word"),
     [
-        ("families", [], "families", "a list is not an object"),
-        ("families", {"names": ["a"]}, "families.springs", "is missing"),
-        ("families", {"names": ["a"], "springs": 3}, "families.springs", "3 is not a list"),
         ("families", {"names": ["a"], "springs": [0]}, "families.springs", f"1 value for {SPRINGS} springs"),
         ("families", {"names": ["a"], "springs": [*ZERO[1:], 1]}, f"families.springs[{SPRINGS - 1}]", "family 1 does"),
-        ("families", {"names": ["a"], "springs": [*ZERO[1:], -1]}, f"families.springs[{SPRINGS - 1}]", "1 name"),
-        ("families", {"names": ["a"], "springs": [0.0, *ZERO[1:]]}, "families.springs[0]", "0.0 is not an index"),
         ("families", {"names": ["a", "a"], "springs": ZERO}, "families.names[1]", '"a" is there already'),
         ("families", {"names": [" "], "springs": ZERO}, "families.names[0]", "is empty"),
-        ("families", {"names": [5], "springs": ZERO}, "families.names[0]", "5 is not text"),
-        ("regions", {}, "regions", "an object is not a list"),
-        ("regions", [{"name": "a"}], "regions[0].vertices", "is missing"),
         ("regions", [{"name": "a", "vertices": [0, 12]}], "regions[0].vertices[1]", "vertex 12 does not exist"),
         ("regions", [{"name": "a", "vertices": [10**30]}], "regions[0].vertices[0]", "does not exist"),
-        ("regions", [{"name": "a", "vertices": ["1"]}], "regions[0].vertices[0]", '"1" is not an index'),
         ("regions", [{"name": "a", "vertices": [0]}] * 2, "regions[1].name", "there already"),
         ("regions", [{"name": "elsewhere", "vertices": [0]}], "regions[0].name", "in no region"),
         ("warp", {"x": 0, "y": 0, "z": 0}, "warp", "no length"),
-        ("warp", {"x": 0, "y": 0}, "warp.z", "missing"),
-        ("warp", "x", "warp", '"x" is not an object'),
     ],
 )  # fmt: skip
 def test_a_broken_field_gives_one_problem_with_its_place(field, value, place, word):

@@ -37,15 +37,12 @@ def test_there_and_back():
     values, change = elements(MIXED, 2, p), changes(MIXED, 2, p, p)
     assert (values.mass.tolist(), values.stiffness.tolist()) == ([6, 6], [10])
     assert (change.mass.tolist(), change.stiffness.tolist()) == ([6, 6], [0])
-
-
-def test_the_gradient_of_one_value_is_the_sum_over_the_elements():
     mass, stiffness, *_ = MIXED.blocks
-    assert mass.reduce(np.array([1.0, 2, 3]), parameters(MIXED)).tolist() == [1, 2, 3]
-    assert stiffness.reduce(np.array([5.0, 7]), parameters(MIXED)).tolist() == [12]
+    assert mass.reduce(np.array([1.0, 2, 3]), p).tolist() == [1, 2, 3]
+    assert stiffness.reduce(np.array([5.0, 7]), p).tolist() == [12]  # of one value the sum over the elements
 
 
-@pytest.mark.parametrize("p", [np.ones(7), np.ones(9), np.ones((8, 1)), 1.0])
+@pytest.mark.parametrize("p", [np.ones(7), np.ones((8, 1)), 1.0])
 def test_a_vector_of_another_shape_is_refused(p):
     with pytest.raises(InvalidInput) as caught:
         with_parameters(MIXED, p)

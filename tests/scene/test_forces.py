@@ -84,16 +84,13 @@ def test_files_that_do_not_fit_are_refused(tmp_path, fault):
     assert str(refused.value).startswith("f.npz: ")
 
 
-def test_files_that_cannot_be_read_are_refused(tmp_path):
-    with pytest.raises(InvalidInput, match="there is no such file"):
-        load_forces(tmp_path / "none.npz", 2)
-    (tmp_path / "f.npz").write_text("forces")
-    with pytest.raises(InvalidInput, match=r"^f\.npz: cannot be read as forces"):
-        load_forces(tmp_path / "f.npz", 2)
-
-
 def test_gains_are_read_with_their_forces(tmp_path):
     path = tmp_path / "f.npz"
+    with pytest.raises(InvalidInput, match=r"^f\.npz: there is no such file"):
+        load_forces(path, 2)
+    path.write_text("forces")
+    with pytest.raises(InvalidInput, match=r"^f\.npz: cannot be read as forces"):
+        load_forces(path, 2)
     write_atomically(path, npz.archive({"forces": three().values, "times": three().times, **gains()}))
     found = load_forces(path, 2, pulls=True).regulator
     x, v = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.full((2, 3), 0.5)
@@ -108,16 +105,6 @@ def test_gains_are_read_with_their_forces(tmp_path):
 HEAD = "time,vertex,fx,fy,fz\n"
 
 
-def some():
-    """Times and forces of all sizes, on five of seven vertices."""
-    rng = np.random.default_rng(3)
-    values = rng.normal(size=(9, 7, 3)) * 10.0 ** rng.integers(-300, 8, (9, 7, 3))
-    values[:, [2, 5]] = 0.0
-    values[4] = 0.0
-    values[0, 0] = [5e-324, -0.1, 1 / 3]
-    return 0.02 * np.arange(9), values
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -127,10 +114,7 @@ def some():
         (HEAD + "0,0,1,2,x\n", "cannot be read as forces"),
         (HEAD + "0,0,1,2,3\n0.1,7,1,2,3\n", "line 3: 7 is no vertex; there are 7, from 0"),
         (HEAD + "0,0.5,1,2,3\n", "line 2: 0.5 is no vertex"),
-        (HEAD + "0,nan,1,2,3\n", "line 2: nan is no vertex"),
         (HEAD + "0,1,1,2,3\n0,1,1,2,3\n", "a vertex has two forces at one time"),
-        (HEAD + "0,1,1,2,inf\n", "is not finite"),
-        (HEAD + "nan,1,1,2,3\n", "times"),
     ],
 )
 def test_what_is_damaged_is_refused(tmp_path, text, said):
@@ -142,8 +126,12 @@ def test_what_is_damaged_is_refused(tmp_path, text, said):
 
 
 def test_it_reads_back_bit_by_bit_and_another_reader_finds_the_same(tmp_path):
-    times, values = some()
-    path = tmp_path / "f.csv"
+    """Forces of all sizes, on five of seven vertices."""
+    rng, times, path = np.random.default_rng(3), 0.02 * np.arange(9), tmp_path / "f.csv"
+    values = rng.normal(size=(9, 7, 3)) * 10.0 ** rng.integers(-300, 8, (9, 7, 3))
+    values[:, [2, 5]] = 0.0
+    values[4] = 0.0
+    values[0, 0] = [5e-324, -0.1, 1 / 3]
     path.write_bytes(forces.table(times, values))
     found = load_forces(path, 7)
     np.testing.assert_array_equal(found.values, values)

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from helpers.physics import ball, scene, thing, xyz
-from helpers.scenes import changed, cloth, document, load_text
+from helpers.scenes import changed, cloth, document, load_text, problems
 
 from clothfit.base.arrays import Elements
 from clothfit.base.errors import InvalidScene
@@ -51,37 +51,14 @@ def test_the_table_names_the_elements_and_the_fields_of_the_schema():
             assert letters in (set(), {"n", "N", *kind.modes, *kind.modes.lower()})
 
 
-def test_the_order_is_that_of_the_kinds_then_of_the_objects_then_the_scenes_own():
-    found = [(block.cloth, block.name, block.mode, block.count) for block in load_text(json.dumps(full())).blocks]
-    assert found == [
-        (0, "mass", "G", 1),
-        (0, "stiffness", "L", 16),
-        (0, "damping", "G", 1),
-        (0, "drag", "G", 1),
-        (0, "velocity", "G", 3),
-        (0, "rest", "L", 16),
-        (1, "mass", "L", 4),
-        (None, "wind", "G", 3),
-        (None, "gravity", "G", 3),
-    ]
-
-
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
         (("fit",), {"wind": True}, "fit.wind: cannot be fitted; windVel, gravity, windVelKeys, friction, contact, "),
         (("objects", 0, "fit"), {"vertMass": "G"}, "objects[0].fit.vertMass: cannot be fitted; damping, drag"),
-        (("objects", 0, "fit"), {"damping": "L"}, 'objects[0].fit.damping: "L" is not one of "n", "G"'),
-        (("objects", 0, "fit"), {"vertVel": "X"}, 'objects[0].fit.vertVel: "X" is not one of "n", "G", "L"'),
-        (("objects", 0, "fit"), {"damping": 1}, "objects[0].fit.damping: 1 is not one of"),
-        (("objects", 0, "fit"), "G", 'objects[0].fit: "G" is not an object'),
-        (("gravity",), {"x": 0, "y": -9.81}, "gravity.z: is missing"),
         (("objects", 0, "vertVel"), [xyz((0, 0, 0))], "objects[0].vertVel: 1 value for 12 vertices; one each"),
-        (("objects", 0, "vertVel"), {}, "objects[0].vertVel: an object is not a list"),
-        (("objects", 0, "vertVel"), [3] * 12, "objects[0].vertVel[0]: 3 is not a vector"),
         (("objects", 0, "springRestLength"), [1.0], "objects[0].springRestLength: 1 value for 23 springs; one each"),
         (("objects", 0, "springRestLength"), [0.0] + [1.0] * 22, "objects[0].springRestLength[0]: the rest length"),
-        (("objects", 0, "springRestLength"), ["1"] * 23, 'objects[0].springRestLength[0]: "1" is not a number'),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_with_its_place(path, value, message):
@@ -110,10 +87,7 @@ def test_letters_and_switches():
 # There and back -------------------------------------------------------------------------------------------------------
 
 
-MODES = [EVERY, {**EVERY, "vertVel": "L", "springRestLength": "G"}]
-
-
-@pytest.mark.parametrize("modes", MODES)
+@pytest.mark.parametrize("modes", [EVERY, {**EVERY, "vertVel": "L", "springRestLength": "G"}])
 def test_parameters_come_back_from_the_scene_and_from_its_file(modes):
     first = load_text(json.dumps(full(modes)))
     p = parameters(first) * 1.25 + 0.125
@@ -158,16 +132,13 @@ def test_the_laws_of_colliders_and_their_offset_go_into_the_file(mode, friction,
 
 @pytest.mark.parametrize("name", ["friction", "contact", "colliderOffset"])
 def test_what_belongs_to_colliders_needs_one(name):
-    with pytest.raises(InvalidScene, match=rf"^scene: fit\.{name}: there are no colliders$"):
-        load_text(json.dumps(document(fit={name: "G"})))
-    with pytest.raises(InvalidScene, match=rf'^scene: fit\.{name}: there are no colliders but planes; "planes": '):
-        load_text(json.dumps(document(fit={name: "G"}, colliders=[FLOOR])))
-    plain = document(fit={name: "G"}, colliders=[OBSTACLES[2]])
-    if name == "colliderOffset":
-        assert load_text(json.dumps(plain)).blocks[-1].name == "offset"
-        return
-    with pytest.raises(InvalidScene, match=rf"^scene: fit\.{name}: there are no colliders but plain spheres; "):
-        load_text(json.dumps(plain))
+    cases = {"": [], ' but planes; "planes": ': [FLOOR], " but plain spheres; ": [OBSTACLES[2]]}
+    for more, colliders in cases.items():
+        asked = document(fit={name: "G"}, colliders=colliders)
+        if "spheres" in more and name == "colliderOffset":
+            assert load_text(json.dumps(asked)).blocks[-1].name == "offset"
+        else:
+            assert problems(asked)[0].startswith(f"fit.{name}: there are no colliders{more}")
 
 
 def test_what_the_parameters_stand_for():
@@ -267,12 +238,8 @@ def test_a_value_back_at_its_default_stays_in_the_file_that_has_it():
         ({"mass": [[1, 0]]}, "objects[0].vertMass[1]: the mass 0.0 kg must be above 0"),
         ({"mass": [[1, np.nan]]}, "objects[0].vertMass[1]: NaN is not a finite number"),
         ({"stiffness": [[-1]]}, "objects[0].springStiffness[0]: the stiffness -1.0 N/m must be 0 or more"),
-        ({"stiffness": [[np.inf]]}, "objects[0].springStiffness[0]: Infinity is not a finite number"),
         ({"mass": [], "stiffness": []}, "objects: 0 arrays of masses and 0 of stiffnesses for 1 objects"),
-        ({"damping": [-1.0]}, "objects[0].damping[0]: the damping -1.0 1/s must be 0 or more"),
-        ({"rest": [[0.0]]}, "objects[0].springRestLength[0]: the rest length 0.0 m must be above 0"),
         ({"velocity": [[1, 2]]}, "objects[0].vertVel: an array of int64 of shape (2,) is not 2 × 3 numbers"),
-        ({"wind": (1, 2)}, "windVel: an array of int64 of shape (2,) is not 3 numbers"),
         ({"gravity": (1, np.nan, 0)}, "gravity[1]: NaN is not a finite number"),
         ({"drag": []}, "drag: 0 items for 1 objects"),
         ({"colour": [1]}, "there is no kind 'colour'; there are mass, stiffness"),
@@ -295,15 +262,9 @@ def test_fixed_vertices_and_their_springs_hide_velocities_and_rest_lengths():
     velocity = next(block for block in made.blocks if block.name == "velocity")
     lost = np.flatnonzero(~identifiable(made)[velocity.part])
     assert lost.tolist() == [0, 1, 2, 6, 7, 8]  # three components of vertices 0 and 2
-    held = [True, True] + [False] * 7
-    (rest,) = (b for b in _fixed(made, held).blocks if b.name == "rest")
-    assert np.flatnonzero(~identifiable(_fixed(made, held))[rest.part]).tolist() == [0]  # joins 0 and 1
-
-
-def _fixed(made, flags):
-    text = json.loads(dumps(made))
-    text["objects"][0]["vertIsFixed"] = flags
-    return load_text(json.dumps(text))
+    held = load_text(json.dumps(full({"springRestLength": "L"}, vertIsFixed=[True, True] + [False] * 7)))
+    (rest,) = (block for block in held.blocks if block.name == "rest")
+    assert np.flatnonzero(~identifiable(held)[rest.part]).tolist() == [0]  # joins 0 and 1
 
 
 def test_the_rest_length_of_what_has_no_stiffness_is_hidden_unless_that_is_fitted():
@@ -316,15 +277,10 @@ def test_the_rest_length_of_what_has_no_stiffness_is_hidden_unless_that_is_fitte
 
 def test_drag_and_wind_need_faces_with_free_vertices_and_the_wind_a_drag():
     fit = {"dragCoefficient": True}
-    cases = {
-        "air": (cloth(2, 2, fit=fit), [True] * 4),
-        "no faces": (cloth(2, 2, fit=fit, triangles=[]), [False] * 4),
-        "fixed": (cloth(2, 2, fit=fit, vertIsFixed=[True] * 4), [False] * 4),
-        "drag of 0, fitted": (cloth(2, 2, fit=fit, dragCoefficient=0.0), [True] * 4),
-        "drag of 0": (cloth(2, 2, dragCoefficient=0.0), [False] * 3),
-    }
-    for fields, kept in cases.values():
-        assert identifiable(scene(fields, fit={"windVel": True})).tolist() == kept
+    nothing, still = {"triangles": []}, {"dragCoefficient": 0.0}
+    for fields, kept in (({}, True), (nothing, False), ({"vertIsFixed": [True] * 4}, False), (still, True)):
+        assert identifiable(scene(cloth(2, 2, fit=fit, **fields), fit={"windVel": True})).tolist() == [kept] * 4
+    assert not identifiable(scene(cloth(2, 2, **still), fit={"windVel": True})).any()
 
 
 def test_nothing_of_a_cloth_that_is_fixed_or_unseen_can_be_fitted():

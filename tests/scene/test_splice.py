@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clothfit.scene.splice import splice
@@ -60,6 +60,7 @@ def documents(draw):
 layouts = st.sampled_from([{}, {"indent": 2}, {"separators": (",", ":")}, {"ensure_ascii": False}, {"indent": "\t"}])
 
 
+@settings(max_examples=50)
 @given(documents(), layouts, st.data())
 def test_the_spliced_text_is_the_text_of_the_changed_document(document, layout, data):
     text = json.dumps(document, **layout)
