@@ -15,10 +15,12 @@ of noisy targets must be long.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil
+from typing import TypeVar
 
 import numpy as np
 
@@ -48,6 +50,8 @@ CHOICE = 0.7
 
 MOMENT = 0.5
 """Seconds for the costs of the values that were found, where the time is up."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,7 @@ def prepared(
         return chosen_before(plan, state)
     first = choose_start(plan.objective, start, hidden=False)
     if start is None and options.method == AUTO:
-        blown = in_time(plan.objective, first)
+        blown = in_time(partial(with_air, plan.objective, first), first)
         plan = plan if blown is first else replace(plan, p=blown)
         first = blown
     if counts_of(options, objective.scene):
@@ -109,13 +113,21 @@ def prepared(
     return replace(plan, seconds=clock.passing() - began, computing=now() - computing)
 
 
-def in_time(objective: Objective, p: Array) -> Array:
-    """The start p (P,), or a better one (`with_air`) where the time does not end before it is found."""
+def in_time(look: Callable[[], T], otherwise: T, seconds: float | None = None, known: bool = False) -> T:
+    """What `look` finds within some seconds; `otherwise` where the time ends it, or a request does where a result is
+    `known` already.
+    """
     try:
-        with threads.single(), interrupts.heard():
-            return with_air(objective, p)
+        with threads.single(), interrupts.heard(), interrupts.limited(seconds):
+            return look()
+    except KeyboardInterrupt:
+        if not known:
+            raise
+        interrupts.request()
+        interrupts.answer()
     except interrupts.OutOfTime:
-        return p
+        pass
+    return otherwise
 
 
 def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:

@@ -39,7 +39,7 @@ from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, summed
-from clothfit.registration.search import Stage, Unknowns, Wanted, trust_in
+from clothfit.registration.search import Stage, Unknowns, trust_in
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy import smooth_balances
@@ -63,17 +63,17 @@ class Explained:
     registration: Registration  # of the first target
 
 
-def stage_of(scene: Scene, given: Sequence[Experiment], loss: Loss, wanted: Wanted) -> Stage:
+def stage_of(scene: Scene, given: Sequence[Experiment], loss: Loss) -> Stage:
     """The targets and the values of a scene, where registrations are looked for."""
-    stage = Stage.of(scene, given, wanted)
+    stage = Stage.of(scene, given, np.ones(THETA, bool), loss)
     return replace(stage, registered=replace(stage.registered, tolerance=TOLERANCE))
 
 
 def promised(scene: Scene, given: Sequence[Experiment], loss: Loss) -> dict[str, float]:
     """The share of the squares that each kind promises to explain, all from one motion. Raises Diverged."""
-    stage = stage_of(scene, given, loss, Wanted(True, True, loss))
+    stage = stage_of(scene, given, loss)
     unmoved = [Registration()] * len(given)
-    every = Unknowns(stage.registered, stage.start, stage.near(unmoved), np.ones(THETA, bool))
+    every = Unknowns(stage.registered, stage.start, stage.near(unmoved), stage.free)
     plain = every.sums(every.begin)
     weighted = summed(len(plain.g), plain.parts, trust_in(plain.parts))
     values, found = len(stage.start), {}
@@ -98,8 +98,7 @@ def saving(model: Model, free: Flags) -> float:
 
 def explained(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Explained | None:
     """What one kind of registration explains of the residuals; None where the motion diverges."""
-    place = what == "placement"
-    stage = stage_of(scene, given, loss, Wanted(not place, place, loss))
+    place, stage = what == "placement", stage_of(scene, given, loss)
     unmoved = [Registration()] * len(given)
     try:
         stage = stage.weighted() if place else stage

@@ -97,8 +97,8 @@ class Unknowns:
     @property
     def begin(self) -> Array:
         """z at the start."""
-        whole = np.concatenate([self._plain(self.start), np.zeros(THETA * len(self.where))])
-        return np.asarray(whole[self.chosen])
+        plain = self.coordinates.y(self.start) / self.coordinates.weight
+        return np.asarray(np.concatenate([plain, np.zeros(THETA * len(self.where))])[self.chosen])
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -109,9 +109,6 @@ class Unknowns:
                      for each, near in zip(self.registered.given, self.where, strict=True)]  # fmt: skip
             ends.append(np.concatenate([end / self.coordinates.weight, *theta])[self.chosen])
         return ends[0], ends[1]
-
-    def _plain(self, p: Array) -> Array:
-        return np.asarray(self.coordinates.y(p) / self.coordinates.weight)
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """The values (P,), and θ (K, 9)."""
@@ -136,16 +133,12 @@ class Unknowns:
 
     def cost(self, z: Array) -> float:
         """The cost at z; infinite where the simulation diverges."""
+        p, theta = self.split(z)
         try:
-            cost = self.registered.sums(*self.arguments(z)).cost
+            cost = self.registered.sums(p, self.where, theta).cost
         except Diverged:
             return np.inf
         return cost if np.isfinite(cost) else np.inf
-
-    def arguments(self, z: Array) -> tuple[Array, Sequence[Around], Array]:
-        """Those of `Registered.sums`."""
-        p, theta = self.split(z)
-        return p, self.where, theta
 
     def descended(self, iterations: int) -> Found:
         """Where Gauss–Newton from the start ends. Raises Diverged."""
@@ -159,13 +152,8 @@ class Unknowns:
 
 def farthest(given: Experiment) -> Array:
     """The largest changes (9,) of a registration's coordinates."""
-    factor = np.log(SLOWEST)
-    return np.array([factor, LATEST * span(given), *[np.pi] * 3, *[np.inf] * 3, factor])
-
-
-def span(given: Experiment) -> float:
-    """The duration of a target, s."""
-    return float(np.ptp(given.motion.times)) or 1.0
+    factor, duration = np.log(SLOWEST), float(np.ptp(given.motion.times)) or 1.0
+    return np.array([factor, LATEST * duration, *[np.pi] * 3, *[np.inf] * 3, factor])
 
 
 def with_few_values(scene: Scene, mode: str = "F") -> Scene:
@@ -182,39 +170,27 @@ def with_few_values(scene: Scene, mode: str = "F") -> Scene:
     return replace(scene, cloths=tuple(cloths))
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What of registrations is sought, and how residuals count."""
-
-    time: bool  # rate and offset
-    placement: bool  # rotation and translation
-    loss: Loss
-    scale: bool = False
-
-    @property
-    def free(self) -> Flags:
-        """Which coordinates (9,) are sought."""
-        free = np.zeros(THETA, bool)
-        free[TIME], free[PLACE], free[SCALE] = self.time, self.placement, self.scale
-        return free
+def sought(time: bool, placement: bool, scale: bool = False) -> Flags:
+    """Which coordinates (9,) of a registration are sought where its clock, its place or its scale is."""
+    free = np.zeros(THETA, bool)
+    free[TIME], free[PLACE], free[SCALE] = time, placement, scale
+    return free
 
 
-def first_guesses(given: Experiment, wanted: Wanted) -> list[Registration]:
-    """What the target shows by itself: its place and size, where its first frame is the start, and its clock, where it
-    falls.
+def first_guesses(given: Experiment, free: Flags) -> list[Registration]:
+    """What the target shows by itself of the coordinates (9,) that are `free`: its place and size, where its first
+    frame is the start, and its clock, where it falls.
     """
     motion, scene = given
     place, first = Registration(), float(motion.times[0])
     seen = motion.seen()[0]
     start, points = np.concatenate([cloth.positions for cloth in scene.cloths])[seen], motion.positions[0][seen]
-    if (wanted.placement or wanted.scale) and len(points) >= 3:
-        c = 1.0 / scale_between(points, start) if wanted.scale else 1.0
-        R, d = rigid(c * points, start)
-        if not wanted.placement:
-            R, d = np.eye(3), np.zeros(3)
+    if free[SPACE].any() and len(points) >= 3:
+        c = 1.0 / scale_between(points, start) if free[SCALE] else 1.0
+        R, d = rigid(c * points, start) if free[PLACE].any() else (np.eye(3), np.zeros(3))
         if apart(c * points @ R.T + d, start) < RIGID * apart(points, start):
             place = Registration(rotation=R, translation=d, scale=c)
-    if not wanted.time:
+    if not free[TIME].any():
         return [place]
     begun = replace(place, offset=first).applied(motion, scene.delta)
     fall = other_fall(scene, begun)
@@ -222,10 +198,12 @@ def first_guesses(given: Experiment, wanted: Wanted) -> list[Registration]:
     return [replace(place, rate=rate, offset=offset) for rate, offset in dict.fromkeys(clocks)]
 
 
-def find(scene: Scene, given: Sequence[Experiment], wanted: Wanted) -> list[Registration]:
-    """The registration of each target, with few of the scene's values beside it; none where nothing lowers the cost."""
-    whole, unmoved = Stage.of(scene, given, wanted), [Registration()] * len(given)
-    guesses = [first_guesses(each, wanted) for each in given]
+def find(scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss) -> list[Registration]:
+    """The registration of each target in the coordinates (9,) that are `free`, with few of the scene's values beside
+    it; none where nothing lowers the cost.
+    """
+    whole, unmoved = Stage.of(scene, given, free, loss), [Registration()] * len(given)
+    guesses = [first_guesses(each, free) for each in given]
     tries = []
     for i in range(max(map(len, guesses))):
         alike = [each[min(i, len(each) - 1)] for each in guesses]
@@ -241,14 +219,16 @@ def find(scene: Scene, given: Sequence[Experiment], wanted: Wanted) -> list[Regi
 
 
 def better(
-    scene: Scene, given: Sequence[Experiment], wanted: Wanted, known: list[Registration], least: float
+    scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss, known: list[Registration], least: float
 ) -> list[Registration] | None:
     """Registrations with which the scene's values, and one factor for each kind, cost less than the part `least` of
     what they cost with those that are `known`; None where there are none such.
     """
-    stage = Stage.of(scene, given, wanted)
+    stage = Stage.of(scene, given, free, loss)
     before = stage.cost(stage.start, known)
-    found = stage.refined(Found(before, stage.start, known), SHORT)
+    found = stage.placed(Found(before, stage.start, known))
+    if free[TIME].any():
+        found = stage.only(TIME).descended(found.p, found.registrations, SHORT) or found
     return found.registrations if stage.cost(found.p, found.registrations) < least * before else None
 
 
@@ -260,11 +240,11 @@ class Stage:
     free: Flags
 
     @classmethod
-    def of(cls, scene: Scene, given: Sequence[Experiment], wanted: Wanted, mode: str = "F") -> Stage:
+    def of(cls, scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss, mode: str = "F") -> Stage:
         """All frames of the targets, with the few values of the scene, one factor or those of another `mode`."""
         few = with_few_values(scene, mode)
         own = [Experiment(e.motion, few if e.scene is scene else flagged_as(e.scene, few)) for e in given]
-        return cls(Registered(few, own, wanted.loss, TOLERANCE), wanted.free)
+        return cls(Registered(few, own, loss, TOLERANCE), free)
 
     @property
     def start(self) -> Array:
@@ -280,9 +260,7 @@ class Stage:
                   for own, each in zip(near.cloths, scene.cloths, strict=True)]  # fmt: skip
         begun, main = replace(near, cloths=tuple(cloths)), self.registered.main
         given = [Experiment(e.motion, begun if e.scene is main else e.scene) for e in self.registered.given]
-        wanted = Wanted(bool(self.free[TIME].any()), bool(self.free[PLACE].any()), self.registered.loss,
-                        bool(self.free[SCALE]))  # fmt: skip
-        stage = Stage.of(begun, given, wanted, "R")
+        stage = Stage.of(begun, given, self.free, self.registered.loss, "R")
         size = scene.frames * sum(scene.vertex_counts)
         if not len(self.start) < len(stage.start) <= FINER or size > QUICK:
             return None
@@ -293,7 +271,7 @@ class Stage:
     def early(self) -> Stage:
         """The same over the first frames."""
         frames = max(len(each.motion.times) for each in self.registered.given)
-        return replace(self, registered=self.registered.first(max(frames // FIRST_FRAMES, FEWEST)))
+        return replace(self, registered=replace(self.registered, frames=max(frames // FIRST_FRAMES, FEWEST)))
 
     def only(self, part: slice) -> Stage:
         """The same with some coordinates alone."""
@@ -339,13 +317,6 @@ class Stage:
             found = near
             if settled:
                 break
-        return found
-
-    def refined(self, found: Found, iterations: int) -> Found:
-        """Better places, then a better clock, as far as they are sought."""
-        found = self.placed(found)
-        if self.free[TIME].any():
-            found = self.only(TIME).descended(found.p, found.registrations, iterations) or found
         return found
 
     def weighted(self, found: Found | None = None) -> Stage:
