@@ -33,7 +33,6 @@ from clothfit.fit.holdout import Judged
 from clothfit.fit.options import AUTO, LONGEST, FitOptions
 from clothfit.fit.result import Fit
 from clothfit.kernels import clock
-from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
 from clothfit.motion.times import TIME_SLACK, frame_places
 from clothfit.objective.experiment import Experiment
@@ -211,10 +210,7 @@ def in_windows(whole: Objective, frames: int) -> Objective:
 
 def with_whole(found: Fit, whole: Objective) -> Fit:
     """The fit with its error over whole motions from their start; infinite where one diverges."""
-    try:
-        return replace(found, whole=whole.position_rmse(parameters(found.scene, whole.scene)))
-    except Diverged:
-        return replace(found, whole=np.inf)
+    return replace(found, whole=holdout.error_of(whole, parameters(found.scene, whole.scene)))
 
 
 def windows_of(given: Experiment, frames: int) -> list[Experiment]:

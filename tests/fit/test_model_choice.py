@@ -8,7 +8,7 @@ from helpers.strangers import small
 
 from clothfit.base import interrupts
 from clothfit.fit import holdout
-from clothfit.fit.holdout import BEATS, KEPT_OUT, Judged, chosen, error, judged, nearer, parted, smallest
+from clothfit.fit.holdout import BEATS, KEPT_OUT, Judged, chosen, error_of, judged, nearer, parted, smallest
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import at_frames
@@ -180,15 +180,14 @@ def test_too_few_frames_are_not_parted():
 def test_the_error_of_values_is_that_of_their_motion():
     goal = own()
     p = parameters(goal.scene)
-    assert error(None, p) is None
-    assert error(goal, p) < 1e-9  # m; its own motion, systems solved to 1e-10
-    assert error(goal, 1.5 * p) == pytest.approx(goal.rmse(goal.cost(1.5 * p)))
+    assert error_of(goal, p) < 1e-9  # m; its own motion, systems solved to 1e-10
+    assert error_of(goal, 1.5 * p) == pytest.approx(goal.rmse(goal.cost(1.5 * p)))
 
 
 @fits
 def test_values_that_diverge_are_the_worst():
     goal = own(10, integrationMethod=0, delta=0.001)
-    assert error(goal, np.array([1e12])) == np.inf
+    assert error_of(goal, np.array([1e12])) == np.inf
     assert judged([Rung("F", 1, 0.1, np.array([1e12]), 2.0)], goal) == [Judged("F", 1, 0.1, np.inf, 2.0)]
 
 

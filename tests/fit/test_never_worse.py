@@ -126,7 +126,7 @@ def test_a_cost_alone_is_best_where_it_is_lowest():
 
 
 def test_the_found_scene_is_given_before_anything_else_is_looked_at(monkeypatch):
-    import clothfit.fit.estimate as module
+    import clothfit.fit.result as module
 
     (scene, motions), options = given("l-bfgs-b")
     said = []

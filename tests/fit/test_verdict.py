@@ -98,7 +98,7 @@ def test_no_interval_where_the_verdict_fails(monkeypatch):
         raise Diverged("far away", 1)
 
     scene, motion = other_model()
-    monkeypatch.setattr("clothfit.fit.verdict.residual_test", fails)
+    monkeypatch.setattr("clothfit.fit.result.residual_test", fails)
     found = estimate(scene, motion)
     assert found.verdict is None
     assert not shows_no_interval_alone(scene, found)
