@@ -38,11 +38,12 @@ from clothfit.motion.times import TIME_SLACK, frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
+from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import ladder, step_choice, time_step
+from clothfit.strategy import ladder, step_choice
 from clothfit.strategy.start import choose_start, with_air
-from clothfit.strategy.time_step import Step
+from clothfit.strategy.step_choice import Step
 
 CHOICE = 0.7
 """Share of the time of a fit that the choice of its model may take, with that of the step."""
@@ -141,8 +142,8 @@ def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
 
 def with_steps(plan: Prepared, count: int, method: int | None) -> Prepared:
     """The plan with so many steps to a frame."""
-    kept_out, whole = (each and time_step.with_substeps(each, count, method) for each in (plan.kept_out, plan.whole))
-    objective = time_step.with_substeps(plan.objective, count, method)
+    kept_out, whole = (each and step_choice.with_substeps(each, count, method) for each in (plan.kept_out, plan.whole))
+    objective = step_choice.with_substeps(plan.objective, count, method)
     return replace(plan, objective=objective, kept_out=kept_out, whole=whole)
 
 
@@ -235,19 +236,14 @@ def windows_of(given: Experiment, frames: int) -> list[Experiment]:
 def check(scene: Scene) -> None:
     """Raise InvalidInput where a scene cannot begin in another state."""
     fitted = [scene.cloths[cloth] for cloth in fitted_cloths(scene)]
-    if changes(scene) or any(cloth.pins for cloth in fitted):
+    keyed = any(each is not None for each in (scene.wind_keys, scene.gravity_keys, scene.frame))
+    moved = any(each.position or each.rotation or (each.body and each.body.motion) for each in scene.colliders)
+    if keyed or moved or any(cloth.pins for cloth in fitted):
         raise InvalidInput(f"{scene.name}: windows: nothing of the scene may change over time, but its inputs do")
     if any(cloth.mode("velocity") != "n" for cloth in fitted):
         raise InvalidInput(f"{scene.name}: windows: the velocities at the start are fitted, which only the first shows")
     if any(cloth.mode("rest") == "G" for cloth in fitted):
         raise InvalidInput(f"{scene.name}: windows: mode G of rest lengths is relative to those at the start; use F")
-
-
-def changes(scene: Scene) -> bool:
-    """Whether wind, gravity, axes or colliders of a scene change over time."""
-    keyed = (scene.wind_keys, scene.gravity_keys, scene.frame)
-    moved = any(each.position or each.rotation or (each.body and each.body.motion) for each in scene.colliders)
-    return moved or any(each is not None for each in keyed)
 
 
 def starts_of(motion: Motion, scene: Scene, frames: int, last: int) -> list[int]:
@@ -274,8 +270,7 @@ def still(scene: Scene) -> list[Flags]:
 
 def first_window(given: Experiment, end: int) -> Experiment:
     """The first window of a target, up to the frame `end`."""
-    motion = at_frames(given.motion, slice(end + 1))
-    return Experiment(motion, replace(given.scene, frames=reached(motion, given.scene), main=main_of(given.scene)))
+    return whole_of(at_frames(given.motion, slice(end + 1)), given.scene)
 
 
 def window(given: Experiment, start: int, end: int) -> Experiment:
@@ -283,30 +278,17 @@ def window(given: Experiment, start: int, end: int) -> Experiment:
     motion, scene = given
     cut = at_frames(motion, slice(start, end + 1))
     cut = replace(cut, times=cut.times - motion.times[start])
-    around = (motion.positions[start + 1] - motion.positions[start - 1]) / (
-        motion.times[start + 1] - motion.times[start - 1]
-    )
-    ends = np.cumsum(scene.vertex_counts)[:-1]
-    states = zip(
-        scene.cloths, still(scene), np.split(motion.positions[start], ends), np.split(around, ends), strict=True
-    )
-    cloths = tuple(
-        replace(cloth, positions=kept(held, cloth.positions, x), velocity=kept(held, cloth.velocity, v))
-        for cloth, held, x, v in states
-    )
-    return Experiment(cut, replace(scene, cloths=cloths, frames=reached(cut, scene), main=main_of(scene)))
+    before, after = start - 1, start + 1
+    around = (motion.positions[after] - motion.positions[before]) / (motion.times[after] - motion.times[before])
+    ends, cloths = np.cumsum(scene.vertex_counts)[:-1], list[Cloth]()
+    states = zip(still(scene), np.split(motion.positions[start], ends), np.split(around, ends), strict=True)
+    for cloth, (held, x, v) in zip(scene.cloths, states, strict=True):
+        x, v = (np.where(held[:, None], *each) for each in ((cloth.positions, x), (cloth.velocity, v)))
+        cloths.append(replace(cloth, positions=x, velocity=v))
+    return whole_of(cut, replace(scene, cloths=tuple(cloths), main=scene.main or scene))
 
 
-def kept(held: Flags, own: Array, others: Array) -> Array:
-    """Vectors (n, 3) of `others`, and of held vertices their own."""
-    return np.where(held[:, None], own, others)
-
-
-def main_of(scene: Scene) -> Scene:
-    """The scene whose values the factors multiply."""
-    return scene.main or scene
-
-
-def reached(motion: Motion, scene: Scene) -> int:
-    """Frames of the scene that reach the last one of a motion."""
-    return ceil(float(motion.times[-1]) / scene.delta - TIME_SLACK) + 1
+def whole_of(motion: Motion, scene: Scene) -> Experiment:
+    """A motion, and as many frames of the scene as reach its last one; factors multiply the values of its main one."""
+    frames = ceil(float(motion.times[-1]) / scene.delta - TIME_SLACK) + 1
+    return Experiment(motion, replace(scene, frames=frames, main=scene.main or scene))

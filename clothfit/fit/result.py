@@ -20,10 +20,9 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres, owned
 from clothfit.base.notebook import shown
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
-from clothfit.fit.confidence import EXACT, Confidence, confidence
+from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut, Judged
-from clothfit.fit.sampled import Samples
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.identifiability import Correlation
 from clothfit.objective.memory_needs import Needs
@@ -36,7 +35,7 @@ from clothfit.scene.block import Block
 from clothfit.scene.bounds import wider
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy.time_step import Step
+from clothfit.strategy.step_choice import Step
 
 ADEQUATE, DIFFERS = "adequate", "differs"
 

@@ -140,15 +140,6 @@ class Unknowns:
             return np.inf
         return cost if np.isfinite(cost) else np.inf
 
-    def descended(self, iterations: int) -> Found:
-        """Where Gauss–Newton from the start ends. Raises Diverged."""
-        given, frames = self.registered.given, self.registered.frames
-        residuals = 3 * sum(int(each.motion.seen()[:frames].sum()) for each in given)
-        problem = gauss_newton.Problem(self.model, self.cost, *self.bounds, residuals, least=LEAST)
-        model, _, _ = gauss_newton.minimise(problem, self.begin, none(len(self.begin)), iterations=iterations)
-        p, theta = self.split(model.y)
-        return Found(model.cost, p, [near.at(each) for near, each in zip(self.where, theta, strict=True)])
-
 
 def farthest(given: Experiment) -> Array:
     """The largest changes (9,) of a registration's coordinates."""
@@ -202,7 +193,7 @@ def find(scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss) -> 
     """The registration of each target in the coordinates (9,) that are `free`, with few of the scene's values beside
     it; none where nothing lowers the cost.
     """
-    whole, unmoved = Stage.of(scene, given, free, loss), [Registration()] * len(given)
+    whole = Stage.of(scene, given, free, loss)
     guesses = [first_guesses(each, free) for each in given]
     tries = []
     for i in range(max(map(len, guesses))):
@@ -210,12 +201,12 @@ def find(scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss) -> 
         tries.append(whole.early().only(TIME).descended(whole.start, alike, SHORT))
     known = [each for each in tries if each is not None]
     if not known:
-        return unmoved
+        return whole.unmoved
     found = whole.settled(min(known, key=lambda each: each.cost))
     if (finer := whole.finer(scene, found)) is not None:
         return finer
     values = whole.only(slice(0)).descended(found.p, found.registrations, SHORT)
-    return found.registrations if values and values.cost < whole.cost(whole.start, unmoved) else unmoved
+    return found.registrations if values and values.cost < whole.cost(whole.start, whole.unmoved) else whole.unmoved
 
 
 def better(
@@ -265,7 +256,7 @@ class Stage:
         if not len(self.start) < len(stage.start) <= FINER or size > QUICK:
             return None
         better = stage.settled(Found(found.cost, stage.start, found.registrations))
-        lower = stage.cost(better.p, better.registrations) < self.cost(self.start, [Registration()] * len(given))
+        lower = stage.cost(better.p, better.registrations) < self.cost(self.start, self.unmoved)
         return better.registrations if lower else None
 
     def early(self) -> Stage:
@@ -278,6 +269,11 @@ class Stage:
         free = np.zeros(THETA, bool)
         free[part] = self.free[part]
         return replace(self, free=free)
+
+    @property
+    def unmoved(self) -> list[Registration]:
+        """No other clock and no other place of any target."""
+        return [Registration()] * len(self.registered.given)
 
     def near(self, registrations: Sequence[Registration]) -> list[Around]:
         """The registrations around these."""
@@ -296,11 +292,16 @@ class Stage:
 
     def descended(self, p: Array, registrations: Sequence[Registration], iterations: int) -> Found | None:
         """Where Gauss–Newton ends; None where the simulation diverges at its start."""
-        unknowns = Unknowns(self.registered, p, self.near(registrations), self.free)
+        own = Unknowns(self.registered, p, self.near(registrations), self.free)
+        begin, frames = own.begin, self.registered.frames
+        residuals = 3 * sum(int(each.motion.seen()[:frames].sum()) for each in self.registered.given)
+        problem = gauss_newton.Problem(own.model, own.cost, *own.bounds, residuals, least=LEAST)
         try:
-            return unknowns.descended(iterations)
+            model, _, _ = gauss_newton.minimise(problem, begin, none(len(begin)), iterations=iterations)
         except Diverged:
             return None
+        p, theta = own.split(model.y)
+        return Found(model.cost, p, [near.at(each) for near, each in zip(own.where, theta, strict=True)])
 
     def settled(self, found: Found) -> Found:
         """Where the registrations settle with weights that follow what is left."""
@@ -321,8 +322,7 @@ class Stage:
 
     def weighted(self, found: Found | None = None) -> Stage:
         """The same with weights (`trust_in`) from what is left at a point, or at the start. Raises Diverged."""
-        unmoved = [Registration()] * len(self.registered.given)
-        p, registrations = (self.start, unmoved) if found is None else (found.p, found.registrations)
+        p, registrations = (self.start, self.unmoved) if found is None else (found.p, found.registrations)
         return replace(self, registered=replace(self.registered, trust=trust_in(self.sums(p, registrations).parts)))
 
     def placed(self, found: Found) -> Found:

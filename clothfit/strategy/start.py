@@ -36,7 +36,6 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
 from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
 from clothfit.objective.comparison import WHOLE
-from clothfit.objective.experiment import Experiment
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import first_step, target
@@ -56,17 +55,14 @@ Exponents = tuple[float, ...]  # of ten, one per kind that is searched
 
 def best_scales(objective: Objective, patterns: Sequence[Array]) -> list[Array]:
     """The patterns (P,) with the masses and stiffnesses of each cloth multiplied by the best factors, best first."""
-    every = bool(WHOLE & set(objective.weights))  # a spectrum needs all frames
-    frames = [e.scene.frames if every else min(e.scene.frames, window(e)) for e in objective.experiments]
+    frames = []
+    for motion, scene in objective.experiments:
+        shown = first_step(target(motion, i, scene.delta) for i in range(len(scene.cloths)))
+        every = bool(WHOLE & set(objective.weights))  # a spectrum needs all frames
+        frames.append(scene.frames if every else min(scene.frames, shown + COARSE_FRAMES - 1))
     early = objective.until(frames, COARSE_TOLERANCE)
     found = [scaled(early, np.array(p, float)) for p in patterns]
     return [p for _, _, p in sorted((early.cost_or_infinity(p), i, p) for i, p in enumerate(found))]
-
-
-def window(experiment: Experiment) -> int:
-    """Frames of an experiment up to the last that a coarse search compares."""
-    motion, scene = experiment
-    return first_step(target(motion, i, scene.delta) for i in range(len(scene.cloths))) + COARSE_FRAMES - 1
 
 
 def scaled(objective: Objective, p: Array) -> Array:
@@ -352,18 +348,11 @@ def outside_bounds(objective: Objective, p: Array) -> list[str]:
     """Warnings of starting values (P,) that the bounds will move."""
     lower, upper = bounds(objective.scene)
     outside = identifiable(objective.scene) & ((p < lower) | (p > upper))
-    counts = [(block, int(outside[block.part].sum())) for block in objective.blocks]
     return [
         f"{owned(block.cloth, block.name)}: {count} of {block.count} starting values lie outside the bounds "
-        f"{between(block)} and start at the bound; the truth may lie outside as well"
-        for block, count in counts
-        if count
-    ]
-
-
-def between(block: Block) -> str:
-    """The bounds of a block's values, as text."""
-    return f"{block.ends[0]:g} … {block.ends[1]:g}"
+        f"{block.ends[0]:g} … {block.ends[1]:g} and start at the bound; the truth may lie outside as well"
+        for block in objective.blocks if (count := int(outside[block.part].sum()))
+    ]  # fmt: skip
 
 
 def is_steady(scene: Scene) -> bool:

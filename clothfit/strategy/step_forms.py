@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -111,6 +112,9 @@ class Held(NamedTuple):
     cost: float
 
 
+cost_of = attrgetter("cost")
+"""What a fit has come to."""
+
 Fitted = Callable[[Objective, Array, Prior, int], tuple[Array, Prior]]
 """Fits motions from some coordinates (Q,) with a prior, in so many iterations: where it has come to, and
 the prior that it learned.
@@ -195,11 +199,6 @@ class Trials:
             return held._replace(forms=forms, cost=np.inf)
         y, prior = self.fitted(own, held.y, held.prior, iterations)
         return Held(forms, y, prior, own.cost_or_infinity(self.search.parameters(y)))
-
-
-def cost_of(held: Held) -> float:
-    """What a fit has come to."""
-    return held.cost
 
 
 def is_noise(search: Search, objective: Objective, held: Held) -> bool:

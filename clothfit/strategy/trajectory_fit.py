@@ -235,7 +235,9 @@ def fitted(
     """
     search, whole = part.search, part.objective is part.search.objective
     if has_model(part):
-        return by_dense_model(part, stage, y, prior, radius)
+        problem, accepted = part.problem(stage.least, stage.patience), part.accepted if whole else part.passed
+        model, prior, status = minimise(problem, y, prior, accepted, stage.iterations, radius)
+        return model.y, prior, status
     if matrix_free.fits(part):
         search.enter("matrix-free", stage.objective)
         return matrix_free.minimise(part, y, prior, whole)
@@ -335,17 +337,6 @@ def may_explain(search: Search, tau: float | None) -> bool:
         return False
     test = residual_test(part.objective, search.parameters(model.y))
     return test is not None and test.is_noise
-
-
-def by_dense_model(
-    part: Trajectory, stage: Stage, y: Array, prior: Prior, radius: float | None
-) -> tuple[Array, Prior, Status]:
-    """One stage of Gauss–Newton from y (Q,); the last point, the prior that it learned, and how it ended."""
-    whole = part.objective is part.search.objective
-    accepted = part.accepted if whole else part.passed
-    problem = part.problem(stage.least, stage.patience)
-    model, prior, status = minimise(problem, y, prior, accepted, stage.iterations, radius)
-    return model.y, prior, status
 
 
 def is_better(search: Search, found: Array, before: Array, longer: Objective) -> bool:

@@ -1,4 +1,4 @@
-"""Fits of every kind find the values that made the target; starts, bounds, and what the result tells."""
+"""Fits of every kind find the values that made the target, under known forces too; starts, bounds, and what is told."""
 
 import json
 
@@ -14,6 +14,7 @@ from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.simulate import simulate
 from clothfit.objective.identifiability import identifiable
 from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.forces import Forces
 from clothfit.scene.scene import dumps
 from clothfit.strategy.start import neutral
 
@@ -106,15 +107,19 @@ def test_neutral_lengths_are_those_at_the_start_of_the_motion():
         np.testing.assert_array_equal(neutral(made(case)), expected)
 
 
-def test_a_number_is_a_start_of_masses_and_stiffnesses_or_of_all():
-    scene = made("masses and drag")
-    target = record_target(scene)
-    p = parameters(estimate(scene, target, start=0.5, method="l-bfgs-b", max_evaluations=1).scene)
-    np.testing.assert_allclose(p, [0.5, 0.4], rtol=1e-14)  # there and back through the coordinates
-    p = parameters(estimate(scene, start=0.5, method="l-bfgs-b", max_evaluations=1).scene)
-    np.testing.assert_allclose(p, [0.5, 1.0], rtol=1e-14)  # neutral, as the truth is hidden
-    p = parameters(estimate(made("gravity"), start=2.0, method="l-bfgs-b", max_evaluations=1).scene)
-    np.testing.assert_allclose(p, [2.0, 2.0, 2.0], rtol=1e-14)
+@pytest.mark.parametrize(
+    ("case", "start", "shown", "expected"),
+    [
+        ("masses and drag", 0.5, True, [0.5, 0.4]),
+        ("masses and drag", 0.5, False, [0.5, 1.0]),  # neutral, as the truth is hidden
+        ("gravity", 2.0, False, [2.0, 2.0, 2.0]),
+    ],
+)
+def test_a_number_is_a_start_of_masses_and_stiffnesses_or_of_all(case, start, shown, expected):
+    scene = made(case)
+    target = record_target(scene) if shown else None
+    found = estimate(scene, target, start=start, method="l-bfgs-b", max_evaluations=1)
+    np.testing.assert_allclose(parameters(found.scene), expected, rtol=1e-14)  # there and back through the coordinates
 
 
 @pytest.mark.parametrize(
@@ -140,13 +145,6 @@ def test_a_value_at_its_bound_is_reported():
     assert parameters(found.scene).tolist() == [0.0]
 
 
-def test_the_common_factor_includes_a_fitted_drag():
-    scene = made("masses and drag", optimizationSettings="GG")
-    warnings = estimate(scene, max_evaluations=1).warnings
-    told = "objects[0] feels no spheres, so its motion shows masses, stiffnesses and drag only"
-    assert sum(warning.startswith(told) for warning in warnings) == 1
-
-
 def test_the_command_names_the_scene_and_gives_null(tmp_path, capsys):
     own, whole = CASES["wind"]
     path = write_scene(tmp_path, document(cloth(3, 3, **own), optimizationIterations=20, **whole))
@@ -162,3 +160,23 @@ def test_the_command_names_the_scene_and_gives_null(tmp_path, capsys):
     assert deviation["max_relative_deviation"] < 1e-4  # an RMSE below 1e-8 m
     assert run(["evaluate", path, out]) == 0
     assert "scene wind (G)" in capsys.readouterr().out
+
+
+# --- a motion that was made under known forces
+
+
+@pytest.mark.parametrize("how", ["momentum", "gauss-newton"])
+def test_values_come_back_from_a_motion_under_forces(how):
+    one = cloth(damping=0.3, springStiffness=(20.0 + np.arange(23)).tolist(), optimizationSettings="nL")
+    own = load_text(json.dumps(document(one, optimizationIterations=31, **WIND)))
+    values, turn = np.zeros((30, 12, 3)), np.linspace(0.0, 6.0, 30)[:, None]
+    values[:, [5, 6, 11]] = 0.5 * np.stack([np.sin(turn), np.cos(turn), np.sin(2.0 * turn)], axis=2)
+    known = own.with_forces(Forces(0.02 * np.arange(30), values))
+    target = simulate(known, tolerance=1e-12)
+    guess = known.with_values([known.cloths[0].mass], [1.3 * known.cloths[0].stiffness])
+    found = estimate(guess, target, method=how)
+    moved = ~own.cloths[0].fixed[own.cloths[0].springs].all(axis=1)  # the others are not seen
+    truth = known.cloths[0].stiffness[moved]
+    np.testing.assert_allclose(found.scene.cloths[0].stiffness[moved], truth, rtol=1e-6)  # errors of solves
+    blind = estimate(guess.with_forces(None), target, method=how)
+    assert blind.rmse > 1e3 * found.rmse

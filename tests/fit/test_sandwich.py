@@ -1,6 +1,7 @@
 """Covariances from blocks: what they come to where the textbook knows, and fits whose model differs or is chaotic."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def test_of_a_linear_problem_it_is_the_jackknife_of_refits():
 def test_independent_residuals_have_twice_their_covariance():
     found, true = [], []
     for seed in range(300):
-        J, r, K = regression(seed, steps=240)
+        J, r, K = regression(seed, steps=120)
         found.append(np.trace(kept(J, r).blocks(np.ones(3)).covariance(np.arange(3), K)))
         true.append(2.0 * np.trace(K))
     # Each has three values with two degrees of freedom: a relative standard error of 0.6 / √300, and three of them;
@@ -99,6 +100,7 @@ def test_growth_is_that_of_the_run_that_grows_most():
     assert made.growth == pytest.approx(1.2**75, rel=1e-9)  # from a quarter of 101 steps to the last
 
 
+@cache
 def other_model(settings="nG"):
     """A scene with one stiffness, and a noisy motion of the same cloth with a stiffness for each spring."""
     scattered = load(trial(settings, 40, 5, 5, vertMass=[0.02] * 25))
