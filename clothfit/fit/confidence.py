@@ -278,7 +278,10 @@ def intervals(known: Posterior, hidden: Hidden, exact: bool) -> tuple[Array, Arr
     down[known.free] = np.where(hidden.flags, np.nan, t * known.deviation + np.abs(known.K @ known.derivative))
     up = down.copy()
     held = np.setdiff1d(np.arange(len(down)), known.free)
-    down[held], up[held] = from_bound(known, held, t)
+    # the effect of a mass or stiffness at its lower bound grows in proportion to it; at the upper bound, to 1 / p
+    reach = t * known.alone(held)
+    reach = np.where(search.coordinates.log[search.fitted][held], np.log1p(reach), reach)
+    down[held], up[held] = inwards(search, held, reach)
     ends = ends_of(search, local.scale * down, local.scale * up)
     if known.blocks is not None:  # from bound to bound: nothing is known
         lower, upper = bounds(search.objective.scene)
@@ -298,16 +301,6 @@ def inwards(search: Search, held: NDArray[np.intp], reach: Array) -> tuple[Array
     """How far (H,) down and up the intervals of parameters reach, of the Q, that are at a bound: from there only."""
     low = at_lower(search.best.p, bounds(search.objective.scene)[0])[search.fitted][held]
     return np.where(low, 0.0, reach), np.where(low, reach, 0.0)
-
-
-def from_bound(known: Posterior, held: NDArray[np.intp], t: float) -> tuple[Array, Array]:
-    """How far (H,) down and up the intervals of parameters at a bound reach: inwards only, linear in their effect.
-
-    The effect of a mass or stiffness at its lower bound grows in proportion to it; at the upper bound, to 1 / p.
-    """
-    search = known.local.search
-    reach = t * known.alone(held)
-    return inwards(search, held, np.where(search.coordinates.log[search.fitted][held], np.log1p(reach), reach))
 
 
 def set_back(known: Posterior, hidden: Hidden, noise: float, start: Array) -> tuple[Array, float]:

@@ -78,6 +78,12 @@ from clothfit.strategy.trajectory_fit import best_prior, by_gauss_newton, go_on
 GRACE = 0.5
 """Seconds for each look at a result whose time is up."""
 
+SOLVED_AS = (
+    "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved to "
+    "{:g}, so the fit has the same"
+)
+"""What is said of a fit to a target that was solved less accurately than fits are."""
+
 
 def record_target(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
     """The motion of the scene's own parameters, solved as tightly as a fit does. Raises Diverged."""
@@ -228,17 +234,9 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
             except SolvedLooser as looser:
                 plan = plan.solved(looser.tolerance, looser.p)
                 found = searched(plan, start, hidden, options, checkpoint, None)
-                found = replace(found, warnings=[*found.warnings, solved_as(looser.tolerance)])
+                found = replace(found, warnings=[*found.warnings, SOLVED_AS.format(looser.tolerance)])
             found = replace(found, hints=[*hints, *found.hints])
         return assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
-
-
-def solved_as(tolerance: float) -> str:
-    """What is said of a fit to a target that was solved less accurately than fits are."""
-    return (
-        "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved "
-        f"to {tolerance:g}, so the fit has the same"
-    )
 
 
 def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:

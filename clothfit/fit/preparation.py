@@ -20,7 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -75,10 +75,12 @@ class Prepared:
 
     def solved(self, tolerance: float, p: Array) -> Prepared:
         """The same from the values p (P,), with linear systems solved to another tolerance, relative."""
-        every = (self.objective, self.kept_out, self.whole)
-        objective, kept_out, whole = (each and each.until(each.steps + 1, tolerance) for each in every)
-        assert objective is not None
-        return replace(self, objective=objective, kept_out=kept_out, whole=whole, p=p, cost=np.inf)
+        return self.changed(lambda each: each.until(each.steps + 1, tolerance), p=p, cost=np.inf)
+
+    def changed(self, change: Callable[[Objective], Objective], **others: Any) -> Prepared:
+        """The same with a change of all its objectives, and with other fields."""
+        kept_out, whole = (each and change(each) for each in (self.kept_out, self.whole))
+        return replace(self, objective=change(self.objective), kept_out=kept_out, whole=whole, **others)
 
 
 def flagged(scene: Scene, model: str | None) -> Scene:
@@ -142,9 +144,7 @@ def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
 
 def with_steps(plan: Prepared, count: int, method: int | None) -> Prepared:
     """The plan with so many steps to a frame."""
-    kept_out, whole = (each and step_choice.with_substeps(each, count, method) for each in (plan.kept_out, plan.whole))
-    objective = step_choice.with_substeps(plan.objective, count, method)
-    return replace(plan, objective=objective, kept_out=kept_out, whole=whole)
+    return plan.changed(lambda each: step_choice.with_substeps(each, count, method))
 
 
 def chosen_before(plan: Prepared, state: State) -> Prepared:
@@ -161,8 +161,7 @@ def chosen_before(plan: Prepared, state: State) -> Prepared:
 def with_model(plan: Prepared, model: str) -> Prepared:
     """The plan with a model in place of its scene's."""
     scene = ladder.as_model(plan.objective.scene, model, exactly=True)
-    kept_out, whole = (each and each.flagging(scene) for each in (plan.kept_out, plan.whole))
-    return replace(plan, objective=plan.objective.flagging(scene), kept_out=kept_out, whole=whole, model=model)
+    return plan.changed(lambda each: each.flagging(scene), model=model)
 
 
 def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Prepared) -> Prepared:

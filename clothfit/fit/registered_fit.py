@@ -269,7 +269,8 @@ def joint(
     found, moved, far = [], [], False
     for k, (each, near) in enumerate(zip(known, where, strict=True)):
         own = slice(len(p) + THETA * k, len(p) + THETA * (k + 1))
-        J, by = by_coordinates(near), step[own]
+        ends = [[near.at(sign * STEP * e).numbers for sign in (1.0, -1.0)] for e in np.eye(THETA)]
+        J, by = np.stack([(up - down) / (2.0 * STEP) for up, down in ends], axis=1), step[own]  # by coordinates
         width, away = NORMAL * sigma * np.sqrt(np.diag(J @ covariance[own, own] @ J.T)), np.abs(J @ by)
         found.append(replace(each, within=width + away))
         most_likely = near.at(by)
@@ -303,9 +304,3 @@ def solved(fit: Fit, sums: Sums, free: Flags, sigma: float) -> tuple[Array, Arra
     covariance = np.zeros_like(H)
     covariance[every] = inverse(H[every] * np.outer(scale, scale)) * np.outer(scale, scale)
     return covariance, -covariance @ np.concatenate([np.zeros(count), sums.g[count:]])
-
-
-def by_coordinates(near: Around) -> Array:
-    """The derivative (9, 9) of a registration's numbers by its coordinates."""
-    ends = [[near.at(sign * STEP * e).numbers for sign in (1.0, -1.0)] for e in np.eye(THETA)]
-    return np.stack([(up - down) / (2.0 * STEP) for up, down in ends], axis=1)

@@ -365,11 +365,13 @@ def steadied(scene: Scene) -> Scene:
     """The scene of a steady wind, which is fitted as one value in place of its keys."""
     keys = scene.gusts
     flags = {**{name: mode for name, mode in scene.fits.items() if name != "gusts"}, "wind": "G"}
-    made = scene.with_values(
-        [cloth.mass for cloth in scene.cloths], [cloth.stiffness for cloth in scene.cloths],
-        wind=scene.wind + keys[0], gusts=np.zeros_like(keys),
-    )  # fmt: skip
-    return replace(made, fits=flags)
+    return replace(with_wind(scene, scene.wind + keys[0], np.zeros_like(keys)), fits=flags)
+
+
+def with_wind(scene: Scene, wind: Array, keys: Array) -> Scene:
+    """The scene with another steady wind (3,), and other keys (K, 3) beside it, m/s."""
+    masses, stiffnesses = zip(*((cloth.mass, cloth.stiffness) for cloth in scene.cloths), strict=True)
+    return scene.with_values(masses, stiffnesses, wind=wind, gusts=keys)
 
 
 def values_by(scene: Scene, flags: Scene) -> Array:
@@ -379,8 +381,5 @@ def values_by(scene: Scene, flags: Scene) -> Array:
     if scene.mode("gusts") != "n" or flags.mode("gusts") == "n":
         return parameters(scene, flags=flags)
     steady = scene.wind if flags.mode("wind") != "n" else flags.wind
-    made = scene.with_values(
-        [cloth.mass for cloth in scene.cloths], [cloth.stiffness for cloth in scene.cloths],
-        wind=steady, gusts=np.broadcast_to(scene.wind - steady, scene.gusts.shape),
-    )  # fmt: skip
+    made = with_wind(scene, steady, np.broadcast_to(scene.wind - steady, scene.gusts.shape))
     return np.asarray(np.clip(parameters(made, flags=flags), *bounds(flags)))

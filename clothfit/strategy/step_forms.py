@@ -171,7 +171,9 @@ def best_forms(search: Search, objective: Objective, free: Objective, held: Held
     for _ in range(CHANGES):
         found = min(trials.of(best, followed(search, objective, free, best), ITERATIONS), key=cost_of, default=best)
         if not found.cost < (1.0 - PAYS) * best.cost and best.forms and not is_noise(search, objective, best):
-            rough = sorted(trials.of(best, neighbours_of(best), FEW_ITERATIONS), key=cost_of)
+            others = ([*best.forms[:run], other, *best.forms[run + 1 :]]
+                      for run, own in enumerate(best.forms) for other in neighbours(own))  # fmt: skip
+            rough = sorted(trials.of(best, others, FEW_ITERATIONS), key=cost_of)
             found = min((trials.fit(each, each.forms, ITERATIONS) for each in rough[:BEST]), key=cost_of, default=best)
         if not found.cost < (1.0 - PAYS) * best.cost:
             break
@@ -215,13 +217,6 @@ def followed(search: Search, objective: Objective, free: Objective, best: Held) 
         found.append(free.forms_along(objective.with_forms(best.forms) if best.forms else objective, p))
         found.append(free.forms(p))
     return found[:1] if len(found) > 1 and same(*found) else found
-
-
-def neighbours_of(held: Held) -> Iterator[Sequence[Forms]]:
-    """Forms that differ in one step of one run."""
-    for run, own in enumerate(held.forms):
-        for other in neighbours(own):
-            yield [other if i == run else each for i, each in enumerate(held.forms)]
 
 
 def neighbours(forms: Forms) -> Iterator[Forms]:

@@ -182,8 +182,10 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
                 raise ModelDiffers
             routes = [Route(last, y, prior, learned=True) for y, prior in found or []]
             routes += [astray] if astray.stages else []
-        elif routes and (is_same(search, y, known) or is_explained(search)):
-            break
+        elif routes:
+            cost = search.measure(search.parameters(y))  # two routes may have come to one minimum
+            if (np.isfinite(cost) and np.isclose(cost, known, rtol=SAME_COST, atol=0.0)) or is_explained(search):
+                break
     search.best.follow(None)
     return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
 
@@ -249,12 +251,6 @@ def fitted(
 def has_model(part: Trajectory) -> bool:
     """Whether a dense model of a trajectory is small enough."""
     return part.operations() <= LARGEST and part.fits()
-
-
-def is_same(search: Search, y: Array, known: float) -> bool:
-    """Whether coordinates (Q,) cost what was `known` as the best before: two routes have come to one minimum."""
-    cost = search.measure(search.parameters(y))
-    return bool(np.isfinite(cost) and np.isclose(cost, known, rtol=SAME_COST, atol=0.0))
 
 
 def is_explained(search: Search) -> bool:

@@ -354,36 +354,6 @@ def test_a_target_that_does_not_fit_is_refused(kind):
         estimate(scene, change(record_target(scene)))
 
 
-@pytest.mark.parametrize(
-    ("start", "message"),
-    [
-        (2 * UPPER, "start: 20000 is not within the bounds"),
-        (np.inf, "start: inf is not within the bounds"),
-        ([1.0] * 32 + [1e5], "start: 100000 is not within the bounds"),
-        ([1.0] * 32, "start: 32 values given, scene has 33 parameters"),
-        (np.ones((33, 1)), "start: 33 values given"),
-        ([], "start: 0 values given"),
-    ],
-)
-def test_a_start_that_cannot_be_is_refused(start, message):
-    with pytest.raises(InvalidInput, match=message):
-        estimate(load(even("nL")), start=start)
-
-
-def test_a_start_scene_of_other_objects_is_refused():
-    with pytest.raises(InvalidInput, match=r"objects\[0\] has 16 values of stiffness, 33 are needed"):
-        estimate(load(even("nL")), start=load(even("nL", nx=3, ny=3)))
-
-
-def test_nothing_flagged_and_unknown_methods_are_refused():
-    with pytest.raises(InvalidInput, match=r"nothing to fit.*optimizationSettings"):
-        estimate(load(even("nn")))
-    with pytest.raises(InvalidInput, match="there is no 'newton'; use auto, momentum, gauss-newton, l-bfgs-b"):
-        estimate(load(even("nG")), method="newton")
-    with pytest.raises(InvalidInput, match="max_evaluations: 0 evaluations are too few"):
-        estimate(load(even("nG")), max_evaluations=0)
-
-
 def test_a_bare_array_is_a_target_with_a_frame_per_step():
     scene = load(even("nG"))
     target = record_target(scene)

@@ -22,7 +22,6 @@ from clothfit.fit.preparation import (
     Prepared,
     chosen_before,
     counts_of,
-    flagged,
     in_windows,
     prepared,
     windows_of,
@@ -64,25 +63,6 @@ def finer(letters="nL", **fields):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"model": "Q"}, "model: there is no 'Q'; use auto, F, G, R, M, L"),
-        ({"substeps": 0}, "substeps must be auto or a whole number from 1 on; 0 was given"),
-        ({"substeps": 1.5}, "substeps must be auto"),
-        ({"substeps": "many"}, "substeps must be auto"),
-        ({"substeps": 2, "keep_step": True}, "substeps: the step is to be kept; use either substeps or keep_step"),
-        ({"substeps": "auto", "keep_step": True}, "substeps: the step is to be kept"),
-    ],
-)
-def test_options_that_cannot_be_are_refused(options, said):
-    with pytest.raises(InvalidInput) as caught:
-        FitOptions(**options).check()
-    assert str(caught.value).startswith(said)
-    with pytest.raises(InvalidInput):
-        estimate(small("nF", 5), np.zeros((5, 16, 3)), **options)
-
-
-@pytest.mark.parametrize(
     ("method", "options", "counts"),
     [
         (IMPLICIT, {}, []),
@@ -97,11 +77,6 @@ def test_options_that_cannot_be_are_refused(options, said):
 )
 def test_the_steps_that_are_to_be_tried(method, options, counts):
     assert counts_of(FitOptions(**options), small("nF", 5, method=method)) == counts
-
-
-@pytest.mark.parametrize(("model", "letters"), [(None, "RL"), ("F", "FF"), ("G", "GG"), ("L", "LL"), ("auto", "LL")])
-def test_a_model_takes_the_place_of_the_flags(model, letters):
-    assert flagged(small("RL", 5), model).cloths[0].settings == letters
 
 
 # --- plans
@@ -236,7 +211,7 @@ def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(
                 found = estimate(scene, motion, intervals=False, **options)
             except KeyboardInterrupt:
                 found = None
-        assert (found is None) <= (last < 2), last  # only before the first cost there is nothing to give
+        assert (found is None) == (last == 0), last  # only before the first cost there is nothing to give
         # a stage solves systems to 1e-7
         assert found is None or found.rmse <= first * (1 + 1e-5), last
 
@@ -369,21 +344,6 @@ def test_a_scene_that_cannot_begin_in_another_state_is_refused(fields, text):
     motion, *_ = quadratic(scene, 24)
     with pytest.raises(InvalidInput, match=text):
         windows_of(Experiment(motion, scene), 8)
-
-
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        ({"windows": 1}, "windows must have 2 frames or more; 1 was given"),
-        ({"windows": 5, "fit_time": True}, "windows: they begin in the target's own states"),
-        ({"windows": 5, "target": None}, "windows: a target is needed"),
-    ],
-)
-def test_options_that_windows_do_not_go_with(options, text):
-    scene = sheet(frames=20)
-    target = quadratic(scene, 20)[0]
-    with pytest.raises(InvalidInput, match=text):
-        estimate(scene, **{"target": target, **options})
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ import pytest
 from helpers.strangers import sheet, stranger, with_finer_steps
 
 import clothfit
-from clothfit.base.errors import InvalidInput
 from clothfit.fit.options import FitOptions
 from clothfit.fit.registered_fit import Fits
 from clothfit.motion.degrade import degrade
@@ -128,11 +127,6 @@ def test_a_budget_of_time_ends_the_search_with_a_result(exact):
     found = clothfit.estimate(sheet(50.0), stranger(exact, 1.2), fit_time=True, budget=1e-3)
     assert len(found.registration) == 1
     assert found.scene.frames == 40
-
-
-def test_without_a_target_there_is_no_clock():
-    with pytest.raises(InvalidInput, match="give a target"):
-        clothfit.estimate(sheet(), fit_time=True)
 
 
 def test_the_progress_of_several_fits_goes_on_and_its_best_never_gets_worse(exact):

@@ -137,15 +137,21 @@ class Barred:
         return Model(y, self.cost(y), np.diag(SLOPES**2), SLOPES**2 * (y - 1.0))
 
 
-@pytest.mark.parametrize(("still", "end"), [(100.0, 1.0), (1e12, 0.4)])
-def test_a_point_around_leads_beyond_the_step_but_near_the_target_none_is_polled(monkeypatch, still, end):
-    # steps end at the minimum beyond the edge, but not before it
+@pytest.fixture
+def _barred(monkeypatch):
+    """Steps end at the minimum beyond the edge, but not before it."""
     monkeypatch.setattr(few_values, "some_steps", lambda part, y, most: np.ones(2) if y[0] >= STEP else y)
+
+
+@pytest.mark.usefixtures("_barred")
+@pytest.mark.parametrize(("still", "end"), [(100.0, 1.0), (1e12, 0.4)])
+def test_a_point_around_leads_beyond_the_step_but_near_the_target_none_is_polled(still, end):
     part = Barred(still)
     assert few_values.beyond_switches(part, np.array([0.4, 1.0]), 4).tolist() == [end, 1.0]
     assert (len(part.asked) == 1) is (end < STEP)
 
 
+@pytest.mark.usefixtures("_barred")
 def test_the_points_are_where_a_smooth_cost_is_higher_by_the_same():
     part, y = Barred(), np.array([-2.0, 1.0])  # all points cost more, or lie as far from the edge
     part.own_widths = np.full(2, 1e9)

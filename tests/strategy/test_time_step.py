@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.interrupting import interrupt_after
 from helpers.marks import FITS
 from helpers.strangers import small, with_finer_steps
 
-from clothfit.base import interrupts
 from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
@@ -163,27 +161,6 @@ def coarse():
     """The objective of a scene with the editor's step, and a target by finer ones."""
     scene = small("nF", 24)
     return objective(scene, with_finer_steps(scene, 8))
-
-
-@pytest.mark.parametrize("simulations", [1, 2, 8, 20])
-def test_an_interrupt_during_the_choice_leaves_the_best_so_far(monkeypatch, coarse, simulations):
-    goal, start = coarse, 1.5 * parameters(coarse.scene)
-    first = goal.cost(start)
-    with interrupts.deferred():
-        interrupt_after(monkeypatch, simulations)
-        found = chosen(goal, start, ENOUGH, COUNTS)
-        assert interrupts.requested()
-    monkeypatch.undo()
-    assert found.cost <= first
-    assert found.objective.cost(found.p) == pytest.approx(found.cost, rel=1e-5)  # a stage solves systems to 1e-7
-
-
-def test_an_interrupt_before_the_first_cost_leaves_nothing(monkeypatch, coarse):
-    goal = coarse.flagging(coarse.scene)  # which knows no motion yet
-    with interrupts.deferred():
-        interrupt_after(monkeypatch, 0)
-        with pytest.raises(KeyboardInterrupt):
-            chosen(goal, parameters(goal.scene), ENOUGH, COUNTS)
 
 
 # --- a look at finer steps
