@@ -211,7 +211,8 @@ def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(
                 found = estimate(scene, motion, intervals=False, **options)
             except KeyboardInterrupt:
                 found = None
-        assert (found is None) == (last == 0), last  # only before the first cost there is nothing to give
+        assert (found is None) <= (last == 0), last  # only before the first cost there is nothing to give
+        assert found is None or last or "substeps" not in options
         # a stage solves systems to 1e-7
         assert found is None or found.rmse <= first * (1 + 1e-5), last
 
