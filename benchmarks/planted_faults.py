@@ -118,7 +118,7 @@ FAULTS = (
     Fault("fit/confidence: nothing is unidentifiable", "flags = np.linalg.norm(known.null, axis=1) > HIDDEN_SHARE",
           "flags = np.linalg.norm(known.null, axis=1) > 2.0", "fit/test_confidence.py fit"),
     Fault("registration/free_fall: inverse rate", "np.sqrt(self.gravity / self.acceleration)",
-          "np.sqrt(self.acceleration / self.gravity)", "registration fit/test_registered_fit.py fit/test_hints.py fit"),
+          "np.sqrt(self.acceleration / self.gravity)", "registration/test_free_fall.py registration fit"),
     Fault("registration/residuals: derivative by the rate", "= -t * u, -u / rate", "= -t * u / rate, -u / rate",
           "registration/test_residuals.py registration"),
     # scenes, files, meshes

@@ -19,21 +19,30 @@ Where the residuals are no noise at all, as the model differs, the covariance co
 there are no intervals. Of too many values for a matrix they come from samples (`sampled`). Where the motion is chaotic,
 its sensitivities grow so far that all but one direction look like rounding beside that: nothing is said of what the
 motion shows.
+
+Intervals of so many values that the matrix of their fit would take minutes: by samples of the posterior.
+
+The standard deviations are those of K samples (`products.sampling`), so each of them is known to 1 / √(2 K), and the
+intervals have Student's t of K degrees of freedom, wider for it. The rest is meant as in `confidence`: the step that is
+left adds to the half width, values that the data push against a bound have intervals inwards only, and a value that
+changes nothing which is compared has none, nor one whose deviation is beyond the width of its bounds. What the motion
+does not show as a combination of values, the prior alone determines; it is not named, nor taken back.
 """
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
 from clothfit.engine.system import mobile
-from clothfit.fit.posterior import CHAOS, Kept, Local, Posterior, learned_prior, posterior
-from clothfit.fit.sampled import Samples, sampled
+from clothfit.fit.posterior import CHAOS, Kept, Local, Posterior, half_width, learned_prior, posterior
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.identifiability import Correlation, strongest
 from clothfit.objective.objective import Objective
@@ -41,6 +50,7 @@ from clothfit.objective.running_cost import running_cost
 from clothfit.optimise import momentum, trajectory
 from clothfit.optimise.evidence import variance
 from clothfit.optimise.gauss_newton import Model
+from clothfit.optimise.matrix_free import Products, Sampling
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds
@@ -64,6 +74,36 @@ CHAOTIC = (
 )
 UNTRUSTED = "no intervals: the model differs, and for so many values, or so few frames, none could be trusted"
 DISAGREEING = "no intervals: the model differs, and what one part of the motion says of the values, no other confirms"
+
+
+SAMPLES = 16
+"""K: of as many the deviations are known to a sixth."""
+
+PRODUCTS_TOLERANCE = 1e-6
+"""Of the linear systems of products."""
+
+SETTLED, ROUGHLY = 0.05, 0.2
+"""Change of the samples in a round, in standard deviations, at which they are done; and up to which they are of use
+where the time is up.
+"""
+
+SHARE, LEAST = 1.0, 30.0
+"""Seconds that they may take, relative to those of the fit; and at least."""
+
+ROUNDS = 60
+
+COPIES = 3
+"""Arrays of all directions that a round works with."""
+
+SEED = 20
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The samples that intervals are by."""
+
+    count: int  # K
+    accuracy: float  # relative standard error of a standard deviation
 
 
 @dataclass(frozen=True)
@@ -135,17 +175,52 @@ def found_by_samples(search: Search, differs: bool) -> Confidence | None:
     """The confidence by samples, without combinations of values; None where they are of no use. Raises Diverged."""
     if differs or is_exact(search, search.best.cost):
         return None
-    found = sampled(search, *residual_squares(search.objective, search.best.p))
-    if found is None:
+    squares, count = residual_squares(search.objective, search.best.p)
+    sampling = sampled(search, squares, count)
+    if sampling is None:
         return None
-    ends = np.full((2, len(search.fitted)), np.nan)
-    for end, y in zip(ends, (search.y - found.down, search.y + found.up), strict=True):
-        end[search.fitted] = search.parameters(y)[search.fitted]
-    ends[:, search.fitted] = np.where(np.isnan(found.down), np.nan, ends[:, search.fitted])
-    hidden = np.zeros(len(search.fitted), bool)
-    hidden[search.fitted] = found.hidden
-    best, (low, high) = search.best, ends
-    return Confidence(best.p, best.cost, low, high, hidden, None, found.sigma, samples=found.samples)
+    noise, coordinates, fitted = variance(squares, count, sampling.determined), search.coordinates, search.fitted
+    t = half_width(min(float(SAMPLES), max(count - sampling.determined, 1.0)))
+    deviation = np.sqrt(noise / sampling.sigma2) * sampling.deviation
+    lost = ~sampling.shown | (deviation > (coordinates.upper - coordinates.lower)[fitted])
+    down = np.where(lost, np.nan, t * deviation + np.abs(sampling.step))
+    up, stuck = down.copy(), np.flatnonzero(~sampling.free)
+    with np.errstate(divide="ignore"):
+        reach = t * np.sqrt(noise / sampling.diagonal[stuck])
+    weight, log = coordinates.weight[fitted][stuck], coordinates.log[fitted][stuck]
+    reach = np.where(log, weight * np.log1p(reach / weight), reach)
+    down[stuck], up[stuck] = inwards(search, stuck, reach)
+    hidden = np.zeros(len(fitted), bool)
+    hidden[fitted] = lost
+    samples = Samples(SAMPLES, float(1.0 / np.sqrt(2.0 * SAMPLES)))
+    best, spread, (low, high) = search.best, float(np.sqrt(noise)), ends_of(search, down, up)
+    return Confidence(best.p, best.cost, low, high, hidden, None, spread, samples=samples)
+
+
+def sampled(search: Search, squares: float, count: int) -> Sampling | None:
+    """Samples at the best point of a search, whose residuals are noise with this sum of `squares` and `count`. None
+    without a prior, or where they would take more memory or more seconds. Raises Diverged.
+    """
+    prior, part = search.best.prior, Trajectory(search, search.objective)
+    fits = 8 * COPIES * part.size * (SAMPLES + 1) * ROUNDS <= part.objective.room  # all directions
+    if prior is None or not prior.groups or not np.isfinite(prior.tau).all() or not fits:
+        return None
+    y, until = search.y, time.monotonic() + max(SHARE * search.progress.seconds, LEAST)
+    products, generator = Products(part, y, PRODUCTS_TOLERANCE), np.random.default_rng(SEED)
+    search.enter("intervals")
+    if products.growth(generator.standard_normal(len(y))) > CHAOS:
+        return None
+    sigma2 = variance(squares, count, len(y) / 2.0)  # corrected below
+    lower, upper = bounds(search.objective.scene)
+    held = at_lower(search.best.p, lower)[search.fitted], at_upper(search.best.p, upper)[search.fitted]
+    sampling = Sampling(products, prior, y, sigma2, SAMPLES, generator, held)
+    for _ in range(ROUNDS):
+        change = sampling.round()
+        search.report()
+        interrupts.check()
+        if change <= SETTLED or time.monotonic() > until:
+            break
+    return sampling if change <= ROUGHLY else None
 
 
 def correlated(known: Posterior, hidden: Hidden) -> tuple[Correlation, ...]:
@@ -203,24 +278,27 @@ def intervals(known: Posterior, hidden: Hidden, exact: bool) -> tuple[Array, Arr
     down[known.free] = np.where(hidden.flags, np.nan, t * known.deviation + np.abs(known.K @ known.derivative))
     up = down.copy()
     held = np.setdiff1d(np.arange(len(down)), known.free)
-    down[held], up[held] = from_bound(known, held, t)
-    ends = np.full((2, len(search.fitted)), np.nan)
-    for end, y in zip(ends, (search.y - local.scale * down, search.y + local.scale * up), strict=True):
-        end[search.fitted] = search.parameters(y)[search.fitted]
+    # the effect of a mass or stiffness at its lower bound grows in proportion to it; at the upper bound, to 1 / p
+    reach = t * known.alone(held)
+    reach = np.where(search.coordinates.log[search.fitted][held], np.log1p(reach), reach)
+    down[held], up[held] = inwards(search, held, reach)
+    ends = ends_of(search, local.scale * down, local.scale * up)
     if known.blocks is not None:  # from bound to bound: nothing is known
         lower, upper = bounds(search.objective.scene)
         ends[:, (at_lower(ends[0], lower) & at_upper(ends[1], upper)) | ~np.isfinite(ends).all(axis=0)] = np.nan
     return ends[0], ends[1]
 
 
-def from_bound(known: Posterior, held: NDArray[np.intp], t: float) -> tuple[Array, Array]:
-    """How far (H,) down and up the intervals of parameters at a bound reach: inwards only, linear in their effect.
+def ends_of(search: Search, down: Array, up: Array) -> Array:
+    """Both ends (2, P) of intervals that reach so far (Q,) from the best point of a search; NaN where there is none."""
+    ends = np.full((2, len(search.fitted)), np.nan)
+    for end, y in zip(ends, (search.y - down, search.y + up), strict=True):
+        end[search.fitted] = search.parameters(y)[search.fitted]
+    return ends
 
-    The effect of a mass or stiffness at its lower bound grows in proportion to it; at the upper bound, to 1 / p.
-    """
-    search = known.local.search
-    reach = t * known.alone(held)
-    reach = np.where(search.coordinates.log[search.fitted][held], np.log1p(reach), reach)
+
+def inwards(search: Search, held: NDArray[np.intp], reach: Array) -> tuple[Array, Array]:
+    """How far (H,) down and up the intervals of parameters reach, of the Q, that are at a bound: from there only."""
     low = at_lower(search.best.p, bounds(search.objective.scene)[0])[search.fitted][held]
     return np.where(low, 0.0, reach), np.where(low, reach, 0.0)
 

@@ -22,9 +22,8 @@ from clothfit.base.memory import budget as memory_budget
 from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
-from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
-from clothfit.fit.holdout import held_out, judged, nearer, split
+from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.options import (
     AUTO,
     LONGEST,
@@ -34,11 +33,19 @@ from clothfit.fit.options import (
     options_of,
     settled,
 )
-from clothfit.fit.preparation import Prepared, flagged, in_windows, prepared, with_whole
+from clothfit.fit.preparation import Prepared, flagged, in_time, in_windows, prepared, with_whole
 from clothfit.fit.registered_fit import marked_fit, registered_fit
 from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
-from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
-from clothfit.fit.verdict import UNKNOWN, Judgement, judgement
+from clothfit.fit.result import (
+    UNKNOWN,
+    Fit,
+    Judgement,
+    fitted_scene,
+    judgement,
+    result,
+    with_fallbacks,
+    with_verdict,
+)
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
@@ -70,6 +77,12 @@ from clothfit.strategy.trajectory_fit import best_prior, by_gauss_newton, go_on
 
 GRACE = 0.5
 """Seconds for each look at a result whose time is up."""
+
+SOLVED_AS = (
+    "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved to "
+    "{:g}, so the fit has the same"
+)
+"""What is said of a fit to a target that was solved less accurately than fits are."""
 
 
 def record_target(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
@@ -221,17 +234,9 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
             except SolvedLooser as looser:
                 plan = plan.solved(looser.tolerance, looser.p)
                 found = searched(plan, start, hidden, options, checkpoint, None)
-                found = replace(found, warnings=[*found.warnings, solved_as(looser.tolerance)])
+                found = replace(found, warnings=[*found.warnings, SOLVED_AS.format(looser.tolerance)])
             found = replace(found, hints=[*hints, *found.hints])
         return assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
-
-
-def solved_as(tolerance: float) -> str:
-    """What is said of a fit to a target that was solved less accurately than fits are."""
-    return (
-        "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved "
-        f"to {tolerance:g}, so the fit has the same"
-    )
 
 
 def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:
@@ -274,7 +279,8 @@ def searched(
     elif plan.p is not None:
         first = FirstPoint(plan.p, plan.cost, start_warnings(objective, plan.p))
     else:
-        first = in_time(objective, start, hidden, options.method)
+        given = FirstPoint(choose_start(objective, start, False), np.inf, [])
+        first = in_time(partial(first_point, objective, start, hidden, options.method), given)
     p, cost, warnings = first
     search = Search(objective, p, options.enough, options.max_evaluations, options.on_progress, checkpoint, state, cost)
     if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
@@ -288,7 +294,7 @@ def searched(
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden, start is not None) if plan.p is None else None
     as_it_is = np.inf if start is not None or hidden else cost_of_pattern(objective)
-    status = search_by(search, options, p, others, plan.wanted)
+    status = search_by(search, options, partial(found_by, search, options, p, others, plan.wanted))
     flattened = status != Status.DIVERGED and as_it_is < search.best.cost
     if options.on_found and status != Status.DIVERGED:
         options.on_found(objective.scene if flattened else fitted_scene(search, search.best.p, start is not None))
@@ -356,14 +362,6 @@ def with_step_hint(found: Fit, objective: Objective) -> Fit:
     return replace(found, hints=[*found.hints, Hint("time_step", text, early=False)])
 
 
-def in_time(objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str) -> FirstPoint:
-    """The first point of a method; where the time is up before its cost is known, the values that are given."""
-    try:
-        return first_point(objective, start, hidden, method)
-    except interrupts.OutOfTime:
-        return FirstPoint(choose_start(objective, start, False), np.inf, [])
-
-
 def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOptions) -> Fit:
     """What `look` makes of a fit and what is `given`, within a moment where the time of the fit is limited; the fit as
     it is where a request or the time ends it, and with a warning where equations have no solution.
@@ -371,16 +369,10 @@ def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOpt
     if found.status == Status.INTERRUPTED or interrupts.requested():
         return found
     try:
-        with threads.single(), interrupts.heard(), interrupts.limited(None if options.budget is None else GRACE):
-            return look(found, *given)
-    except KeyboardInterrupt:
-        interrupts.request()
-        interrupts.answer()
-    except interrupts.OutOfTime:
-        pass
+        seconds = None if options.budget is None else GRACE
+        return in_time(partial(look, found, *given), found, seconds, known=True)
     except np.linalg.LinAlgError as error:
         return replace(found, warnings=[*found.warnings, f"the fit could not be looked at in full: {error}"])
-    return found
 
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
@@ -412,10 +404,7 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
     return objective, kept_out
 
 
-def search_by(
-    search: Search, options: FitOptions, start: Array, others: Callable[[], list[Array]] | None,
-    wanted: Sequence[str] | None,
-) -> Status:  # fmt: skip
+def search_by(search: Search, options: FitOptions, method: Callable[[], Status]) -> Status:
     """Search by a method until it or the user ends it; returns the status. A fit that had ended is not repeated."""
     state = search.resumed
     if state is not None and state.status in (Status.CONVERGED, Status.STALLED):
@@ -423,7 +412,7 @@ def search_by(
         return state.status
     try:
         with threads.single(), interrupts.heard():
-            status = found_by(search, options, start, others, wanted)
+            status = method()
     except Stop as stop:
         status = stop.status
     except interrupts.OutOfTime:
@@ -481,17 +470,12 @@ def assess(search: Search, status: Status, warnings: list[str], hidden: bool) ->
         warnings.append("no intervals, as the fit was interrupted")
         return UNKNOWN
     try:
-        with threads.single(), interrupts.heard():
-            found = judgement(search, hidden, confidence)
-    except KeyboardInterrupt:
-        interrupts.request()
-        interrupts.answer()
-        warnings.append("no intervals, as their computation was interrupted")
-        return UNKNOWN
-    except interrupts.OutOfTime:
-        warnings.append("no intervals, as the time was used up")
-        return UNKNOWN
+        found = in_time(partial(judgement, search, hidden), None, known=True)
     except Diverged:
+        return UNKNOWN
+    if found is None:
+        ended = "their computation was interrupted" if interrupts.requested() else "the time was used up"
+        warnings.append(f"no intervals, as {ended}")
         return UNKNOWN
     if found.verdict is None:
         warnings.append("no intervals: whether the model differs from the target cannot be said")
@@ -504,5 +488,5 @@ def assess(search: Search, status: Status, warnings: list[str], hidden: bool) ->
 
 def with_holdout(found: Fit, kept_out: Objective, options: FitOptions) -> Fit:
     """The fit with how far its motion is from what was kept out of it."""
-    p = parameters(found.scene, kept_out.scene)
-    return replace(found, holdout=held_out(kept_out, p, options.holdout_of, options.holdout or 0.0))
+    rmse = error_of(kept_out, parameters(found.scene, kept_out.scene))
+    return replace(found, holdout=HeldOut(options.holdout_of, options.holdout or 0.0, kept_out.observations, rmse))

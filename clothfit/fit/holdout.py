@@ -109,13 +109,12 @@ def seen(motion: Motion) -> Flags:
     return motion.seen() if motion.weights is None else motion.seen() & (motion.weights > 0)
 
 
-def held_out(objective: Objective, p: Array, of: str, fraction: float) -> HeldOut:
-    """How far the motion of parameters p (P,) is from the objective of what was kept out."""
+def error_of(objective: Objective, p: Array) -> float:
+    """The RMSE, m, of the motion of parameters p (P,); infinite where it diverges."""
     try:
-        rmse = objective.position_rmse(p)
+        return objective.position_rmse(p)
     except Diverged:
-        rmse = np.inf
-    return HeldOut(of, fraction, objective.observations, rmse)
+        return np.inf
 
 
 KEPT_OUT = 0.25
@@ -147,17 +146,10 @@ class Choice(NamedTuple):
 
 def judged(rungs: Sequence[Rung], kept_out: Objective | None) -> list[Judged]:
     """The models of a search with their errors on what is kept out."""
-    return [Judged(each.model, each.values, each.rmse, error(kept_out, each.p), each.seconds) for each in rungs]
-
-
-def error(kept_out: Objective | None, p: Array) -> float | None:
-    """The RMSE, m, at p (P,) on what is kept out."""
-    if kept_out is None:
-        return None
-    try:
-        return kept_out.position_rmse(p)
-    except Diverged:
-        return np.inf
+    return [
+        Judged(each.model, each.values, each.rmse, None if kept_out is None else error_of(kept_out, each.p),
+               each.seconds) for each in rungs
+    ]  # fmt: skip
 
 
 def chosen(

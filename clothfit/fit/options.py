@@ -102,17 +102,6 @@ class FitOptions:
             from_user(self.bounds)
         if self.max_evaluations < 1:
             raise InvalidInput(f"max_evaluations: {self.max_evaluations} evaluations are too few, at least 1 is needed")
-        self._check_model()
-        if self.budget is not None and not self.budget > 0:
-            raise InvalidInput(f"budget must be a time above 0; {self.budget:g} s was given")
-
-    @property
-    def registers(self) -> bool:
-        """Whether the clock or the place of targets is found."""
-        return self.fit_time or self.fit_placement or self.fit_scale
-
-    def _check_model(self) -> None:
-        """Raise InvalidInput when the model or the step is not possible."""
         if self.model is not None and self.model not in MODELS:
             raise InvalidInput(f"model: there is no {self.model!r}; use {', '.join(MODELS)}{meant(self.model, MODELS)}")
         count = self.substeps
@@ -124,6 +113,13 @@ class FitOptions:
             raise InvalidInput("windows: they begin in the target's own states, whose clock and place must be known")
         if self.keep_step and count is not None:
             raise InvalidInput("substeps: the step is to be kept; use either substeps or keep_step")
+        if self.budget is not None and not self.budget > 0:
+            raise InvalidInput(f"budget must be a time above 0; {self.budget:g} s was given")
+
+    @property
+    def registers(self) -> bool:
+        """Whether the clock or the place of targets is found."""
+        return self.fit_time or self.fit_placement or self.fit_scale
 
     def checked(self) -> FitOptions:
         """The same with the tolerance and the bytes that None stands for. Raises InvalidInput."""

@@ -15,10 +15,12 @@ of noisy targets must be long.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,23 +33,25 @@ from clothfit.fit.holdout import Judged
 from clothfit.fit.options import AUTO, LONGEST, FitOptions
 from clothfit.fit.result import Fit
 from clothfit.kernels import clock
-from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
 from clothfit.motion.times import TIME_SLACK, frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
+from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import ladder, step_choice, time_step
+from clothfit.strategy import ladder, step_choice
 from clothfit.strategy.start import choose_start, with_air
-from clothfit.strategy.time_step import Step
+from clothfit.strategy.step_choice import Step
 
 CHOICE = 0.7
 """Share of the time of a fit that the choice of its model may take, with that of the step."""
 
 MOMENT = 0.5
 """Seconds for the costs of the values that were found, where the time is up."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -71,10 +75,12 @@ class Prepared:
 
     def solved(self, tolerance: float, p: Array) -> Prepared:
         """The same from the values p (P,), with linear systems solved to another tolerance, relative."""
-        every = (self.objective, self.kept_out, self.whole)
-        objective, kept_out, whole = (each and each.until(each.steps + 1, tolerance) for each in every)
-        assert objective is not None
-        return replace(self, objective=objective, kept_out=kept_out, whole=whole, p=p, cost=np.inf)
+        return self.changed(lambda each: each.until(each.steps + 1, tolerance), p=p, cost=np.inf)
+
+    def changed(self, change: Callable[[Objective], Objective], **others: Any) -> Prepared:
+        """The same with a change of all its objectives, and with other fields."""
+        kept_out, whole = (each and change(each) for each in (self.kept_out, self.whole))
+        return replace(self, objective=change(self.objective), kept_out=kept_out, whole=whole, **others)
 
 
 def flagged(scene: Scene, model: str | None) -> Scene:
@@ -97,7 +103,7 @@ def prepared(
         return chosen_before(plan, state)
     first = choose_start(plan.objective, start, hidden=False)
     if start is None and options.method == AUTO:
-        blown = in_time(plan.objective, first)
+        blown = in_time(partial(with_air, plan.objective, first), first)
         plan = plan if blown is first else replace(plan, p=blown)
         first = blown
     if counts_of(options, objective.scene):
@@ -109,13 +115,21 @@ def prepared(
     return replace(plan, seconds=clock.passing() - began, computing=now() - computing)
 
 
-def in_time(objective: Objective, p: Array) -> Array:
-    """The start p (P,), or a better one (`with_air`) where the time does not end before it is found."""
+def in_time(look: Callable[[], T], otherwise: T, seconds: float | None = None, known: bool = False) -> T:
+    """What `look` finds within some seconds; `otherwise` where the time ends it, or a request does where a result is
+    `known` already.
+    """
     try:
-        with threads.single(), interrupts.heard():
-            return with_air(objective, p)
+        with threads.single(), interrupts.heard(), interrupts.limited(seconds):
+            return look()
+    except KeyboardInterrupt:
+        if not known:
+            raise
+        interrupts.request()
+        interrupts.answer()
     except interrupts.OutOfTime:
-        return p
+        pass
+    return otherwise
 
 
 def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
@@ -130,9 +144,7 @@ def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
 
 def with_steps(plan: Prepared, count: int, method: int | None) -> Prepared:
     """The plan with so many steps to a frame."""
-    kept_out, whole = (each and time_step.with_substeps(each, count, method) for each in (plan.kept_out, plan.whole))
-    objective = time_step.with_substeps(plan.objective, count, method)
-    return replace(plan, objective=objective, kept_out=kept_out, whole=whole)
+    return plan.changed(lambda each: step_choice.with_substeps(each, count, method))
 
 
 def chosen_before(plan: Prepared, state: State) -> Prepared:
@@ -149,8 +161,7 @@ def chosen_before(plan: Prepared, state: State) -> Prepared:
 def with_model(plan: Prepared, model: str) -> Prepared:
     """The plan with a model in place of its scene's."""
     scene = ladder.as_model(plan.objective.scene, model, exactly=True)
-    kept_out, whole = (each and each.flagging(scene) for each in (plan.kept_out, plan.whole))
-    return replace(plan, objective=plan.objective.flagging(scene), kept_out=kept_out, whole=whole, model=model)
+    return plan.changed(lambda each: each.flagging(scene), model=model)
 
 
 def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Prepared) -> Prepared:
@@ -199,10 +210,7 @@ def in_windows(whole: Objective, frames: int) -> Objective:
 
 def with_whole(found: Fit, whole: Objective) -> Fit:
     """The fit with its error over whole motions from their start; infinite where one diverges."""
-    try:
-        return replace(found, whole=whole.position_rmse(parameters(found.scene, whole.scene)))
-    except Diverged:
-        return replace(found, whole=np.inf)
+    return replace(found, whole=holdout.error_of(whole, parameters(found.scene, whole.scene)))
 
 
 def windows_of(given: Experiment, frames: int) -> list[Experiment]:
@@ -227,19 +235,14 @@ def windows_of(given: Experiment, frames: int) -> list[Experiment]:
 def check(scene: Scene) -> None:
     """Raise InvalidInput where a scene cannot begin in another state."""
     fitted = [scene.cloths[cloth] for cloth in fitted_cloths(scene)]
-    if changes(scene) or any(cloth.pins for cloth in fitted):
+    keyed = any(each is not None for each in (scene.wind_keys, scene.gravity_keys, scene.frame))
+    moved = any(each.position or each.rotation or (each.body and each.body.motion) for each in scene.colliders)
+    if keyed or moved or any(cloth.pins for cloth in fitted):
         raise InvalidInput(f"{scene.name}: windows: nothing of the scene may change over time, but its inputs do")
     if any(cloth.mode("velocity") != "n" for cloth in fitted):
         raise InvalidInput(f"{scene.name}: windows: the velocities at the start are fitted, which only the first shows")
     if any(cloth.mode("rest") == "G" for cloth in fitted):
         raise InvalidInput(f"{scene.name}: windows: mode G of rest lengths is relative to those at the start; use F")
-
-
-def changes(scene: Scene) -> bool:
-    """Whether wind, gravity, axes or colliders of a scene change over time."""
-    keyed = (scene.wind_keys, scene.gravity_keys, scene.frame)
-    moved = any(each.position or each.rotation or (each.body and each.body.motion) for each in scene.colliders)
-    return moved or any(each is not None for each in keyed)
 
 
 def starts_of(motion: Motion, scene: Scene, frames: int, last: int) -> list[int]:
@@ -266,8 +269,7 @@ def still(scene: Scene) -> list[Flags]:
 
 def first_window(given: Experiment, end: int) -> Experiment:
     """The first window of a target, up to the frame `end`."""
-    motion = at_frames(given.motion, slice(end + 1))
-    return Experiment(motion, replace(given.scene, frames=reached(motion, given.scene), main=main_of(given.scene)))
+    return whole_of(at_frames(given.motion, slice(end + 1)), given.scene)
 
 
 def window(given: Experiment, start: int, end: int) -> Experiment:
@@ -275,30 +277,17 @@ def window(given: Experiment, start: int, end: int) -> Experiment:
     motion, scene = given
     cut = at_frames(motion, slice(start, end + 1))
     cut = replace(cut, times=cut.times - motion.times[start])
-    around = (motion.positions[start + 1] - motion.positions[start - 1]) / (
-        motion.times[start + 1] - motion.times[start - 1]
-    )
-    ends = np.cumsum(scene.vertex_counts)[:-1]
-    states = zip(
-        scene.cloths, still(scene), np.split(motion.positions[start], ends), np.split(around, ends), strict=True
-    )
-    cloths = tuple(
-        replace(cloth, positions=kept(held, cloth.positions, x), velocity=kept(held, cloth.velocity, v))
-        for cloth, held, x, v in states
-    )
-    return Experiment(cut, replace(scene, cloths=cloths, frames=reached(cut, scene), main=main_of(scene)))
+    before, after = start - 1, start + 1
+    around = (motion.positions[after] - motion.positions[before]) / (motion.times[after] - motion.times[before])
+    ends, cloths = np.cumsum(scene.vertex_counts)[:-1], list[Cloth]()
+    states = zip(still(scene), np.split(motion.positions[start], ends), np.split(around, ends), strict=True)
+    for cloth, (held, x, v) in zip(scene.cloths, states, strict=True):
+        x, v = (np.where(held[:, None], *each) for each in ((cloth.positions, x), (cloth.velocity, v)))
+        cloths.append(replace(cloth, positions=x, velocity=v))
+    return whole_of(cut, replace(scene, cloths=tuple(cloths), main=scene.main or scene))
 
 
-def kept(held: Flags, own: Array, others: Array) -> Array:
-    """Vectors (n, 3) of `others`, and of held vertices their own."""
-    return np.where(held[:, None], own, others)
-
-
-def main_of(scene: Scene) -> Scene:
-    """The scene whose values the factors multiply."""
-    return scene.main or scene
-
-
-def reached(motion: Motion, scene: Scene) -> int:
-    """Frames of the scene that reach the last one of a motion."""
-    return ceil(float(motion.times[-1]) / scene.delta - TIME_SLACK) + 1
+def whole_of(motion: Motion, scene: Scene) -> Experiment:
+    """A motion, and as many frames of the scene as reach its last one; factors multiply the values of its main one."""
+    frames = ceil(float(motion.times[-1]) / scene.delta - TIME_SLACK) + 1
+    return Experiment(motion, replace(scene, frames=frames, main=scene.main or scene))

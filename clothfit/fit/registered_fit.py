@@ -17,19 +17,20 @@ step that is left is added to the half width.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base import interrupts, threads
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import split
 from clothfit.fit.options import FitOptions
+from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
 from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
@@ -44,7 +45,7 @@ from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import mistaken
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import RATE, THETA, Around, Registered, Sums, around
-from clothfit.registration.search import Wanted, better, find
+from clothfit.registration.search import better, find, sought
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 
@@ -89,8 +90,6 @@ STEADY = 0.1
 cameras keep time, and a rate that only noise moves would move the stiffnesses with it.
 """
 
-T = TypeVar("T")
-
 FitOf = Callable[[Scene, Targets, FitOptions], Fit]
 """A fit of a scene to targets that are registered."""
 
@@ -106,14 +105,14 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
     if options.objective == "position":  # turned positions show no rounding
         options = options.within(max(rounding(each.motion) for each in given))
     loss = loss_named(options.loss, options.loss_scale)
-    wanted = Wanted(options.fit_time, options.fit_placement, loss, options.fit_scale)
+    free = sought(options.fit_time, options.fit_placement, options.fit_scale)
     first = [Registration(offset=float(each.motion.times[0]) if options.fit_time else 0.0) for each in given]
-    best = in_time(partial(find, scene, cut(given, first), wanted), left) or [Registration()] * len(given)
+    best = in_time(partial(find, scene, cut(given, first), free, loss), [Registration()] * len(given), left)
     plain = replace(options, fit_time=False, fit_placement=False, fit_scale=False)
     fit = Fits(fit)
     found = fitted(scene, given, best, replace(plain, budget=rest(left, began)), fit)
     again = replace(plain, on_memory=None, on_hint=None, on_found=None, checkpoint=None, resume=False)
-    look = Look(scene, given, wanted, left, began)
+    look = Look(scene, given, free, loss, left, began)
     for _ in range(ROUNDS):
         remaining = rest(left, began)
         if found.status in (Status.INTERRUPTED, Status.DIVERGED) or remaining == SHORTEST:
@@ -168,7 +167,8 @@ class Look:
 
     scene: Scene
     given: Sequence[Experiment]
-    wanted: Wanted
+    free: Flags  # (9,), which of their coordinates are sought
+    loss: Loss
     seconds: float | None  # that all has, from `began` on
     began: float
 
@@ -180,8 +180,8 @@ class Look:
     def another(self, found: Fit, known: list[Registration]) -> list[Registration] | None:
         """Registrations that promise a better fit: by few values, or, where the model is right, by all of them."""
         remaining = rest(self.seconds, self.began)
-        look = partial(better, found.scene, self.own(found, known), self.wanted, known, BETTER**2)
-        by_few = in_time(look, remaining, found)
+        look = partial(better, found.scene, self.own(found, known), self.free, self.loss, known, BETTER**2)
+        by_few = in_time(look, None, remaining, known=True)
         if by_few is not None or found.verdict is None or found.verdict.differs:
             return by_few
         by_all = self.joint(found, known)
@@ -189,11 +189,9 @@ class Look:
 
     def joint(self, found: Fit, known: list[Registration]) -> Joint | None:
         """The registrations beside all values of the fit; None where that takes longer than the fit."""
-        taus = {(each.object, each.name): each.tau for each in found.prior or []}
-        own, remaining = self.own(found, known), rest(self.seconds, self.began)
-        longest = max(found.seconds, MOMENT)
-        look = partial(joint, found.scene, own, known, self.wanted.free, self.wanted.loss, found.sigma, taus)
-        return in_time(look, longest if remaining is None else min(remaining, longest), found)
+        remaining, longest = rest(self.seconds, self.began), max(found.seconds, MOMENT)
+        look = partial(joint, found, self.own(found, known), known, self.free, self.loss)
+        return in_time(look, None, longest if remaining is None else min(remaining, longest), known=True)
 
 
 def marked_fit(scene: Scene, target: Targets, options: FitOptions, fit: FitOf) -> Fit:
@@ -221,21 +219,6 @@ def rest(seconds: float | None, began: float) -> float | None:
     return None if seconds is None else max(seconds - (interrupts.now() - began), SHORTEST)
 
 
-def in_time(look: Callable[[], T | None], seconds: float | None, result: Fit | None = None) -> T | None:
-    """What `look` finds; None where the time, or a request after there is a `result`, ends it."""
-    try:
-        with threads.single(), interrupts.heard(), interrupts.limited(seconds):
-            return look()
-    except KeyboardInterrupt:
-        if result is None:
-            raise
-        interrupts.request()
-        interrupts.answer()
-    except interrupts.OutOfTime:
-        pass
-    return None
-
-
 def fitted(
     scene: Scene, given: Sequence[Experiment], registrations: list[Registration], options: FitOptions, fit: FitOf
 ) -> Fit:
@@ -247,14 +230,11 @@ def fitted(
 
 def cut(given: Sequence[Experiment], known: Sequence[Registration]) -> list[Experiment]:
     """The targets with only those of their frames that a fit compares with these registrations."""
-    return [compared(each, own) for each, own in zip(given, known, strict=True)]
-
-
-def compared(given: Experiment, known: Registration) -> Experiment:
-    """The target with only those of its frames that a fit compares with this registration."""
-    motion, scene = given
-    count = int(np.searchsorted(known.times(motion.times), (scene.frames - 0.5) * scene.delta))
-    return Experiment(at_frames(motion, slice(max(count, min(FEWEST, len(motion.times))))), scene)
+    found = []
+    for (motion, scene), own in zip(given, known, strict=True):
+        count = int(np.searchsorted(own.times(motion.times), (scene.frames - 0.5) * scene.delta))
+        found.append(Experiment(at_frames(motion, slice(max(count, min(FEWEST, len(motion.times))))), scene))
+    return found
 
 
 class Joint(NamedTuple):
@@ -265,20 +245,13 @@ class Joint(NamedTuple):
 
 
 def joint(
-    scene: Scene,
-    given: Sequence[Experiment],
-    known: Sequence[Registration],
-    free: Flags,
-    loss: Loss,
-    sigma: float | None,
-    taus: Mapping[tuple[int | None, str], float],
+    fit: Fit, given: Sequence[Experiment], known: Sequence[Registration], free: Flags, loss: Loss
 ) -> Joint | None:
-    """The registrations with the intervals of those coordinates (9,) that are `free`, and where they should be.
-
-    `scene` has the fitted values, `given` the targets as they came; `sigma`, m, is that of a residual (None: from what
-    is left), `taus` the width of the prior by object and kind. None where the motion diverges, or there are too many
+    """The registrations with the intervals of those coordinates (9,) that are `free`, and where they should be beside
+    the values of a fit to the targets `given`, as they came. None where the motion diverges, or there are too many
     values.
     """
+    scene, sigma = fit.scene, fit.sigma
     p = parameters(scene)
     if not 0 < len(p) <= MOST:
         return None
@@ -292,11 +265,12 @@ def joint(
     sigma = float(np.sqrt(variance(sums.cost, residuals, 0.0))) if sigma is None else sigma
     if not sigma > 0:
         return None
-    covariance, step = solved(scene, sums, np.tile(free, len(given)), sigma, taus)
+    covariance, step = solved(fit, sums, np.tile(free, len(given)), sigma)
     found, moved, far = [], [], False
     for k, (each, near) in enumerate(zip(known, where, strict=True)):
         own = slice(len(p) + THETA * k, len(p) + THETA * (k + 1))
-        J, by = by_coordinates(near), step[own]
+        ends = [[near.at(sign * STEP * e).numbers for sign in (1.0, -1.0)] for e in np.eye(THETA)]
+        J, by = np.stack([(up - down) / (2.0 * STEP) for up, down in ends], axis=1), step[own]  # by coordinates
         width, away = NORMAL * sigma * np.sqrt(np.diag(J @ covariance[own, own] @ J.T)), np.abs(J @ by)
         found.append(replace(each, within=width + away))
         most_likely = near.at(by)
@@ -317,12 +291,11 @@ def with_rate_1(near: Around, step: Array, covariance: Array, J: Array) -> Regis
     return replace(near.at(step + covariance[:, RATE] / covariance[RATE, RATE] * way), rate=1.0)
 
 
-def solved(
-    scene: Scene, sums: Sums, free: Flags, sigma: float, taus: Mapping[tuple[int | None, str], float]
-) -> tuple[Array, Array]:
+def solved(fit: Fit, sums: Sums, free: Flags, sigma: float) -> tuple[Array, Array]:
     """(H + A)⁻¹ (Q, Q) on the values and the `free` of the 9 K other coordinates, and the step (Q,)."""
     H, count = sums.H.copy(), len(sums.g) - len(free)
-    for block in scene.blocks:
+    taus = {(each.object, each.name): each.tau for each in fit.prior or []}
+    for block in fit.scene.blocks:
         tau = taus.get((block.cloth, block.name), WIDEST if block.mode == "L" and block.kind.log else None)
         if tau is not None:
             H[block.part, block.part] += (sigma / tau) ** 2 * (np.eye(block.count) - 1.0 / block.count)
@@ -331,9 +304,3 @@ def solved(
     covariance = np.zeros_like(H)
     covariance[every] = inverse(H[every] * np.outer(scale, scale)) * np.outer(scale, scale)
     return covariance, -covariance @ np.concatenate([np.zeros(count), sums.g[count:]])
-
-
-def by_coordinates(near: Around) -> Array:
-    """The derivative (9, 9) of a registration's numbers by its coordinates."""
-    ends = [[near.at(sign * STEP * e).numbers for sign in (1.0, -1.0)] for e in np.eye(THETA)]
-    return np.stack([(up - down) / (2.0 * STEP) for up, down in ends], axis=1)

@@ -14,7 +14,7 @@ weighted residuals, as in `search`: what is held must not move away from where i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +39,7 @@ from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, summed
-from clothfit.registration.search import Stage, Unknowns, Wanted, trust_in
+from clothfit.registration.search import Stage, Unknowns, trust_in
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy import smooth_balances
@@ -54,8 +54,7 @@ KINDS = {"offset": slice(OFFSET, OFFSET + 1), "rate": slice(RATE, RATE + 1), "pl
 """The coordinates of each kind of registration."""
 
 
-@dataclass(frozen=True)
-class Explained:
+class Explained(NamedTuple):
     """What one kind of registration explains."""
 
     what: str  # one of `KINDS`
@@ -63,17 +62,16 @@ class Explained:
     registration: Registration  # of the first target
 
 
-def stage_of(scene: Scene, given: Sequence[Experiment], loss: Loss, wanted: Wanted) -> Stage:
+def stage_of(scene: Scene, given: Sequence[Experiment], loss: Loss) -> Stage:
     """The targets and the values of a scene, where registrations are looked for."""
-    stage = Stage.of(scene, given, wanted)
+    stage = Stage.of(scene, given, np.ones(THETA, bool), loss)
     return replace(stage, registered=replace(stage.registered, tolerance=TOLERANCE))
 
 
 def promised(scene: Scene, given: Sequence[Experiment], loss: Loss) -> dict[str, float]:
     """The share of the squares that each kind promises to explain, all from one motion. Raises Diverged."""
-    stage = stage_of(scene, given, loss, Wanted(True, True, loss))
-    unmoved = [Registration()] * len(given)
-    every = Unknowns(stage.registered, stage.start, stage.near(unmoved), np.ones(THETA, bool))
+    stage = stage_of(scene, given, loss)
+    every = Unknowns(stage.registered, stage.start, stage.near(stage.unmoved), stage.free)
     plain = every.sums(every.begin)
     weighted = summed(len(plain.g), plain.parts, trust_in(plain.parts))
     values, found = len(stage.start), {}
@@ -83,7 +81,7 @@ def promised(scene: Scene, given: Sequence[Experiment], loss: Loss) -> dict[str,
         base = model.cost - saving(model, own)
         moved = np.zeros(THETA, bool)
         moved[part] = True
-        free = np.concatenate([own[:values], np.tile(moved, len(unmoved))])
+        free = np.concatenate([own[:values], np.tile(moved, len(given))])
         found[what] = 1.0 - (model.cost - saving(model, free)) / base if base > 0 else 0.0
     return found
 
@@ -98,14 +96,13 @@ def saving(model: Model, free: Flags) -> float:
 
 def explained(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Explained | None:
     """What one kind of registration explains of the residuals; None where the motion diverges."""
-    place = what == "placement"
-    stage = stage_of(scene, given, loss, Wanted(not place, place, loss))
-    unmoved = [Registration()] * len(given)
+    place, stage = what == "placement", stage_of(scene, given, loss)
     try:
         stage = stage.weighted() if place else stage
     except Diverged:
         return None
-    before, after = stage.cost(stage.start, unmoved), stage.only(KINDS[what]).descended(stage.start, unmoved, STEPS)
+    start = stage.start, stage.unmoved
+    before, after = stage.cost(*start), stage.only(KINDS[what]).descended(*start, STEPS)
     return Explained(what, 1.0 - after.cost / before, after.registrations[0]) if after and before > 0 else None
 
 
@@ -164,7 +161,11 @@ def from_registration(found: Fit, objective: Objective, said: set[str]) -> Itera
     clock, place = CODES["rate"] not in said, CODES["placement"] not in said
     if not (clock or place):
         return
-    given, best = targets(found, objective), None
+    unmoved, best = [Registration()] * len(objective.experiments), None
+    given = [
+        each._replace(scene=found.scene if each.scene is objective.scene else each.scene)
+        for each in cut(objective.experiments, unmoved)
+    ]
     shares = promised(found.scene, given, objective.loss)
     for what in sorted(("offset", "rate") if clock else (), key=lambda each: -shares[each]):
         alike = what == "rate" and objective.scene.mode("gravity") != "n"  # less gravity, a slower clock
@@ -181,12 +182,6 @@ def from_registration(found: Fit, objective: Objective, said: set[str]) -> Itera
         moved = explained(found.scene, given, objective.loss, "placement")
         if moved is not None and moved.share >= LEAST_PLACE:
             yield hint_of(moved)
-
-
-def targets(found: Fit, objective: Objective) -> list[Experiment]:
-    """The targets as far as they are compared; those of the main scene in the fitted one."""
-    given = cut(objective.experiments, [Registration()] * len(objective.experiments))
-    return [each._replace(scene=found.scene if each.scene is objective.scene else each.scene) for each in given]
 
 
 def hint_of(each: Explained) -> Hint:
@@ -257,14 +252,7 @@ def vector(values: Array) -> str:
     return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
 
 
-class Pair(NamedTuple):
-    """Two vertices."""
-
-    first: int
-    second: int
-
-
-def exchanged(squares: Array) -> Pair | None:
+def exchanged(squares: Array) -> tuple[int, int] | None:
     """The two of some vertices that are nearest to each other's targets, where hardly anything is left then; `squares`
     (k, k) are of the distances from the motion of one to the target of the other.
     """
@@ -273,7 +261,7 @@ def exchanged(squares: Array) -> Pair | None:
     np.fill_diagonal(left, np.inf)
     left[np.isnan(left)] = np.inf
     i, j = np.unravel_index(int(np.argmin(left)), left.shape)
-    return Pair(int(i), int(j)) if left[i, j] < EXCHANGE else None
+    return (int(i), int(j)) if left[i, j] < EXCHANGE else None
 
 
 class Distances:

@@ -217,22 +217,19 @@ class Markers:
             names = [named(vertex, counts) for vertex in each.vertices]
             since = f" from frame {each.frame} on" if each.frame else ""
             found.append(("swapped_markers", f"the markers of {listed(names)} are swapped{since}; they are exchanged"))
-        if self.false:
-            alone = len(self.false) == 1
-            text = f"{many(self.false, counts)} {'shows' if alone else 'show'} another place than the cloth's"
-            found.append(("false_markers", f"{text}; {'it is' if alone else 'they are'} left out"))
-        if self.jumps:
-            alone = len(self.jumps) == 1
-            frames = counted(sum(len(each.frames) for each in self.jumps), "frame", "frames")
-            text = f"{many([each.vertex for each in self.jumps], counts)} {'jumps' if alone else 'jump'} away and back"
-            found.append(("false_markers", f"{text}; {frames} of {'it' if alone else 'them'} left out"))
+        frames = counted(sum(len(each.frames) for each in self.jumps), "frame", "frames")
+        for vertices, one, several in (
+            (self.false, "shows another place than the cloth's; it is left out",
+             "show another place than the cloth's; they are left out"),
+            ([each.vertex for each in self.jumps], f"jumps away and back; {frames} of it left out",
+             f"jump away and back; {frames} of them left out"),
+        ):  # fmt: skip
+            names = [named(each, counts) for each in vertices[:MANY]] + ["others"] * (len(vertices) > MANY)
+            if len(names) == 1:
+                found.append(("false_markers", f"the marker of {listed(names)} {one}"))
+            elif names:
+                found.append(("false_markers", f"the markers of {listed(names)} {several}"))
         return found
-
-
-def many(vertices: Sequence[int], counts: Sequence[int]) -> str:
-    """The markers of some vertices, the first few by name."""
-    names = [named(each, counts) for each in vertices[:MANY]] + ["others"] * (len(vertices) > MANY)
-    return f"the marker{'s' if len(vertices) > 1 else ''} of {listed(names)}"
 
 
 def placed(vertex: int, counts: Sequence[int]) -> tuple[int, int]:

@@ -16,7 +16,7 @@ one of them can explain is not put down to the other.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -133,10 +133,6 @@ class Registered:
     frames: int | None = None  # of each target that are compared, the first ones; None: all
     trust: tuple[Array, ...] | None = None  # weights (F, 2) as in `Sums.parts`; None: all 1
     summing: bool = False  # whether H and g are summed over frames at once: for many values, without weights
-
-    def first(self, frames: int) -> Registered:
-        """The same over the first frames of each target."""
-        return replace(self, frames=frames)
 
     @cached_property
     def systems(self) -> list[dict[int, System]]:

@@ -97,8 +97,8 @@ class Unknowns:
     @property
     def begin(self) -> Array:
         """z at the start."""
-        whole = np.concatenate([self._plain(self.start), np.zeros(THETA * len(self.where))])
-        return np.asarray(whole[self.chosen])
+        plain = self.coordinates.y(self.start) / self.coordinates.weight
+        return np.asarray(np.concatenate([plain, np.zeros(THETA * len(self.where))])[self.chosen])
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -109,9 +109,6 @@ class Unknowns:
                      for each, near in zip(self.registered.given, self.where, strict=True)]  # fmt: skip
             ends.append(np.concatenate([end / self.coordinates.weight, *theta])[self.chosen])
         return ends[0], ends[1]
-
-    def _plain(self, p: Array) -> Array:
-        return np.asarray(self.coordinates.y(p) / self.coordinates.weight)
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """The values (P,), and θ (K, 9)."""
@@ -136,36 +133,18 @@ class Unknowns:
 
     def cost(self, z: Array) -> float:
         """The cost at z; infinite where the simulation diverges."""
+        p, theta = self.split(z)
         try:
-            cost = self.registered.sums(*self.arguments(z)).cost
+            cost = self.registered.sums(p, self.where, theta).cost
         except Diverged:
             return np.inf
         return cost if np.isfinite(cost) else np.inf
 
-    def arguments(self, z: Array) -> tuple[Array, Sequence[Around], Array]:
-        """Those of `Registered.sums`."""
-        p, theta = self.split(z)
-        return p, self.where, theta
-
-    def descended(self, iterations: int) -> Found:
-        """Where Gauss–Newton from the start ends. Raises Diverged."""
-        given, frames = self.registered.given, self.registered.frames
-        residuals = 3 * sum(int(each.motion.seen()[:frames].sum()) for each in given)
-        problem = gauss_newton.Problem(self.model, self.cost, *self.bounds, residuals, least=LEAST)
-        model, _, _ = gauss_newton.minimise(problem, self.begin, none(len(self.begin)), iterations=iterations)
-        p, theta = self.split(model.y)
-        return Found(model.cost, p, [near.at(each) for near, each in zip(self.where, theta, strict=True)])
-
 
 def farthest(given: Experiment) -> Array:
     """The largest changes (9,) of a registration's coordinates."""
-    factor = np.log(SLOWEST)
-    return np.array([factor, LATEST * span(given), *[np.pi] * 3, *[np.inf] * 3, factor])
-
-
-def span(given: Experiment) -> float:
-    """The duration of a target, s."""
-    return float(np.ptp(given.motion.times)) or 1.0
+    factor, duration = np.log(SLOWEST), float(np.ptp(given.motion.times)) or 1.0
+    return np.array([factor, LATEST * duration, *[np.pi] * 3, *[np.inf] * 3, factor])
 
 
 def with_few_values(scene: Scene, mode: str = "F") -> Scene:
@@ -182,39 +161,27 @@ def with_few_values(scene: Scene, mode: str = "F") -> Scene:
     return replace(scene, cloths=tuple(cloths))
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What of registrations is sought, and how residuals count."""
-
-    time: bool  # rate and offset
-    placement: bool  # rotation and translation
-    loss: Loss
-    scale: bool = False
-
-    @property
-    def free(self) -> Flags:
-        """Which coordinates (9,) are sought."""
-        free = np.zeros(THETA, bool)
-        free[TIME], free[PLACE], free[SCALE] = self.time, self.placement, self.scale
-        return free
+def sought(time: bool, placement: bool, scale: bool = False) -> Flags:
+    """Which coordinates (9,) of a registration are sought where its clock, its place or its scale is."""
+    free = np.zeros(THETA, bool)
+    free[TIME], free[PLACE], free[SCALE] = time, placement, scale
+    return free
 
 
-def first_guesses(given: Experiment, wanted: Wanted) -> list[Registration]:
-    """What the target shows by itself: its place and size, where its first frame is the start, and its clock, where it
-    falls.
+def first_guesses(given: Experiment, free: Flags) -> list[Registration]:
+    """What the target shows by itself of the coordinates (9,) that are `free`: its place and size, where its first
+    frame is the start, and its clock, where it falls.
     """
     motion, scene = given
     place, first = Registration(), float(motion.times[0])
     seen = motion.seen()[0]
     start, points = np.concatenate([cloth.positions for cloth in scene.cloths])[seen], motion.positions[0][seen]
-    if (wanted.placement or wanted.scale) and len(points) >= 3:
-        c = 1.0 / scale_between(points, start) if wanted.scale else 1.0
-        R, d = rigid(c * points, start)
-        if not wanted.placement:
-            R, d = np.eye(3), np.zeros(3)
+    if free[SPACE].any() and len(points) >= 3:
+        c = 1.0 / scale_between(points, start) if free[SCALE] else 1.0
+        R, d = rigid(c * points, start) if free[PLACE].any() else (np.eye(3), np.zeros(3))
         if apart(c * points @ R.T + d, start) < RIGID * apart(points, start):
             place = Registration(rotation=R, translation=d, scale=c)
-    if not wanted.time:
+    if not free[TIME].any():
         return [place]
     begun = replace(place, offset=first).applied(motion, scene.delta)
     fall = other_fall(scene, begun)
@@ -222,33 +189,37 @@ def first_guesses(given: Experiment, wanted: Wanted) -> list[Registration]:
     return [replace(place, rate=rate, offset=offset) for rate, offset in dict.fromkeys(clocks)]
 
 
-def find(scene: Scene, given: Sequence[Experiment], wanted: Wanted) -> list[Registration]:
-    """The registration of each target, with few of the scene's values beside it; none where nothing lowers the cost."""
-    whole, unmoved = Stage.of(scene, given, wanted), [Registration()] * len(given)
-    guesses = [first_guesses(each, wanted) for each in given]
+def find(scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss) -> list[Registration]:
+    """The registration of each target in the coordinates (9,) that are `free`, with few of the scene's values beside
+    it; none where nothing lowers the cost.
+    """
+    whole = Stage.of(scene, given, free, loss)
+    guesses = [first_guesses(each, free) for each in given]
     tries = []
     for i in range(max(map(len, guesses))):
         alike = [each[min(i, len(each) - 1)] for each in guesses]
         tries.append(whole.early().only(TIME).descended(whole.start, alike, SHORT))
     known = [each for each in tries if each is not None]
     if not known:
-        return unmoved
+        return whole.unmoved
     found = whole.settled(min(known, key=lambda each: each.cost))
     if (finer := whole.finer(scene, found)) is not None:
         return finer
     values = whole.only(slice(0)).descended(found.p, found.registrations, SHORT)
-    return found.registrations if values and values.cost < whole.cost(whole.start, unmoved) else unmoved
+    return found.registrations if values and values.cost < whole.cost(whole.start, whole.unmoved) else whole.unmoved
 
 
 def better(
-    scene: Scene, given: Sequence[Experiment], wanted: Wanted, known: list[Registration], least: float
+    scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss, known: list[Registration], least: float
 ) -> list[Registration] | None:
     """Registrations with which the scene's values, and one factor for each kind, cost less than the part `least` of
     what they cost with those that are `known`; None where there are none such.
     """
-    stage = Stage.of(scene, given, wanted)
+    stage = Stage.of(scene, given, free, loss)
     before = stage.cost(stage.start, known)
-    found = stage.refined(Found(before, stage.start, known), SHORT)
+    found = stage.placed(Found(before, stage.start, known))
+    if free[TIME].any():
+        found = stage.only(TIME).descended(found.p, found.registrations, SHORT) or found
     return found.registrations if stage.cost(found.p, found.registrations) < least * before else None
 
 
@@ -260,11 +231,11 @@ class Stage:
     free: Flags
 
     @classmethod
-    def of(cls, scene: Scene, given: Sequence[Experiment], wanted: Wanted, mode: str = "F") -> Stage:
+    def of(cls, scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss, mode: str = "F") -> Stage:
         """All frames of the targets, with the few values of the scene, one factor or those of another `mode`."""
         few = with_few_values(scene, mode)
         own = [Experiment(e.motion, few if e.scene is scene else flagged_as(e.scene, few)) for e in given]
-        return cls(Registered(few, own, wanted.loss, TOLERANCE), wanted.free)
+        return cls(Registered(few, own, loss, TOLERANCE), free)
 
     @property
     def start(self) -> Array:
@@ -280,26 +251,29 @@ class Stage:
                   for own, each in zip(near.cloths, scene.cloths, strict=True)]  # fmt: skip
         begun, main = replace(near, cloths=tuple(cloths)), self.registered.main
         given = [Experiment(e.motion, begun if e.scene is main else e.scene) for e in self.registered.given]
-        wanted = Wanted(bool(self.free[TIME].any()), bool(self.free[PLACE].any()), self.registered.loss,
-                        bool(self.free[SCALE]))  # fmt: skip
-        stage = Stage.of(begun, given, wanted, "R")
+        stage = Stage.of(begun, given, self.free, self.registered.loss, "R")
         size = scene.frames * sum(scene.vertex_counts)
         if not len(self.start) < len(stage.start) <= FINER or size > QUICK:
             return None
         better = stage.settled(Found(found.cost, stage.start, found.registrations))
-        lower = stage.cost(better.p, better.registrations) < self.cost(self.start, [Registration()] * len(given))
+        lower = stage.cost(better.p, better.registrations) < self.cost(self.start, self.unmoved)
         return better.registrations if lower else None
 
     def early(self) -> Stage:
         """The same over the first frames."""
         frames = max(len(each.motion.times) for each in self.registered.given)
-        return replace(self, registered=self.registered.first(max(frames // FIRST_FRAMES, FEWEST)))
+        return replace(self, registered=replace(self.registered, frames=max(frames // FIRST_FRAMES, FEWEST)))
 
     def only(self, part: slice) -> Stage:
         """The same with some coordinates alone."""
         free = np.zeros(THETA, bool)
         free[part] = self.free[part]
         return replace(self, free=free)
+
+    @property
+    def unmoved(self) -> list[Registration]:
+        """No other clock and no other place of any target."""
+        return [Registration()] * len(self.registered.given)
 
     def near(self, registrations: Sequence[Registration]) -> list[Around]:
         """The registrations around these."""
@@ -318,11 +292,16 @@ class Stage:
 
     def descended(self, p: Array, registrations: Sequence[Registration], iterations: int) -> Found | None:
         """Where Gauss–Newton ends; None where the simulation diverges at its start."""
-        unknowns = Unknowns(self.registered, p, self.near(registrations), self.free)
+        own = Unknowns(self.registered, p, self.near(registrations), self.free)
+        begin, frames = own.begin, self.registered.frames
+        residuals = 3 * sum(int(each.motion.seen()[:frames].sum()) for each in self.registered.given)
+        problem = gauss_newton.Problem(own.model, own.cost, *own.bounds, residuals, least=LEAST)
         try:
-            return unknowns.descended(iterations)
+            model, _, _ = gauss_newton.minimise(problem, begin, none(len(begin)), iterations=iterations)
         except Diverged:
             return None
+        p, theta = own.split(model.y)
+        return Found(model.cost, p, [near.at(each) for near, each in zip(own.where, theta, strict=True)])
 
     def settled(self, found: Found) -> Found:
         """Where the registrations settle with weights that follow what is left."""
@@ -341,17 +320,9 @@ class Stage:
                 break
         return found
 
-    def refined(self, found: Found, iterations: int) -> Found:
-        """Better places, then a better clock, as far as they are sought."""
-        found = self.placed(found)
-        if self.free[TIME].any():
-            found = self.only(TIME).descended(found.p, found.registrations, iterations) or found
-        return found
-
     def weighted(self, found: Found | None = None) -> Stage:
         """The same with weights (`trust_in`) from what is left at a point, or at the start. Raises Diverged."""
-        unmoved = [Registration()] * len(self.registered.given)
-        p, registrations = (self.start, unmoved) if found is None else (found.p, found.registrations)
+        p, registrations = (self.start, self.unmoved) if found is None else (found.p, found.registrations)
         return replace(self, registered=replace(self.registered, trust=trust_in(self.sums(p, registrations).parts)))
 
     def placed(self, found: Found) -> Found:

@@ -16,7 +16,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres, owned
 from clothfit.evaluation.evaluate import Distance
-from clothfit.fit.verdict import ADEQUATE, DIFFERS
+from clothfit.fit.result import ADEQUATE, DIFFERS
 from clothfit.optimise.status import Status
 from clothfit.report import captures
 from clothfit.report.log import Log, entry, intervals, number, records

@@ -9,6 +9,24 @@ the axes of the metric H = V Λ Vᵀ,
 
 and the descent goes on from one that costs clearly less. T. G. Kolda, R. M. Lewis, V. Torczon, Optimization by direct
 search, 2003.
+
+Before that: windows of the first frames, and springs to the target.
+
+The first frames show gravity and other values that all frames hide behind what a late frame is off by.
+
+Nudging: springs pull each vertex of a motion to where it was seen, weaker and weaker.
+
+A motion that forgets where it began, as in wind, has a cost with many minima; one that is held near its target has few.
+With springs of m ω² a motion follows what it is shown within about 1 / ω, and what is left is what the model does wrong
+in that time:
+
+    m a = f(x, v; p) + m ω² (y − x),    Σ |x − y|² → min.
+
+With a large ω that is the balance of momentum from frame to frame, and with ω = 0 the whole motion; the values that one
+pull finds start the next, weaker one. States where windows would begin are estimated on the way: what is not seen is
+not pulled, and moves as the model moves it. Weak-constraint 4D-Var balances the same, with the forces as unknowns
+(Y. Trémolet, Accounting for an imperfect model in 4D-Var, 2006); for models that are pulled while their values are
+fitted see H. D. I. Abarbanel et al., Dynamical state and parameter estimation, 2009.
 """
 
 from __future__ import annotations
@@ -18,13 +36,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from clothfit.base.arrays import Array
 from clothfit.motion.divergence import Diverged
+from clothfit.objective.objective import Objective
 from clothfit.optimise import gauss_newton, preconditioned
 from clothfit.optimise.gauss_newton import Patience
 from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
+from clothfit.strategy.step_forms import nudged
+from clothfit.strategy.trajectory_fit import FIRST_WINDOW, Enough, is_long, loosened, window_lengths
 
 FEW_VALUES = preconditioned.FEW
 """Values up to which a step of Gauss–Newton costs no more than a few gradients."""
@@ -123,3 +145,129 @@ def is_for_few(own: Search) -> bool:
 def over_time(own: Search) -> int:
     """How many values of a search are those of keys."""
     return sum(int(own.fitted[block.part].sum()) for block in own.objective.blocks if block.name == "gusts")
+
+
+FIRST_STEPS, LATER_STEPS = 8, 4
+"""Steps of Gauss–Newton in the first window and in each later one, which goes on from near its minimum; half as many of
+a long fit.
+"""
+
+WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
+"""Relative savings that end a window."""
+
+TOUCHING_GROWTH, TOUCHING_SAVING, TOUCHING = 1.3, 1e-4, Patience(1, 1e-4, 1e-4)
+"""The ratio of one window to the one before, and the savings that end one, where a cloth may touch colliders: each
+contact that switches narrows the valley of the minimum. A window must end within that of the next one, and the noise of
+a target hides much of what it shows.
+"""
+
+RADII, CLOSE = (1.0, 0.3, 0.1), 2e-4
+"""r of the points around the end of a window that are polled there, and the error relative to how far the target moves
+below which nothing bars the way.
+"""
+
+
+def through_windows(own: Search, windows: slice = slice(None)) -> Array:
+    """A few steps of Gauss–Newton on the first frames, on more and more, or on some of these windows: they show gravity
+    and other values that all frames hide behind what a late frame is off by. None is begun that cannot end in time, as
+    it takes as long for each frame as the one before. Returns the last values (P,).
+    """
+    y, pace = own.y, 0.0
+    for number, window in list(enumerate(windows_of(own.objective)))[windows]:
+        part, began = Trajectory(own, window), own.progress.computing
+        own.enter("windows", window)
+        if own.is_late or not own.has_time(pace * window.steps) or not np.isfinite(part.cost(y)):
+            break
+        most = LATER_STEPS if number and not touches(window) else FIRST_STEPS
+        y = some_steps(part, y, most // (2 if is_long(own) else 1))
+        if touches(window) and not is_long(own):
+            y = beyond_switches(part, y, most)
+        pace = (own.progress.computing - began) / window.steps
+        own.visit(own.parameters(y))
+    return own.parameters(y)
+
+
+def some_steps(part: Trajectory, y: Array, most: int) -> Array:
+    """Where some steps of Gauss–Newton lead from y (Q,), without a model of the last point."""
+    points: list[Array] = []
+
+    def model(y: Array) -> gauss_newton.Model:
+        points.append(y)
+        if len(points) > most or (len(points) > 1 and part.search.is_late):
+            raise Enough
+        return part.model(y)
+
+    ends = (TOUCHING_SAVING, TOUCHING) if touches(part.objective) else (WINDOW_SAVING, HASTY)
+    problem = replace(part.problem(*ends), model=model, widths=part.widths)
+    with contextlib.suppress(Enough):
+        return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
+    return points[-1]
+
+
+def beyond_switches(part: Trajectory, y: Array, most: int) -> Array:
+    """Where steps of Gauss–Newton lead from points around y (Q,) that cost clearly less, where contacts that switch bar
+    its way: along the axes of M = V diag(μ) Vᵀ = H / c + 1 / w², y ± r vᵢ / √μᵢ, with the cost c and the widths w.
+    """
+    lower, upper = part.bounds
+    for _ in range(POLLS):
+        if part.cost(y) <= CLOSE**2 * part.objective.still or part.search.is_late:
+            break
+        model = part.model(y)
+        values, axes = np.linalg.eigh(model.H / model.cost + np.diag(1.0 / part.own_widths**2))
+        steps = axes.T / np.sqrt(values)[:, None]
+        around = [np.clip(y + r * side * step, lower, upper) for r in RADII for step in steps for side in (1.0, -1.0)]
+        costs = [part.cost(each) for each in around]
+        best = int(np.argmin(costs))
+        if not costs[best] < (1.0 - PAYS) * model.cost:
+            break
+        y = some_steps(part, around[best], most)
+    return y
+
+
+def windows_of(objective: Objective) -> list[Objective]:
+    """The objective over the first frames, over more and more, all of them left out."""
+    first = objective.first_step + FIRST_WINDOW * frame_steps(objective)
+    if touches(objective):
+        lengths = window_lengths(first, objective.steps + 1, TOUCHING_GROWTH)[:-1]
+        return [objective.until(frames, objective.tolerance) for frames in lengths]
+    return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1)[:-1]]
+
+
+def touches(objective: Objective) -> bool:
+    """Whether a cloth may touch something."""
+    return objective.scene.obstacles > 0 or objective.scene.self_contact is not None
+
+
+def frame_steps(objective: Objective) -> int:
+    """Steps from one compared frame to the next, in the median."""
+    gaps = [np.diff(run.comparison.goal.step) for run in objective.runs]
+    steps = np.concatenate([np.zeros(0, int), *gaps])
+    return max(int(np.median(steps)), 1) if len(steps) else 1
+
+
+PULLS = (3.0, 1.0, 0.3, 0.1, 0.03)
+"""ω, in radians per frame of the target, one after the other."""
+
+NUDGED_STEPS, EACH = 6, 2
+"""Steps of Gauss–Newton with each of them; which of the values that they find start a fit, every so many."""
+
+
+def through_pulls(own: Search) -> list[Array]:
+    """Steps of Gauss–Newton on nudged motions, and then on those of the model alone; returns the values (P,) that
+    each pull has found. Raises Stop.
+    """
+    y, found = own.y, list[Array]()
+    for pull in PULLS:
+        part = Trajectory(own, nudged(own.objective, pull))
+        own.enter("nudging", part.objective)
+        if own.is_late:
+            break
+        if not np.isfinite(part.cost(y)):  # explicit steps are unstable with the stiffest springs
+            continue
+        y = some_steps(part, y, NUDGED_STEPS)
+        found.append(own.parameters(y))
+        own.visit(found[-1])
+    if found and not own.is_late:
+        own.enter("nudging")
+        own.visit(own.parameters(some_steps(Trajectory(own, own.objective), y, NUDGED_STEPS)))
+    return found

@@ -26,9 +26,16 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
-from clothfit.strategy import first_windows, gravity_direction, step_forms
-from clothfit.strategy.few_values import FEW_VALUES, beyond_steps, in_a_round, settled, to_the_minimum
-from clothfit.strategy.first_windows import through_windows, touches
+from clothfit.strategy import few_values, gravity_direction, step_forms
+from clothfit.strategy.few_values import (
+    FEW_VALUES,
+    beyond_steps,
+    in_a_round,
+    settled,
+    through_windows,
+    to_the_minimum,
+    touches,
+)
 from clothfit.strategy.start import is_steady, steadied, values_by
 from clothfit.strategy.wide_search import is_quick, widely, work_left
 
@@ -165,8 +172,8 @@ def by_nudging(search: Search, model: str) -> None:
     part, starts = part_of(search, model, search.origin), list[Array]()
     if part.fitted.sum() > FEW_VALUES:
         return
-    carried(search, part, lambda own: starts.extend(first_windows.through_pulls(own)))
-    for start in starts[:: first_windows.EACH]:
+    carried(search, part, lambda own: starts.extend(few_values.through_pulls(own)))
+    for start in starts[:: few_values.EACH]:
         if search.is_late:
             break
         own = part_of(search, model, as_whole(part, start, search.objective.scene))

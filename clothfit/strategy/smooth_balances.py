@@ -114,33 +114,25 @@ class Terms:
     def rows(self) -> tuple[Array, Array]:
         """Columns (N, Q) of what is fitted, in the order of `unknowns`, and the rest (N,), as right sides."""
         cloth, mass = self.cloth, np.where(self.cloth.fixed, 0.0, self.cloth.mass)
-        wanted = unknowns(self.scene, self.cloth)
-        x = self.frames.x
-        known = self._vertices(mass[:, None] * (self.frames.a - self.scene.gravity))
+        wanted, x = unknowns(self.scene, self.cloth), self.frames.x
+        free = {name for name, _ in wanted}
+        still, *blown = self._air()
+        wind = sum(w * part for w, part in zip(self.scene.wind, blown, strict=True))
         parts: dict[str, list[Array]] = {
             "stiffness": [self._springs(x)],
             "damping": [self._damping(mass)],
-            "air": list(self._air()),
+            "drag": [still + (0.0 if "wind" in free else wind)],
+            "wind": [(1.0 if "drag" in free else cloth.drag) * part for part in blown],
             "gravity": [self._vertices(np.broadcast_to(mass[:, None] * axis, x.shape)) for axis in np.eye(3)],
         }
-        still, wind = parts["air"][0], sum(w * part for w, part in zip(self.scene.wind, parts["air"][1:], strict=True))
-        columns = []
-        for name, axis in wanted:
-            if name == "drag":
-                columns.append(still + (0.0 if ("wind", 0) in wanted else wind))
-            elif name == "wind":
-                columns.append((1.0 if ("drag", 0) in wanted else cloth.drag) * parts["air"][1 + axis])
-            else:
-                columns.append(parts[name][axis])
-        if ("stiffness", 0) not in wanted:
-            known = known - parts["stiffness"][0]
-        if ("damping", 0) not in wanted:
-            known = known - cloth.damping * parts["damping"][0]
-        if ("drag", 0) not in wanted:
-            known = known - cloth.drag * (still + (0.0 if ("wind", 0) in wanted else wind))
-        for axis in range(3):  # what the right side has of gravity's columns
-            if ("gravity", axis) in wanted:
-                known = known + float(self.scene.gravity[axis]) * parts["gravity"][axis]
+        columns = [parts[name][axis] for name, axis in wanted]
+        known = self._vertices(mass[:, None] * (self.frames.a - self.scene.gravity))
+        for name, value in (("stiffness", 1.0), ("damping", cloth.damping), ("drag", cloth.drag)):
+            if name not in free:
+                known = known - value * parts[name][0]
+        for name, axis in wanted:  # what the right side has of gravity's columns
+            if name == "gravity":
+                known = known + float(self.scene.gravity[axis]) * parts[name][axis]
         return np.stack([each.ravel() for each in columns], axis=1), np.asarray(known).ravel()
 
     def _vertices(self, force: Array) -> Array:

@@ -36,7 +36,6 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
 from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
 from clothfit.objective.comparison import WHOLE
-from clothfit.objective.experiment import Experiment
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import first_step, target
@@ -56,17 +55,14 @@ Exponents = tuple[float, ...]  # of ten, one per kind that is searched
 
 def best_scales(objective: Objective, patterns: Sequence[Array]) -> list[Array]:
     """The patterns (P,) with the masses and stiffnesses of each cloth multiplied by the best factors, best first."""
-    every = bool(WHOLE & set(objective.weights))  # a spectrum needs all frames
-    frames = [e.scene.frames if every else min(e.scene.frames, window(e)) for e in objective.experiments]
+    frames = []
+    for motion, scene in objective.experiments:
+        shown = first_step(target(motion, i, scene.delta) for i in range(len(scene.cloths)))
+        every = bool(WHOLE & set(objective.weights))  # a spectrum needs all frames
+        frames.append(scene.frames if every else min(scene.frames, shown + COARSE_FRAMES - 1))
     early = objective.until(frames, COARSE_TOLERANCE)
     found = [scaled(early, np.array(p, float)) for p in patterns]
     return [p for _, _, p in sorted((early.cost_or_infinity(p), i, p) for i, p in enumerate(found))]
-
-
-def window(experiment: Experiment) -> int:
-    """Frames of an experiment up to the last that a coarse search compares."""
-    motion, scene = experiment
-    return first_step(target(motion, i, scene.delta) for i in range(len(scene.cloths))) + COARSE_FRAMES - 1
 
 
 def scaled(objective: Objective, p: Array) -> Array:
@@ -352,18 +348,11 @@ def outside_bounds(objective: Objective, p: Array) -> list[str]:
     """Warnings of starting values (P,) that the bounds will move."""
     lower, upper = bounds(objective.scene)
     outside = identifiable(objective.scene) & ((p < lower) | (p > upper))
-    counts = [(block, int(outside[block.part].sum())) for block in objective.blocks]
     return [
         f"{owned(block.cloth, block.name)}: {count} of {block.count} starting values lie outside the bounds "
-        f"{between(block)} and start at the bound; the truth may lie outside as well"
-        for block, count in counts
-        if count
-    ]
-
-
-def between(block: Block) -> str:
-    """The bounds of a block's values, as text."""
-    return f"{block.ends[0]:g} … {block.ends[1]:g}"
+        f"{block.ends[0]:g} … {block.ends[1]:g} and start at the bound; the truth may lie outside as well"
+        for block in objective.blocks if (count := int(outside[block.part].sum()))
+    ]  # fmt: skip
 
 
 def is_steady(scene: Scene) -> bool:
@@ -376,11 +365,13 @@ def steadied(scene: Scene) -> Scene:
     """The scene of a steady wind, which is fitted as one value in place of its keys."""
     keys = scene.gusts
     flags = {**{name: mode for name, mode in scene.fits.items() if name != "gusts"}, "wind": "G"}
-    made = scene.with_values(
-        [cloth.mass for cloth in scene.cloths], [cloth.stiffness for cloth in scene.cloths],
-        wind=scene.wind + keys[0], gusts=np.zeros_like(keys),
-    )  # fmt: skip
-    return replace(made, fits=flags)
+    return replace(with_wind(scene, scene.wind + keys[0], np.zeros_like(keys)), fits=flags)
+
+
+def with_wind(scene: Scene, wind: Array, keys: Array) -> Scene:
+    """The scene with another steady wind (3,), and other keys (K, 3) beside it, m/s."""
+    masses, stiffnesses = zip(*((cloth.mass, cloth.stiffness) for cloth in scene.cloths), strict=True)
+    return scene.with_values(masses, stiffnesses, wind=wind, gusts=keys)
 
 
 def values_by(scene: Scene, flags: Scene) -> Array:
@@ -390,8 +381,5 @@ def values_by(scene: Scene, flags: Scene) -> Array:
     if scene.mode("gusts") != "n" or flags.mode("gusts") == "n":
         return parameters(scene, flags=flags)
     steady = scene.wind if flags.mode("wind") != "n" else flags.wind
-    made = scene.with_values(
-        [cloth.mass for cloth in scene.cloths], [cloth.stiffness for cloth in scene.cloths],
-        wind=steady, gusts=np.broadcast_to(scene.wind - steady, scene.gusts.shape),
-    )  # fmt: skip
+    made = with_wind(scene, steady, np.broadcast_to(scene.wind - steady, scene.gusts.shape))
     return np.asarray(np.clip(parameters(made, flags=flags), *bounds(flags)))

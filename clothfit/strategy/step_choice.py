@@ -5,13 +5,20 @@ then K = 1, 2, 4 … steps of BDF2 to a frame are compared by the coarsest model
 at the first window of frames, which takes a tenth of a fit and already shows a step that is too coarse. The first one
 that is not is fitted to all frames. It is halved from there while its error shows beside that of the fit, and each fit
 goes on from the values of the one before.
+
+The errors of the model e and of the step s add up like independent ones,
+
+    RMSE² ≈ e² + s²
+
+so a step is fine enough where s is small beside the RMSE, and a simulation with half of it says how large s is.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -23,17 +30,19 @@ from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.system import BDF2
 from clothfit.kernels.clock import clock_of, computing
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.simulate import simulate_cloths
+from clothfit.motion.times import frame_places
+from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
-from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.fit_vector import fitted_cloths, parameters, with_parameters
 from clothfit.scene.kinds import INTEGRATORS
-from clothfit.strategy import first_windows, ladder
+from clothfit.scene.scene import Scene
+from clothfit.strategy import few_values, ladder
 from clothfit.strategy.auto import balances_can_hold
-from clothfit.strategy.few_values import FEW_VALUES
-from clothfit.strategy.time_step import ROUNDING, Step, frame_interval, step_error, with_substeps
 from clothfit.strategy.trajectory_fit import first_frames, is_near, may_explain
 
 HIDDEN = 0.3
@@ -60,10 +69,23 @@ COUNTS = (1, 2, 4, 8, 16, 32)
 LOOK, MOMENT = 4, 4.0
 """Steps to a frame with which a look at finer steps is taken, and the seconds of computing that it may take."""
 
+ROUNDING = 1e-6
+"""Steps by which a whole number of them may be off by rounding."""
+
 SEARCH_EVALUATIONS = 1000
 
 EXPECTED = 30
 """Simulations that a trial takes at least."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A time step that was tried."""
+
+    substeps: int  # K, steps to a frame of the target
+    integrator: str  # its name
+    rmse: float  # m, of the coarsest model, as far as it was fitted with that step
+    seconds: float  # of computing
 
 
 class Stepped(NamedTuple):
@@ -89,7 +111,6 @@ class Trial:
         self.search = Search(objective, p, enough, SEARCH_EVALUATIONS)
         self.search.longest = LONGEST
         self.model = ladder.models(objective.scene)[0]
-        self.each = 0.0  # s of a simulation
         self.early_rmse = np.inf  # m, over the first window, of the values that were fitted to it
         self.looked, self.shows = False, False  # whether there is such a window, and the error of the step in it
         self.fitted = False  # whether all frames were
@@ -111,70 +132,63 @@ class Trial:
         """Fit the first window. The scene's own step tries the balances of momentum before, which an exact target of
         that step fulfils.
         """
-        self._within(self._look)
-
-    def _look(self) -> None:
-        self.search.visit(self.p)
-        if self._takes_long() and self._takes_long():  # the first one also loads compiled code
-            self.alone, self.search.longest = True, ALONE
-        if not self.count and momentum.fits(self.objective) and self._may_balance():
-            self.search.visit(momentum.fit(self.objective, self.p, self.search.fitted, momentum.TREATMENTS[0]))
-        if is_near(self.search) or not self._through(slice(0, 1)):
-            return
-        window, self.looked = first_windows.windows_of(self.objective)[0], True
-        self.early_rmse = window.rmse(window.cost_or_infinity(self.p))
-        scene = window.scene.with_step(window.scene.delta, window.steps + 1)
-        error = step_error(scene, self.p)
-        self.shows = error > HIDDEN * self.early_rmse and not is_noise(window, self.p)
-        if not (self.count or self.alone) and ladder.model_of(scene) == "L":
-            self.explains = may_explain(self.search, None)
+        with self._ending():
+            self.search.visit(self.p)
+            if self._takes_long() and self._takes_long():  # the first one also loads compiled code
+                self.alone, self.search.longest = True, ALONE
+            may_balance = not self.count and momentum.fits(self.objective)
+            if may_balance and balances_can_hold(self.search, self.p, first_frames(self.objective)):
+                self.search.visit(momentum.fit(self.objective, self.p, self.search.fitted, momentum.TREATMENTS[0]))
+            if is_near(self.search) or not self._through(slice(0, 1)):
+                return
+            window, self.looked = few_values.windows_of(self.objective)[0], True
+            self.early_rmse = window.rmse(window.cost_or_infinity(self.p))
+            scene = window.scene.with_step(window.scene.delta, window.steps + 1)
+            error = step_error(scene, self.p)
+            self.shows = error > HIDDEN * self.early_rmse and not is_noise(window, self.p)
+            if not (self.count or self.alone) and ladder.model_of(scene) == "L":
+                self.explains = may_explain(self.search, None)
 
     def _takes_long(self) -> bool:
         """Whether a trial of finer steps would take too long, by the seconds of a simulation."""
-        self.each = seconds_of(self.objective, self.p)
-        return EXPECTED * 2.0 * self.each >= LONGEST_TRIAL
-
-    def _may_balance(self) -> bool:
-        """Whether the balances of momentum can hold."""
-        return balances_can_hold(self.search, self.p, first_frames(self.objective))
+        return EXPECTED * 2.0 * seconds_of(self.objective, self.p) >= LONGEST_TRIAL
 
     def finish(self, before: float, rough: bool) -> None:
         """Fit all frames, by a short round where `rough`; first the windows that are left, or all of them where the
         cost is far above that `before`, by another step and from the same values. Where no other step is compared with
         this one, the windows are enough, and the search that follows does the rest.
         """
-        self._within(lambda: self._finish(before, rough))
-
-    def _finish(self, before: float, rough: bool) -> None:
-        if self.looked:
-            self._through(slice(1, None))
-        elif not self.search.visit(self.p) <= CARRIED * before:
-            self._through(slice(None))
-        if not self.alone:
-            ladder.stage(self.search, self.model, rough=rough)
-            self.fitted = not self.search.is_late
+        with self._ending():
+            if self.looked:
+                self._through(slice(1, None))
+            elif not self.search.visit(self.p) <= CARRIED * before:
+                self._through(slice(None))
+            if not self.alone:
+                ladder.stage(self.search, self.model, rough=rough)
+                self.fitted = not self.search.is_late
 
     def _through(self, windows: slice) -> bool:
         """Fit some windows; whether there are any, and a model of few values, which windows are for."""
         part, scene = ladder.part_of(self.search, self.model, self.p), self.objective.scene
-        if part.fitted.sum() > FEW_VALUES or not first_windows.windows_of(self.objective)[windows]:
+        if part.fitted.sum() > few_values.FEW_VALUES or not few_values.windows_of(self.objective)[windows]:
             return False
 
         def through(own: Search) -> None:
-            p = first_windows.through_windows(own, windows)
+            p = few_values.through_windows(own, windows)
             self.p = parameters(with_parameters(own.objective.scene, p), flags=scene)
 
         ladder.carried(self.search, part, through)
         return True
 
-    def _within(self, work: Callable[[], None]) -> None:
-        """Do some work, up to whatever ends it. Raises InvalidInput where there is too little memory, and
+    @contextlib.contextmanager
+    def _ending(self) -> Iterator[None]:
+        """Let whatever ends the block end it alone. Raises InvalidInput where there is too little memory, and
         KeyboardInterrupt, where these end the first trial.
         """
         began, first = computing(), not self.count
         try:
             with threads.single(), interrupts.heard():
-                work()
+                yield
         except (Stop, Diverged) as end:
             self.fitted, self.shows = True, isinstance(end, Diverged)
         except InvalidInput:  # too little memory for so many steps
@@ -313,3 +327,60 @@ def is_noise(objective: Objective, p: Array) -> bool:
     """Whether what is left at p (P,) is noise. Raises Diverged."""
     test = residual_test(objective, p)
     return test is not None and test.is_noise
+
+
+def frame_interval(given: Experiment) -> float:
+    """Time between two frames of a target, s, in the median: steps of its scene, without the rounding of a whole number
+    of them.
+    """
+    times, delta = given.motion.times, given.scene.delta
+    steps = float(np.median(np.diff(times))) / delta if len(times) > 1 else 1.0
+    whole = max(round(steps), 1)
+    return delta * (whole if abs(steps - whole) < ROUNDING else steps)
+
+
+def with_substeps(objective: Objective, count: int, method: int | None) -> Objective:
+    """The objective with so many steps to a frame, each of its own target; `method` None: as they are. The scene's own
+    step is that for the first target. The same frames are compared.
+    """
+    scene, given = objective.scene, objective.experiments
+    last = max((last_time(each) for each in given if each.scene is scene), default=0.0)
+    main = with_interval(scene, frame_interval(given[0]) / count, method, last)
+    pairs = [
+        Experiment(
+            each.motion,
+            main if each.scene is scene
+            else with_interval(each.scene, frame_interval(each) / count, method, last_time(each)),
+        )
+        for each in given
+    ]  # fmt: skip
+    return objective.against(main, pairs, [pair.scene.frames for pair in pairs])
+
+
+def last_time(given: Experiment) -> float:
+    """When the last frame of a target is that its scene reaches, s."""
+    step, part = frame_places(given.motion, given.scene.delta)
+    places = step + part
+    return float(places[places <= given.scene.frames - 1].max(initial=0.0)) * given.scene.delta
+
+
+def with_interval(scene: Scene, delta: float, method: int | None, last: float = 0.0) -> Scene:
+    """The scene with steps of `delta`, s, as many as its time has, and no fewer than reach the time `last`, s."""
+    within = int((scene.frames - 1) * scene.delta / delta + ROUNDING)
+    needed = ceil(last / delta - ROUNDING)
+    return scene.with_step(delta, max(within, needed, 1) + 1, method)
+
+
+def step_error(scene: Scene, p: Array) -> float:
+    """How far, m, RMS over all vertices, the motion of p (P,) is from that with steps half as long; infinite where one
+    diverges. By a step of second order that is 3/4 of what the step adds to the error.
+    """
+    at = with_parameters(scene, p)
+    try:
+        coarse = simulate_cloths(at, fitted_cloths(at), tolerance=ladder.STAGE_TOLERANCE)
+        half = with_interval(at, at.delta / 2.0, None)
+        fine = simulate_cloths(half, fitted_cloths(at), tolerance=ladder.STAGE_TOLERANCE)
+    except Diverged:
+        return np.inf
+    squares = (coarse.positions - fine.positions[::2]) ** 2
+    return float(np.sqrt(np.nanmean(squares.sum(axis=-1))))

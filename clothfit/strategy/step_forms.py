@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -111,6 +112,9 @@ class Held(NamedTuple):
     cost: float
 
 
+cost_of = attrgetter("cost")
+"""What a fit has come to."""
+
 Fitted = Callable[[Objective, Array, Prior, int], tuple[Array, Prior]]
 """Fits motions from some coordinates (Q,) with a prior, in so many iterations: where it has come to, and
 the prior that it learned.
@@ -167,7 +171,9 @@ def best_forms(search: Search, objective: Objective, free: Objective, held: Held
     for _ in range(CHANGES):
         found = min(trials.of(best, followed(search, objective, free, best), ITERATIONS), key=cost_of, default=best)
         if not found.cost < (1.0 - PAYS) * best.cost and best.forms and not is_noise(search, objective, best):
-            rough = sorted(trials.of(best, neighbours_of(best), FEW_ITERATIONS), key=cost_of)
+            others = ([*best.forms[:run], other, *best.forms[run + 1 :]]
+                      for run, own in enumerate(best.forms) for other in neighbours(own))  # fmt: skip
+            rough = sorted(trials.of(best, others, FEW_ITERATIONS), key=cost_of)
             found = min((trials.fit(each, each.forms, ITERATIONS) for each in rough[:BEST]), key=cost_of, default=best)
         if not found.cost < (1.0 - PAYS) * best.cost:
             break
@@ -197,11 +203,6 @@ class Trials:
         return Held(forms, y, prior, own.cost_or_infinity(self.search.parameters(y)))
 
 
-def cost_of(held: Held) -> float:
-    """What a fit has come to."""
-    return held.cost
-
-
 def is_noise(search: Search, objective: Objective, held: Held) -> bool:
     """Whether what is left is noise, in time and in space."""
     test = residual_test(objective.with_forms(held.forms), search.parameters(held.y))
@@ -216,13 +217,6 @@ def followed(search: Search, objective: Objective, free: Objective, best: Held) 
         found.append(free.forms_along(objective.with_forms(best.forms) if best.forms else objective, p))
         found.append(free.forms(p))
     return found[:1] if len(found) > 1 and same(*found) else found
-
-
-def neighbours_of(held: Held) -> Iterator[Sequence[Forms]]:
-    """Forms that differ in one step of one run."""
-    for run, own in enumerate(held.forms):
-        for other in neighbours(own):
-            yield [other if i == run else each for i, each in enumerate(held.forms)]
 
 
 def neighbours(forms: Forms) -> Iterator[Forms]:

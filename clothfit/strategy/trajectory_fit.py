@@ -182,8 +182,10 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
                 raise ModelDiffers
             routes = [Route(last, y, prior, learned=True) for y, prior in found or []]
             routes += [astray] if astray.stages else []
-        elif routes and (is_same(search, y, known) or is_explained(search)):
-            break
+        elif routes:
+            cost = search.measure(search.parameters(y))  # two routes may have come to one minimum
+            if (np.isfinite(cost) and np.isclose(cost, known, rtol=SAME_COST, atol=0.0)) or is_explained(search):
+                break
     search.best.follow(None)
     return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
 
@@ -235,7 +237,9 @@ def fitted(
     """
     search, whole = part.search, part.objective is part.search.objective
     if has_model(part):
-        return by_dense_model(part, stage, y, prior, radius)
+        problem, accepted = part.problem(stage.least, stage.patience), part.accepted if whole else part.passed
+        model, prior, status = minimise(problem, y, prior, accepted, stage.iterations, radius)
+        return model.y, prior, status
     if matrix_free.fits(part):
         search.enter("matrix-free", stage.objective)
         return matrix_free.minimise(part, y, prior, whole)
@@ -247,12 +251,6 @@ def fitted(
 def has_model(part: Trajectory) -> bool:
     """Whether a dense model of a trajectory is small enough."""
     return part.operations() <= LARGEST and part.fits()
-
-
-def is_same(search: Search, y: Array, known: float) -> bool:
-    """Whether coordinates (Q,) cost what was `known` as the best before: two routes have come to one minimum."""
-    cost = search.measure(search.parameters(y))
-    return bool(np.isfinite(cost) and np.isclose(cost, known, rtol=SAME_COST, atol=0.0))
 
 
 def is_explained(search: Search) -> bool:
@@ -335,17 +333,6 @@ def may_explain(search: Search, tau: float | None) -> bool:
         return False
     test = residual_test(part.objective, search.parameters(model.y))
     return test is not None and test.is_noise
-
-
-def by_dense_model(
-    part: Trajectory, stage: Stage, y: Array, prior: Prior, radius: float | None
-) -> tuple[Array, Prior, Status]:
-    """One stage of Gauss–Newton from y (Q,); the last point, the prior that it learned, and how it ended."""
-    whole = part.objective is part.search.objective
-    accepted = part.accepted if whole else part.passed
-    problem = part.problem(stage.least, stage.patience)
-    model, prior, status = minimise(problem, y, prior, accepted, stage.iterations, radius)
-    return model.y, prior, status
 
 
 def is_better(search: Search, found: Array, before: Array, longer: Objective) -> bool:

@@ -1,5 +1,8 @@
 """The fit as a whole: what it recovers, what it may not know, what it keeps, how it ends."""
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 import pytest
 from helpers.marks import FITS
@@ -23,6 +26,7 @@ from clothfit.strategy.start import neutral_start
 
 pytestmark = FITS
 
+ALONE = ("auto", "momentum")
 BOUNDED = {"bounds": {"stiffness": [LOWER, UPPER]}}
 UNSTABLE_ABOVE = 50.0  # N/m: explicit steps of `unstable` explode at a stiffness of 100, not at its own 30
 
@@ -55,18 +59,23 @@ def costs(monkeypatch):
 # --- what it recovers
 
 
-@pytest.mark.parametrize(("settings", "make"), [("Ln", trial), ("Gn", even), ("nG", even), ("GG", even), ("nL", trial)])
-def test_the_hidden_truth_is_found(settings, make):
+@pytest.mark.parametrize(
+    ("settings", "make", "method"),
+    [("Gn", even, "auto"), ("nG", even, "auto"), ("GG", even, "auto"), *product(["Ln", "nL", "LL"], [trial], ALONE)],
+)
+def test_the_hidden_truth_is_found(settings, make, method):
     scene = load(make(settings))
-    found = estimate(scene)
-    assert (found.status, found.method, found.frames) == ("converged", "auto", 20)
+    found = estimate(scene, method=method)
+    assert (found.status, found.method, found.frames) == ("converged", method, 20)
+    assert found.evaluations == 1 or make is even  # the balances of an exact target need no simulation but one
     assert found.rmse <= RMSE_TOLERANCE
     # Independent of the fit's own bookkeeping; 1e-7: the scene's motion is solved to 1e-10 relative, of metres.
     gap = simulate(found.scene, tolerance=1e-10).positions - simulate(scene, tolerance=1e-10).positions
     assert np.sqrt((gap**2).sum(axis=2).mean()) < 1e-7
     kept = identifiable(scene)
     # 1e-4: what the worst seen parameter moves the cloth by at 1e-8 m, 20 frames of metres and a sensitivity of 1e-3.
-    np.testing.assert_allclose(parameters(found.scene)[kept], parameters(scene)[kept], rtol=1e-4)
+    rtol = 1e-4 if make is even else 1e-5  # as in test_momentum
+    np.testing.assert_allclose(parameters(found.scene)[kept], parameters(scene)[kept], rtol=rtol)
 
 
 def test_both_flagged_objects_are_found_each_by_its_own():
@@ -137,36 +146,27 @@ def test_hidden_values_are_known_through_the_target_only(settings):
 # --- where it starts
 
 
-@pytest.mark.parametrize("kind", ["number", "integer", "one", "array", "list", "scene", "other flags"])
+STARTS = {
+    "number": 60.0, "integer": 60, "one": [60.0], "array": np.full(33, 60.0), "list": [60.0] * 33,
+    "scene": load(even("nL", springStiffness=[60.0] * 33)),
+    "other flags": load(even("Gn", springStiffness=[60.0] * 33)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", STARTS)
 def test_every_kind_of_start(kind):
     scene = load(even("nL"))
-    doubled = load(even("nL", springStiffness=[60.0] * 33))
-    starts = {
-        "number": 60.0,
-        "integer": 60,
-        "one": [60.0],
-        "array": np.full(33, 60.0),
-        "list": [60.0] * 33,
-        "scene": doubled,
-        "other flags": load(even("Gn", springStiffness=[60.0] * 33)),
-    }
-    found = estimate(scene, start=starts[kind], method="l-bfgs-b", max_evaluations=1)  # which begins at the start
+    found = estimate(scene, start=STARTS[kind], method="l-bfgs-b", max_evaluations=1)  # which begins at the start
     # Of the start nothing but the rounding of log and exp may be lost before the first evaluation.
     np.testing.assert_allclose(parameters(found.scene), 60.0, rtol=1e-14)
     assert found.cost == pytest.approx(value_of(scene, 60.0), rel=1e-10)
 
 
-def test_with_a_target_it_starts_from_the_scenes_own_values():
-    scene = load(trial("LG"))
-    target = record_target(load(even("nn")))
-    for method in ("l-bfgs-b", "gauss-newton"):
-        found = estimate(scene, target, method=method, max_evaluations=1)
-        np.testing.assert_allclose(parameters(found.scene), parameters(scene), rtol=1e-14)  # rounding of log and exp
-
-
 @pytest.mark.parametrize("method", ["l-bfgs-b", "gauss-newton"])
-def test_without_a_target_it_does_not(method):
+def test_with_a_target_it_starts_from_the_scenes_own_values_and_without_one_it_does_not(method):
     scene = load(trial("LG"))
+    found = estimate(scene, record_target(load(even("nn"))), method=method, max_evaluations=1)
+    np.testing.assert_allclose(parameters(found.scene), parameters(scene), rtol=1e-14)  # rounding of log and exp
     found = estimate(scene, method=method, max_evaluations=1)
     kept = identifiable(scene)
     assert np.abs(np.log(parameters(found.scene) / parameters(scene)))[kept].min() > 1e-3
@@ -174,10 +174,14 @@ def test_without_a_target_it_does_not(method):
     assert found.cost > 0
 
 
-def test_a_start_outside_of_the_bounds_taken_from_a_scene_is_moved_to_them():
-    scene = load(even("nG", springStiffness=[0.0] * 33))
+def test_a_start_outside_of_the_bounds_taken_from_a_scene_is_moved_to_them_and_named():
+    scene = load(even("nG", springStiffness=[1e5] * 33, fit=BOUNDED))
     found = estimate(scene, record_target(load(even("nn"))))
     np.testing.assert_allclose(parameters(found.scene), 30.0, rtol=1e-4)  # as above
+    assert found.warnings == [
+        "objects[0] stiffness: 1 of 1 starting values lie outside the bounds 0.0001 … 10000 and start at the bound; "
+        "the truth may lie outside as well"
+    ]
 
 
 # --- methods
@@ -185,13 +189,17 @@ def test_a_start_outside_of_the_bounds_taken_from_a_scene_is_moved_to_them():
 
 @pytest.mark.parametrize("settings", ["Gn", "GG"])
 @pytest.mark.parametrize("method", [*OWN_METHODS, *METHODS])
-def test_every_method_reduces_the_cost(method, settings):
+def test_every_method_reduces_the_cost(costs, method, settings):
     scene = load(even(settings, 10, 3, 3))
     found = estimate(scene, start=3.0, method=method, max_evaluations=60)
     assert found.method == method
     assert found.evaluations <= 60
     assert found.cost < 0.5 * value_of(scene, 3.0)  # far less than any of them does, far more than rounding
-    assert ((parameters(found.scene) >= LOWER) & (parameters(found.scene) <= UPPER)).all()
+    assert method in OWN_METHODS or found.cost == min(costs)
+    # The cost belongs to the scene that is returned; 1e-9: the same linear systems, up to log and exp of the values.
+    p = parameters(found.scene)
+    assert Objective(scene, record_target(scene), 1e-10).cost(p) == pytest.approx(found.cost, rel=1e-9)
+    assert ((p >= LOWER) & (p <= UPPER)).all()
 
 
 @pytest.mark.parametrize("method", [name for name, takes in METHODS.items() if takes["bounds"]])
@@ -216,9 +224,11 @@ def test_what_no_motion_reveals_keeps_its_start_and_is_listed():
     assert (np.delete(p, kept) != np.delete(start, kept)).all()
 
 
-@pytest.mark.parametrize("settings", ["GG", "LL", "nG"])
-def test_a_cloth_that_cannot_move_has_nothing_to_find(settings):
-    scene = load(even(settings, vertIsFixed=[True] * 16))
+@pytest.mark.parametrize("settings", ["GG", "LL"])
+def test_a_cloth_that_cannot_move_has_nothing_to_find_and_keeps_its_values(settings):
+    scene = load(trial(settings, vertIsFixed=[True] * 16))
+    kept = estimate(scene, record_target(scene)).scene
+    np.testing.assert_array_equal(kept.cloths[0].mass, scene.cloths[0].mass)
     found = estimate(scene, start=7.0)
     assert [len(block.unidentifiable) for block in found.parameters] == [block.count for block in found.parameters]
     assert [block.at_bound for block in found.parameters] == [[] for _ in found.parameters]
@@ -244,16 +254,6 @@ def test_a_spent_budget_gives_the_best_point(costs, method, budget):
     found = estimate(load(trial("LL")), start=1.0, method=method, max_evaluations=budget)
     assert (found.status, found.evaluations, len(costs)) == ("limit", budget, budget)
     assert found.cost == min(costs)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_the_result_is_the_best_point_that_was_evaluated(costs, method):
-    scene = load(even("GG", 10, 3, 3))
-    target = record_target(scene)
-    found = estimate(scene, target, start=3.0, method=method, max_evaluations=40)
-    assert found.cost == min(costs)
-    # The cost belongs to the scene that is returned; 1e-9: the same linear systems, up to log and exp of the values.
-    assert Objective(scene, target, 1e-10).cost(parameters(found.scene)) == pytest.approx(found.cost, rel=1e-9)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -307,15 +307,11 @@ def test_no_method_raises_where_values_diverge(method, settings):
     assert found.cost <= value_of(scene, 1.0)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["auto", *METHODS])
 def test_a_start_that_diverges_is_never_an_exception(method):
     found = estimate(unstable(), start=1000.0, method=method, max_evaluations=30)
-    assert found.status in ("diverged", "converged", "limit")
+    assert found.status in (["converged"] if method == "auto" else ["diverged", "converged", "limit"])
     assert (found.status == "diverged") == np.isinf(found.cost)
-
-
-def test_from_a_start_that_diverges_the_fit_steps_back():
-    assert estimate(unstable(), start=1000.0).status == "converged"
 
 
 def test_a_truth_that_diverges_is_an_exception():
@@ -335,17 +331,18 @@ def test_a_plateau_at_a_bound_is_not_called_converged(settings, start):
 # --- what it refuses
 
 
-def shifted_times(motion, by):
-    return Motion(motion.positions, motion.times + by, motion.vertex_counts)
-
-
+ONLY_FIXED = np.tile(np.isin(np.arange(16), (0, 3)), (20, 1))
 WRONG_TARGETS = {
     "initial frame only": (lambda m: Motion(m.positions[:1], m.times[:1], (16,)), "shows nothing after the start"),
-    "nothing seen": (lambda m: Motion(m.positions, m.times, (16,), np.zeros((20, 16), bool)), "shows nothing"),
+    "nothing seen": (lambda m: replace(m, observed=np.zeros((20, 16), bool)), "shows nothing"),
+    "only what is fixed": (lambda m: replace(m, observed=ONLY_FIXED), "shows nothing after the start that can move"),
     "other vertices": (lambda m: Motion(m.positions[:, :12], m.times, (12,)), "vertices"),
-    "before the start": (lambda m: shifted_times(m, -0.02), r"times\[0\]: -0.02 s is before the start"),
-    "after the end": (lambda m: shifted_times(m, 9.0), "shows nothing after the start"),
-    "no weight": (lambda m: Motion(m.positions, m.times, (16,), weights=np.zeros((20, 16))), "shows nothing"),
+    "other vertices of an array": (lambda m: m.positions[:, :12], r"positions: has shape \(20, 12, 3\)"),
+    "before the start": (lambda m: replace(m, times=m.times - 0.02), r"times\[0\]: -0.02 s is before the start"),
+    "after the end": (lambda m: replace(m, times=m.times + 9.0), "shows nothing after the start"),
+    "no weight": (lambda m: replace(m, weights=np.zeros((20, 16))), "shows nothing"),
+    "no numbers": (lambda m: replace(m, positions=np.nan * m.positions), r"positions\[0, 0\]: is not finite"),
+    "far away": (lambda m: replace(m, times=np.append(m.times[:-1], 1e9)), "is too many steps away"),
 }
 
 
@@ -357,46 +354,11 @@ def test_a_target_that_does_not_fit_is_refused(kind):
         estimate(scene, change(record_target(scene)))
 
 
-@pytest.mark.parametrize(
-    ("start", "message"),
-    [
-        (2 * UPPER, "start: 20000 is not within the bounds"),
-        (0.0, "start: 0 is not within the bounds"),
-        (-1.0, "start: -1 is not within the bounds"),
-        (np.nan, "start: nan is not within the bounds"),
-        (np.inf, "start: inf is not within the bounds"),
-        ([1.0] * 32 + [1e5], "start: 100000 is not within the bounds"),
-        ([1.0] * 32, "start: 32 values given, scene has 33 parameters"),
-        (np.ones((33, 1)), "start: 33 values given"),
-        ([], "start: 0 values given"),
-    ],
-)
-def test_a_start_that_cannot_be_is_refused(start, message):
-    with pytest.raises(InvalidInput, match=message):
-        estimate(load(even("nL")), start=start)
-
-
-def test_a_start_scene_of_other_objects_is_refused():
-    with pytest.raises(InvalidInput, match=r"objects\[0\] has 16 values of stiffness, 33 are needed"):
-        estimate(load(even("nL")), start=load(even("nL", nx=3, ny=3)))
-
-
-def test_nothing_flagged_and_unknown_methods_are_refused():
-    with pytest.raises(InvalidInput, match=r"nothing to fit.*optimizationSettings"):
-        estimate(load(even("nn")))
-    with pytest.raises(InvalidInput, match="there is no 'newton'; use auto, momentum, gauss-newton, l-bfgs-b"):
-        estimate(load(even("nG")), method="newton")
-    with pytest.raises(InvalidInput, match="max_evaluations: 0 evaluations are too few"):
-        estimate(load(even("nG")), max_evaluations=0)
-
-
 def test_a_bare_array_is_a_target_with_a_frame_per_step():
     scene = load(even("nG"))
     target = record_target(scene)
     found, same = (estimate(scene, goal, start=10.0) for goal in (target.positions, target))
     assert (found.cost, found.evaluations) == (same.cost, same.evaluations)
-    with pytest.raises(InvalidMotion, match=r"positions: has shape \(20, 12, 3\)"):
-        estimate(scene, target.positions[:, :12], start=10.0)
 
 
 def test_the_record_is_solved_as_tightly_as_the_fit():
@@ -407,50 +369,22 @@ def test_the_record_is_solved_as_tightly_as_the_fit():
     assert clothfit.estimate is estimate
 
 
-# --- what it warns of
-
-
-def test_a_common_factor_of_masses_and_stiffnesses_is_named():
-    fields = {"triangles": [], "dragCoefficient": 0.0}
-    (warning,) = estimate(load(even("GG", **fields)), max_evaluations=2).warnings
-    assert warning.startswith("objects[0] feels neither air nor spheres, so its motion shows masses and stiffnesses")
-    assert estimate(load(even("nG", **fields)), max_evaluations=2).warnings == []
-    assert estimate(load(even("GG")), max_evaluations=2).warnings == []
-
-
-def test_starting_values_outside_of_the_bounds_are_named():
-    scene = load(even("nG", springStiffness=[1e5] * 33, fit=BOUNDED))
-    (warning,) = estimate(scene, record_target(scene), max_evaluations=2).warnings
-    assert warning.startswith("objects[0] stiffness: 1 of 1 starting values lie outside the bounds 0.0001 … 10000")
-
-
 def interrupted(*_):
     raise KeyboardInterrupt
 
 
-def test_an_interrupt_before_there_is_a_result_passes_on(monkeypatch):
-    monkeypatch.setattr(Objective, "cost_or_infinity", interrupted)
-    for method in ("l-bfgs-b", "auto"):
-        with pytest.raises(KeyboardInterrupt):
-            estimate(load(even("nG")), method=method)
-
-
-def test_an_interrupt_where_only_the_start_is_known_gives_the_start(monkeypatch):
-    monkeypatch.setattr(Objective, "cost_and_gradient", interrupted)
+def test_an_interrupt_before_there_is_a_result_passes_on_and_later_one_gives_the_start(monkeypatch):
     scene = load(even("nG"))
+    with monkeypatch.context() as patch:
+        patch.setattr(Objective, "cost_or_infinity", interrupted)
+        for method in ("l-bfgs-b", "auto"):
+            with pytest.raises(KeyboardInterrupt):
+                estimate(scene, method=method)
+    monkeypatch.setattr(Objective, "cost_and_gradient", interrupted)
     found = estimate(scene, record_target(scene), start=20.0, method="l-bfgs-b")
     assert (found.status, found.evaluations) == ("interrupted", 0)
     assert parameters(found.scene).tolist() == [20.0]
     assert 0 < found.cost < np.inf
-
-
-def test_a_motion_made_by_hand_is_checked():
-    scene = load(even("nG"))
-    motion = record_target(scene)
-    with pytest.raises(InvalidMotion, match=r"positions\[0, 0\]: is not finite"):
-        estimate(scene, Motion(np.full_like(motion.positions, np.nan), motion.times, (16,)))
-    with pytest.raises(InvalidMotion, match="is too many steps away"):
-        estimate(scene, Motion(motion.positions, np.append(motion.times[:-1], 1e9), (16,)))
 
 
 def test_a_target_that_begins_late_has_a_start_of_its_own():
@@ -463,13 +397,9 @@ def test_a_target_that_begins_late_has_a_start_of_its_own():
 # --- what a target does not show
 
 
-def two_cloths(settings):
-    one = even(settings)["objects"][0]
-    return load(document(one, changed(one, ("vertMass",), [0.05] * 16), optimizationIterations=20))
-
-
 def test_what_the_target_does_not_show_is_listed_and_kept():
-    scene = two_cloths("Ln")
+    one = even("Ln")["objects"][0]
+    scene = load(document(one, changed(one, ("vertMass",), [0.05] * 16), optimizationIterations=20))
     motion = record_target(scene)
     seen = np.ones(motion.positions.shape[:2], bool)
     seen[:, 16:] = False
@@ -478,17 +408,3 @@ def test_what_the_target_does_not_show_is_listed_and_kept():
     assert [len(block.unidentifiable) for block in found.parameters] == [2, 16]
     assert found.scene.cloths[1].mass.tolist() == [0.03] * 16
     np.testing.assert_allclose(found.scene.cloths[0].mass[4:], 0.02, rtol=1e-4)  # RMSE below 1e-8 m
-
-
-def test_a_target_that_shows_only_what_is_fixed_is_refused():
-    scene = load(even("Ln"))
-    motion = record_target(scene)
-    seen = np.broadcast_to(scene.cloths[0].fixed, motion.positions.shape[:2]).copy()
-    with pytest.raises(InvalidInput, match="shows nothing after the start that can move"):
-        estimate(scene, Motion(motion.positions, motion.times, (16,), seen))
-
-
-def test_one_value_for_a_cloth_that_cannot_move_leaves_its_values_alone():
-    scene = load(trial("GG", vertIsFixed=[True] * 16))
-    found = estimate(scene, record_target(scene))
-    np.testing.assert_array_equal(found.scene.cloths[0].mass, scene.cloths[0].mass)

@@ -1,20 +1,38 @@
-"""What is kept out of a fit: it does not touch the fit, and the error over it is that of an evaluation."""
-
+"""What is kept out of a fit: it does not touch the fit, its error is that of an evaluation, and it judges models."""
 
 import numpy as np
 import pytest
-from helpers.marks import compiled
+from helpers.marks import compiled, fits
 from helpers.scenes import even, trial
+from helpers.strangers import small
 
 from clothfit.base.errors import InvalidInput
+from clothfit.fit import holdout
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.holdout import seen, split
+from clothfit.fit.holdout import (
+    BEATS,
+    KEPT_OUT,
+    Judged,
+    chosen,
+    error_of,
+    judged,
+    nearer,
+    parted,
+    seen,
+    smallest,
+    split,
+)
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import as_motion
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import as_motion, at_frames
 from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
-from clothfit.scene.fit_vector import parameters
+from clothfit.objective.objective import Objective
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Rung
+from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
+from clothfit.strategy import ladder
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -35,21 +53,15 @@ def rmse_over(found, motion, part):
 
 
 @compiled
-def test_the_last_frames_are_judged_as_an_evaluation_does(noisy):
-    found = estimate(SCENE, noisy, holdout=0.25)
+def test_a_fit_without_the_last_frames_is_that_of_a_shorter_target_and_they_are_judged_as_an_evaluation_does(noisy):
+    found, short = estimate(SCENE, noisy, holdout=0.25), estimate(SCENE, as_motion(SCENE, noisy.positions[:15]))
+    assert parameters(found.scene).tolist() == parameters(short.scene).tolist()
     late = np.zeros((20, 16), bool)
     late[15:] = True
     assert (found.holdout.of, found.holdout.fraction, found.holdout.observations) == ("frames", 0.25, 80)
     # two simulations that are solved to 1e-10 each
     assert found.holdout.rmse == pytest.approx(rmse_over(found, noisy, late), rel=1e-6)
     assert found.frames == 15
-
-
-@compiled
-def test_a_fit_without_the_last_frames_is_that_of_a_shorter_target(noisy):
-    short = as_motion(SCENE, noisy.positions[:15])
-    pair = [estimate(SCENE, noisy, holdout=0.25), estimate(SCENE, short)]
-    assert parameters(pair[0].scene).tolist() == parameters(pair[1].scene).tolist()
 
 
 @compiled
@@ -100,30 +112,169 @@ def test_frames_beyond_those_that_are_compared_do_not_count():
 
 
 def test_the_same_vertices_are_kept_out_of_all_targets():
-    one, two = (as_motion(SCENE, np.zeros((count, 16, 3))) for count in (20, 12))
-    _, kept = split(SCENE, experiments(SCENE, [one, two]), 0.4, "vertices")
-    chosen = [seen(part.motion).any(axis=0).tolist() for part in kept]
-    assert chosen[0] == chosen[1]
+    both = [as_motion(SCENE, np.zeros((count, 16, 3))) for count in (20, 12)]
+    one, two = (seen(part.motion).any(axis=0) for part in split(SCENE, experiments(SCENE, both), 0.4, "vertices")[1])
+    assert one.tolist() == two.tolist()
 
 
 @pytest.mark.parametrize(
-    ("fraction", "of", "message"),
+    ("frames", "shown", "of", "message"),
+    [(2, None, "frames", "shows 2 frames, too few"), (5, np.arange(16) == 5, "vertices", "too few vertices")],
+)
+def test_too_little_to_split_is_refused(frames, shown, of, message):
+    observed = None if shown is None else np.tile(shown, (frames, 1))
+    with pytest.raises(InvalidInput, match=message):
+        split(SCENE, experiments(SCENE, as_motion(SCENE, np.zeros((frames, 16, 3)), observed=observed)), 0.2, of)
+
+
+# --- the choice of a model
+
+
+ENOUGH, BUDGET = 1e-8, 1000  # as in a fit
+
+
+# --- of errors that are known
+
+
+def models(*errors, fitted=None):
+    """Models F, R, M and L with these errors on what is kept out, and others on what is fitted."""
+    own = errors if fitted is None else fitted
+    return [Judged(letter, 1, *pair, 0.0) for letter, *pair in zip("FRML", own, errors, strict=False)]
+
+
+@pytest.mark.parametrize(
+    ("errors", "model"),
     [
-        (0.0, "frames", "holdout must be a fraction above 0 and below 1; 0 was given"),
-        (1.0, "frames", "holdout must be a fraction above 0 and below 1; 1 was given"),
-        (float("nan"), "vertices", "holdout must be a fraction above 0 and below 1; nan was given"),
-        (0.2, "springs", "holdout: there is nothing called 'springs'"),
+        ((1.0,), "F"),
+        ((1.0, 1.0, 1.0, 1.0), "F"),
+        ((1.0, 1.0 - 0.9 * BEATS, 1.0 - 0.9 * BEATS), "F"),  # not enough better
+        ((1.0, 1.0 - 1.1 * BEATS, 1.0 - 1.2 * BEATS), "R"),
+        ((1.0, 1.5, 0.5), "M"),  # one between them may be worse
+        ((1.0, 0.97, 0.94, 0.925), "R"),  # the first is beaten, though not by the next
+        ((4.0, 3.0, 2.0, 1.0), "L"),
+        ((1.0, np.inf), "F"),
+        ((np.inf, 1.0), "R"),
+        ((np.inf, np.inf), "F"),
     ],
 )
-def test_what_cannot_be_is_refused(fraction, of, message):
-    with pytest.raises(InvalidInput, match=message):
-        estimate(SCENE, holdout=fraction, holdout_of=of)
+def test_the_smallest_model_that_no_finer_one_beats(errors, model):
+    assert smallest(models(*errors)) == smallest(models(*[None] * len(errors), fitted=errors)) == model
+    assert smallest(models(*errors, fitted=np.geomspace(1.0, 0.1, len(errors)))) == model  # what is kept out judges
 
 
-def test_too_little_to_split_is_refused():
-    two = as_motion(SCENE, np.zeros((2, 16, 3)))
-    with pytest.raises(InvalidInput, match="shows 2 frames, too few"):
-        split(SCENE, experiments(SCENE, two), 0.2, "frames")
-    one = as_motion(SCENE, np.zeros((5, 16, 3)), observed=np.broadcast_to(np.arange(16) == 5, (5, 16)))
-    with pytest.raises(InvalidInput, match="too few vertices"):
-        split(SCENE, experiments(SCENE, one), 0.2, "vertices")
+def test_a_model_that_came_nearer_to_what_was_fitted_is_named():
+    hint = nearer(models(0.06, 0.27, fitted=(0.037, 0.025)), "F")
+    assert hint.code == "model"
+    assert "model R comes to 25 mm on what was fitted, F to 37 mm" in hint.text
+    assert "it is no better, 270 mm against 60 mm, so F was chosen; --model R fits it" in hint.text
+    assert nearer(models(0.06, 0.02, fitted=(0.037, 0.025)), "R") is None
+    assert nearer(models(0.06, 0.06, fitted=(0.037, 0.036)), "F") is None
+
+
+# --- of a cloth
+
+
+
+
+def target_of(scene, model, values, noise=1e-3):
+    """The motion of a scene with factors of a model, with noise, m."""
+    truth = ladder.as_model(scene, model)
+    return degrade(simulate(with_parameters(truth, values(truth)), tolerance=1e-12), noise=noise, seed=1)
+
+
+TRUTHS = {  # a model and its factors
+    "F": ("F", lambda scene: np.array([2.0])),
+    "R": ("R", lambda scene: np.geomspace(0.4, 3.0, len(parameters(scene)))),
+}
+
+
+def choice(truth, of="frames", budget=BUDGET, letters="nL"):
+    """What is chosen for a target of a truth, and the objective."""
+    scene = small(letters, 30)
+    whole = Objective(scene, target_of(small("nL", 30), *TRUTHS[truth]), 1e-10, scene.frames)
+    return chosen(whole, None, parameters(scene), ENOUGH, of, budget), whole
+
+
+@fits
+@pytest.mark.parametrize(
+    ("truth", "of", "letters"),
+    [("F", "frames", "nL"), ("F", "vertices", "nL"), ("R", "frames", "nG"), ("R", "vertices", "nL")],
+)
+def test_a_truth_of_few_values_has_a_model_of_few_values_whatever_is_flagged(truth, of, letters):
+    found, whole = choice(truth, of, letters=letters)
+    scene = ladder.as_model(whole.scene, found.model, exactly=True)
+    assert found.model == found.judged[-1].model == truth  # what is left is noise, so no finer one is tried
+    assert len(found.p) == found.judged[-1].values == len(parameters(scene))
+    assert found.evaluations > 0
+    rmse = np.sqrt(whole.flagging(scene).cost(found.p) / whole.observations)
+    assert rmse == pytest.approx(np.sqrt(3) * 1e-3, rel=0.1)  # noise in three directions, of some 360 positions
+    for each in found.judged:
+        assert each.holdout_rmse > 1e-3
+        assert each.seconds >= 0
+
+
+@fits
+def test_a_budget_that_is_used_up_ends_the_choice_with_what_it_has():
+    found, whole = choice("R", budget=5)
+    assert [each.model for each in found.judged] in ([], ["F"])
+    assert found.model == "F"
+    assert found.evaluations <= 5
+    start = parameters(ladder.as_model(whole.scene, "F"))
+    flagged = whole.flagging(ladder.as_model(whole.scene, "F", exactly=True))
+    assert flagged.cost(found.p) <= flagged.cost(start)
+
+
+@fits
+@pytest.mark.parametrize("fault", [Diverged("far", 1), MemoryError(), np.linalg.LinAlgError("singular")], ids=repr)
+def test_a_fault_ends_the_choice_with_what_it_has(monkeypatch, fault):
+    original = ladder.rung
+
+    def rung(search, model, starts):
+        if model == "R":
+            raise fault
+        original(search, model, starts)
+
+    monkeypatch.setattr(ladder, "rung", rung)
+    found, _ = choice("R")
+    assert [each.model for each in found.judged] == ["F"]
+    assert found.model == "F"
+
+
+# --- its parts
+
+
+def own(frames=20, **fields):
+    """The objective of a small sheet against its own motion."""
+    scene = small("nF", frames, **fields)
+    return Objective(scene, simulate(scene, tolerance=1e-12), 1e-10, scene.frames)
+
+
+@fits
+def test_a_part_of_the_frames_judges_where_there_are_enough():
+    whole = own(20)
+    fitted, kept = parted(whole, "frames")
+    assert (fitted.frames, kept.observations) == (15, 5 * 16)
+    assert kept.observations == KEPT_OUT * 20 * 16
+    assert fitted.observations + kept.observations == 20 * 16
+    short = Objective(whole.scene, at_frames(simulate(whole.scene), slice(0, 2)), 1e-10, 20)
+    assert parted(short, "frames") == (short, None)
+
+
+@fits
+def test_the_error_of_values_is_that_of_their_motion_and_those_that_diverge_are_the_worst():
+    goal, explicit = own(), own(10, integrationMethod=0, delta=0.001)
+    p = parameters(goal.scene)
+    assert error_of(goal, p) < 1e-9  # m; its own motion, systems solved to 1e-10
+    assert error_of(goal, 1.5 * p) == pytest.approx(goal.rmse(goal.cost(1.5 * p)))
+    assert judged([Rung("F", 1, 0.1, np.array([1e12]), 2.0)], explicit) == [Judged("F", 1, 0.1, np.inf, 2.0)]
+
+
+@fits
+@pytest.mark.parametrize(("factor", "noise", "enough"), [(2.0, 1e-3, ENOUGH), (1.3, 0.0, 1e-6)])
+def test_finer_models_are_left_out_where_noise_is_left_or_nothing(factor, noise, enough):
+    scene = small("nL", 30)
+    motion = target_of(scene, "F", lambda _: np.array([factor]), noise)
+    search = Search(Objective(scene, motion, 1e-10, scene.frames), parameters(scene), enough, BUDGET)
+    holdout.climb(search, [search.start])
+    assert [each.model for each in search.rungs] == ["F"]
+    assert noise or search.rungs[0].rmse < enough

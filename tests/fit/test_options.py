@@ -1,6 +1,7 @@
 """The keyword arguments of a fit: those of the command, and motions given by their paths."""
 
 import inspect
+import math
 
 import click
 import numpy as np
@@ -11,6 +12,7 @@ import clothfit
 from clothfit.cli import estimate as command
 from clothfit.fit.options import BUDGET, FitOptions, Keywords, options_of
 from clothfit.formats.axes import Reading
+from clothfit.scene.scene import load
 
 ARGUMENTS = inspect.signature(clothfit.estimate).parameters
 
@@ -72,16 +74,51 @@ def test_a_budget_is_a_time(given, seconds):
     assert (found.budget, found.max_evaluations) == (seconds, given.get("max_evaluations", BUDGET))
 
 
-@pytest.mark.parametrize(
-    ("given", "error", "text"),
-    [
-        ({"budget": "soon"}, clothfit.InvalidInput, "budget: 'soon' is no time above 0"),
-        ({"presicion": 1.0}, TypeError, "unexpected keyword argument 'presicion'"),
-    ],
-)
-def test_what_cannot_be_is_refused(given, error, text):
-    with pytest.raises(error, match=text):
-        options_of("estimate", given)
+WITHOUT = {"target": None}
+REFUSED = [  # the flags of masses and stiffnesses and other fields of a scene, arguments of `estimate`, what is said
+    ("nL", {}, {"budget": "soon"}, "budget: 'soon' is no time above 0"),
+    ("nL", {}, {"model": "Q"}, "model: there is no 'Q'; use auto, F, G, R, M, L"),
+    ("nL", {}, {"method": "newton"}, "there is no 'newton'; use auto, momentum, gauss-newton, l-bfgs-b"),
+    ("nL", {}, {"max_evaluations": 0}, "max_evaluations: 0 evaluations are too few"),
+    ("nL", {}, {"substeps": 0}, "substeps must be auto or a whole number from 1 on; 0 was given"),
+    ("nL", {}, {"substeps": 1.5}, "substeps must be auto"),
+    ("nL", {}, {"substeps": "many"}, "substeps must be auto"),
+    ("nL", {}, {"substeps": "auto", "keep_step": True}, "substeps: the step is to be kept; use either substeps or"),
+    ("nL", {}, {"windows": 1}, "windows must have 2 frames or more; 1 was given"),
+    ("nL", {}, {"windows": 5, "fit_time": True}, "windows: they begin in the target's own states"),
+    ("nL", {}, {"windows": 5, **WITHOUT}, "windows: a target is needed"),
+    ("nL", {}, {"fit_time": True, **WITHOUT}, "can be found only where one is given; give a target"),
+    ("nL", {}, {"holdout": 0.0}, "holdout must be a fraction above 0 and below 1; 0 was given"),
+    ("nL", {}, {"holdout": 1.0}, "holdout must be a fraction above 0 and below 1; 1 was given"),
+    ("nL", {}, {"holdout": math.nan}, "holdout must be a fraction above 0 and below 1; nan was given"),
+    ("nL", {}, {"holdout": 0.2, "holdout_of": "springs"}, "holdout: there is nothing called 'springs'"),
+    ("nn", {}, WITHOUT, "nothing to fit: no object flags anything; set its optimizationSettings"),
+    ("nL", {}, {"start": 20000.0}, "start: 20000 is not within the bounds"),
+    ("nL", {}, {"start": math.inf}, "start: inf is not within the bounds"),
+    ("nL", {}, {"start": [1.0] * 15 + [1e5]}, "start: 100000 is not within the bounds"),
+    ("nL", {}, {"start": [1.0] * 15}, "start: 15 values given, .* has 16 parameters"),
+    ("nL", {}, {"start": np.ones((16, 1))}, "start: 16 values given"),
+    ("nL", {}, {"start": []}, "start: 0 values given"),
+    ("nL", {}, {"start": load(even("nL"))}, r"objects\[0\] has 33 values of stiffness, 16 are needed"),
+    ("nn", {"fit": {"damping": "G"}}, {"start": -1.0}, "start: -1 is not within the bounds 0 … 10000"),
+    ("nn", {"fit": {"springRestLength": "G"}}, {"start": 0.0}, "start: 0 is not within the bounds 0.0001 … 10000"),
+    ("nn", {"fit": {"vertVel": "G"}}, {"start": [0.0, -2e4, 0.0]}, "start: -20000 is not within the bounds"),
+    ("nn", {"fit": {"vertVel": "G"}}, {"start": math.nan}, "start: nan is not within the bounds -10000 … 10000"),
+]
+
+
+@pytest.mark.slow  # a start is looked at after the target
+@pytest.mark.parametrize(("letters", "fields", "given", "text"), REFUSED)
+def test_what_cannot_be_is_refused(letters, fields, given, text):
+    own = load(even(letters, 6, 3, 3, **fields))
+    target = clothfit.simulate(own)
+    with pytest.raises(clothfit.InvalidInput, match=text):
+        clothfit.estimate(own, **{"target": target, **given})
+
+
+def test_a_name_that_there_is_not_is_refused_as_python_does():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'presicion'"):
+        options_of("estimate", {"presicion": 1.0})
 
 
 @pytest.mark.parametrize("name", ["precision", "checkpoint"])

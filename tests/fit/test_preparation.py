@@ -1,22 +1,37 @@
-"""What a fit settles before it begins, its model and its time step, and what is left of that whatever ends it."""
+"""What a fit settles before it begins, its model, its time step and its windows, and what is left of that whatever ends
+it.
+"""
 
-from itertools import count as counter
+import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.interrupting import interrupt_after
 from helpers.marks import fits
-from helpers.strangers import small, with_finer_steps
+from helpers.strangers import DRAG, WIND, sheet, small, windy, with_finer_steps
 
+import clothfit
 from clothfit.base import checkpoint as module
-from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
+from clothfit.cli.program import run
 from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.fit.estimate import estimate
 from clothfit.fit.options import FitOptions
-from clothfit.fit.preparation import Prepared, chosen_before, counts_of, flagged, prepared, with_model, with_steps
+from clothfit.fit.preparation import (
+    Prepared,
+    chosen_before,
+    counts_of,
+    in_windows,
+    prepared,
+    windows_of,
+    with_model,
+    with_steps,
+)
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
+from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -48,25 +63,6 @@ def finer(letters="nL", **fields):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"model": "Q"}, "model: there is no 'Q'; use auto, F, G, R, M, L"),
-        ({"substeps": 0}, "substeps must be auto or a whole number from 1 on; 0 was given"),
-        ({"substeps": 1.5}, "substeps must be auto"),
-        ({"substeps": "many"}, "substeps must be auto"),
-        ({"substeps": 2, "keep_step": True}, "substeps: the step is to be kept; use either substeps or keep_step"),
-        ({"substeps": "auto", "keep_step": True}, "substeps: the step is to be kept"),
-    ],
-)
-def test_options_that_cannot_be_are_refused(options, said):
-    with pytest.raises(InvalidInput) as caught:
-        FitOptions(**options).check()
-    assert str(caught.value).startswith(said)
-    with pytest.raises(InvalidInput):
-        estimate(small("nF", 5), np.zeros((5, 16, 3)), **options)
-
-
-@pytest.mark.parametrize(
     ("method", "options", "counts"),
     [
         (IMPLICIT, {}, []),
@@ -83,11 +79,6 @@ def test_the_steps_that_are_to_be_tried(method, options, counts):
     assert counts_of(FitOptions(**options), small("nF", 5, method=method)) == counts
 
 
-@pytest.mark.parametrize(("model", "letters"), [(None, "RL"), ("F", "FF"), ("G", "GG"), ("L", "LL"), ("auto", "LL")])
-def test_a_model_takes_the_place_of_the_flags(model, letters):
-    assert flagged(small("RL", 5), model).cloths[0].settings == letters
-
-
 # --- plans
 
 
@@ -97,44 +88,40 @@ STATE = State(
 )  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def coarse():
+    """The objective of a scene with single stiffnesses, and of its motion by finer steps."""
+    return objective(*finer("nL"))
+
+
 @fits
-def test_a_plan_with_other_steps_and_another_model_has_them_for_what_is_kept_out_too():
-    scene, motion = finer("nL")
-    plan = Prepared(objective(scene, motion), objective(scene, motion))
-    plan = with_model(with_steps(plan, 4, BDF2), "R")
+def test_a_plan_with_other_steps_and_another_model_has_them_for_what_is_kept_out_too(coarse):
+    plan = with_model(with_steps(Prepared(coarse, coarse), 4, BDF2), "R")
     for each in (plan.objective, plan.kept_out):
-        assert (each.scene.method, each.scene.delta, each.scene.cloths[0].settings) == (BDF2, scene.delta / 4, "nR")
-        assert each.frames == FRAMES
+        assert (each.scene.method, each.scene.delta) == (BDF2, coarse.scene.delta / 4)
+        assert (each.scene.cloths[0].settings, each.frames) == ("nR", FRAMES)
     assert plan.model == "R"
 
 
 @fits
-def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen():
-    scene, motion = finer("nL")
-    plan = chosen_before(Prepared(objective(scene, motion), None), STATE._replace(model="F", substeps=4))
+def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen(coarse):
+    plan = chosen_before(Prepared(coarse, None), STATE._replace(model="F", substeps=4))
     assert (plan.model, plan.substeps, plan.p) == ("F", 4, None)
-    assert (plan.objective.scene.delta, plan.objective.scene.cloths[0].settings) == (scene.delta / 4, "nF")
+    assert (plan.objective.scene.delta, plan.objective.scene.cloths[0].settings) == (coarse.scene.delta / 4, "nF")
+    for model in ("", "R", "L"):  # of another number of values
+        with pytest.raises(InvalidInput, match="the checkpoint is not what a fit has written"):
+            chosen_before(Prepared(coarse, None), STATE._replace(model=model))
 
 
 @fits
-@pytest.mark.parametrize("model", ["", "R", "L"])
-def test_a_state_of_another_number_of_values_is_refused(model):
-    plan = Prepared(objective(*finer("nL")), None)
-    with pytest.raises(InvalidInput, match="the checkpoint is not what a fit has written"):
-        chosen_before(plan, STATE._replace(model=model))
-
-
-@fits
-def test_nothing_is_chosen_where_nobody_asks():
-    scene, motion = finer("nL")
-    goal = objective(scene, motion)
-    plan = prepared(Prepared(goal, None), None, FitOptions().checked())
-    assert plan.objective is goal
+def test_nothing_is_chosen_where_nobody_asks(coarse):
+    plan = prepared(Prepared(coarse, None), None, FitOptions().checked())
+    assert plan.objective is coarse
     assert (plan.p, plan.wanted, plan.judged, plan.model, plan.substeps, plan.tried) == (None, None, None, "", 0, ())
 
 
 @fits
-@pytest.mark.parametrize("options", [{"substeps": "auto"}, {"model": "auto"}, {"substeps": "auto", "model": "auto"}])
+@pytest.mark.parametrize("options", [{"substeps": "auto"}, {"substeps": "auto", "model": "auto"}])
 def test_the_values_of_a_plan_cost_what_it_says(options):
     scene, motion = finer("LL" if "model" in options else "nL")
     goal = objective(scene, motion)
@@ -151,22 +138,16 @@ def test_the_values_of_a_plan_cost_what_it_says(options):
 
 
 @fits
-@pytest.mark.parametrize("method", [IMPLICIT, BDF2])
-def test_a_truth_by_one_factor_is_fitted_by_one_factor(method):
-    scene, motion = one_factor(method=method)
+@pytest.mark.parametrize(("method", "more"), [(IMPLICIT, {}), (BDF2, {}), (IMPLICIT, {"vertVel": "G"})])
+def test_a_truth_by_one_factor_is_fitted_by_one_factor_and_one_velocity_stays_one(method, more):
+    scene, motion = one_factor(method=method, of_cloth=more)
     fit = estimate(scene, motion, model="auto", intervals=False)
-    assert [block.mode for block in fit.parameters] == ["F"]
+    fitted = [(block.name, block.mode) for block in fit.parameters]
+    assert fitted == [("stiffness", "F"), *[("velocity", "G")] * len(more)]
     assert [each.model for each in fit.ladder] == ["F"]
     assert fit.scene.delta == scene.delta
     # 360 positions with noise of 1 mm, of a motion of decimetres that follows the stiffness
     np.testing.assert_allclose(fit.scene.cloths[0].stiffness, 40.0, rtol=0.02)
-
-
-@fits
-def test_one_velocity_stays_one_with_any_model():
-    scene, motion = one_factor(of_cloth={"vertVel": "G"})
-    fit = estimate(scene, motion, model="auto", intervals=False)
-    assert [(block.name, block.mode) for block in fit.parameters] == [("stiffness", "F"), ("velocity", "G")]
 
 
 @fits
@@ -181,23 +162,17 @@ def test_the_step_is_chosen_unless_it_is_to_be_kept():
 
 
 @fits
-def test_the_editors_step_is_kept_with_a_hint():
+def test_the_editors_step_is_kept_with_a_hint_unless_a_number_is_asked_for_by_the_integrator_that_is_nearer():
     scene, motion = finer("nF", method=IMPLICIT)
     fit = estimate(scene, motion, intervals=False)
     assert (fit.substeps, fit.scene.delta, fit.scene.method) == (None, scene.delta, IMPLICIT)
     assert "time_step" in [hint.code for hint in fit.hints]
-
-
-@fits
-def test_a_number_of_steps_is_taken_by_the_integrator_that_is_nearer():
-    scene, motion = finer("nF", method=IMPLICIT)
-    fit = estimate(scene, motion, intervals=False, substeps=2)
-    assert [(each.substeps, each.integrator) for each in fit.steps] == [(2, "implicit"), (2, "bdf2")]
-    assert (fit.scene.method, fit.scene.delta) == (BDF2, scene.delta / 2)
-    fine = scene.with_step(scene.delta / 2, 2 * FRAMES - 1)
-    motion = at_frames(simulate(fine, tolerance=1e-12), slice(None, None, 2))
-    fit = estimate(scene, motion, intervals=False, substeps=2)
-    assert (fit.scene.method, fit.scene.delta) == (IMPLICIT, scene.delta / 2)
+    own = at_frames(simulate(scene.with_step(scene.delta / 2, 2 * FRAMES - 1), tolerance=1e-12), slice(None, None, 2))
+    for target, method in ((motion, BDF2), (own, IMPLICIT)):
+        fit = estimate(scene, target, intervals=False, substeps=2)
+        tried = [(each.substeps, each.integrator) for each in fit.steps]
+        assert target is own or tried == [(2, "implicit"), (2, "bdf2")]
+        assert (fit.scene.method, fit.scene.delta) == (method, scene.delta / 2)
     assert fit.rmse < 1e-8  # its own model
 
 
@@ -212,65 +187,45 @@ CHOICES = {
 }
 
 
-def until(monkeypatch, last, act):
-    """Act at one simulation; returns what counts them."""
-    number, original = counter(1), Objective.simulate
-
-    def simulate_until(self, *given, **options):
-        if next(number) == last:
-            act()
-        return original(self, *given, **options)
-
-    monkeypatch.setattr(Objective, "simulate", simulate_until)
-    return number
+@pytest.fixture(scope="module", params=CHOICES)
+def chosen_by(request):
+    """The options of a choice, the scene and the target, and the error at the start."""
+    options, letters = CHOICES[request.param]
+    scene, motion = finer(letters)
+    goal = objective(scene, motion if "holdout" not in options else at_frames(motion, slice(18)))
+    return options, scene, motion, goal.rmse(goal.cost(parameters(scene)))
 
 
 @fits
-@pytest.mark.parametrize("kind", ["step", "model", "step, model and holdout"])
-def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(kind):
-    options, letters = CHOICES[kind]
-    scene, motion = finer(letters)
-    goal = objective(scene, motion)
-    part = goal if "holdout" not in options else objective(scene, at_frames(motion, slice(18)))
-    first = part.rmse(part.cost(parameters(scene)))
+def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(chosen_by):
+    options, scene, motion, first = chosen_by
+    seen, original = [], Objective.simulate
     with pytest.MonkeyPatch.context() as patch:
-        number = until(patch, None, None)
-        whole = estimate(scene, motion, intervals=False, **options)
-        most = next(number)
-    assert whole.rmse < first
-    for last in (1, 2, 3, most // 2, 4 * most // 5):
+        patch.setattr(Objective, "simulate", lambda *given, **more: seen.append(1) or original(*given, **more))
+        assert estimate(scene, motion, intervals=False, **options).rmse < first
+    most = len(seen)
+    for last in (0, 2, most // 2, 4 * most // 5):
         with pytest.MonkeyPatch.context() as patch:
-            until(patch, last, interrupts.request)
+            interrupt_after(patch, last)
             try:
                 found = estimate(scene, motion, intervals=False, **options)
             except KeyboardInterrupt:
                 found = None
-        assert (found is None) <= (last <= 2), last  # only before the first cost there is nothing to give
+        assert (found is None) <= (last == 0), last  # only before the first cost there is nothing to give
+        assert found is None or last or "substeps" not in options
         # a stage solves systems to 1e-7
         assert found is None or found.rmse <= first * (1 + 1e-5), last
 
 
 @fits
-@pytest.mark.parametrize("kind", CHOICES)
-def test_without_time_for_one_evaluation_the_start_is_the_result(kind):
-    options, letters = CHOICES[kind]
-    scene, motion = finer(letters)
-    fit = estimate(scene, motion, intervals=False, **options, budget=1e-9)
+def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(chosen_by):
+    options, scene, motion, _ = chosen_by
+    fit = estimate(scene, motion, intervals=False, **options, budget=1e-9)  # not enough for one evaluation
     assert fit.status == "limit"
-    before, after = (each.cloths[0].stiffness for each in (scene, fit.scene))
-    np.testing.assert_allclose(after, before, rtol=1e-12)
-
-
-@fits
-@pytest.mark.parametrize("kind", CHOICES)
-def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(kind):
-    options, letters = CHOICES[kind]
-    scene, motion = finer(letters)
-    goal = objective(scene, motion)
+    np.testing.assert_allclose(fit.scene.cloths[0].stiffness, scene.cloths[0].stiffness, rtol=1e-12)
     fit = estimate(scene, motion, intervals=False, **options, budget=0.03)
-    p = parameters(fit.scene)
-    reached = objective(fit.scene, motion)
-    assert reached.rmse(reached.cost(p)) <= goal.rmse(goal.cost(parameters(scene))) * (1 + 1e-5)
+    goal, reached = objective(scene, motion), objective(fit.scene, motion)
+    assert reached.rmse(reached.cost(parameters(fit.scene))) <= goal.rmse(goal.cost(parameters(scene))) * (1 + 1e-5)
 
 
 # --- and is resumed
@@ -299,9 +254,8 @@ def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_pa
 
 
 @fits
-@pytest.mark.parametrize("kind", ["step", "step and model"])
-def test_a_fit_that_is_resumed_keeps_what_was_chosen(tmp_path, monkeypatch, kind):
-    options, letters = CHOICES[kind]
+def test_a_fit_that_is_resumed_keeps_what_was_chosen(tmp_path, monkeypatch):
+    options, letters = CHOICES["step and model"]
     scene, motion = finer(letters)
     kept = []
     with monkeypatch.context() as patch:
@@ -318,3 +272,132 @@ def test_a_fit_that_is_resumed_keeps_what_was_chosen(tmp_path, monkeypatch, kind
         assert found.cost <= whole.cost * (1 + 1e-3)  # the same minimum
     with pytest.raises(InvalidInput, match="belongs to another fit"):
         estimate(scene, motion, checkpoint=tmp_path / "c", resume=True, **{**options, "substeps": 2})
+
+
+# --- windows that begin in the target's own states
+
+
+KEYS = {"times": [0, 1], "values": [{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": 0, "z": 0}]}
+
+
+def quadratic(scene, frames):
+    """A motion whose velocities central differences give exactly: x₀ + t v + t² a, v and a of each vertex."""
+    start = scene.cloths[0].positions
+    t = scene.delta * np.arange(frames)[:, None, None]
+    v, a = np.random.default_rng(1).normal(size=(2, *start.shape)) * ~scene.cloths[0].fixed[:, None]
+    positions = start + t * v + t**2 * a
+    return clothfit.Motion(positions, t[:, 0, 0], [len(start)]), v, a
+
+
+def test_windows_begin_where_the_target_is():
+    scene = sheet(frames=20)
+    motion, v, a = quadratic(scene, 24)  # of which the scene compares 20
+    found = windows_of(Experiment(motion, scene), 8)
+    assert [len(each.motion.times) for each in found] == [9, 9, 4]
+    assert [each.scene.frames for each in found] == [9, 9, 4]
+    np.testing.assert_array_equal(found[0].scene.cloths[0].positions, scene.cloths[0].positions)
+    for each, start in zip(found[1:], (8, 16), strict=True):
+        np.testing.assert_array_equal(each.motion.positions, motion.positions[start : start + len(each.motion.times)])
+        np.testing.assert_allclose(each.motion.times, scene.delta * np.arange(len(each.motion.times)), atol=1e-15)
+        np.testing.assert_array_equal(each.scene.cloths[0].positions, motion.positions[start])
+        # rounding of positions of 1 m over 0.04 s
+        np.testing.assert_allclose(each.scene.cloths[0].velocity, v + 2 * a * scene.delta * start, atol=1e-13)
+
+
+def test_a_window_begins_in_a_frame_that_is_seen_whole():
+    scene = sheet(frames=20)
+    motion, *_ = quadratic(scene, 20)
+    seen = np.ones(motion.positions.shape[:2], bool)
+    seen[9, 20] = False  # neither this frame nor those beside it show a state
+    found = windows_of(Experiment(replace(motion, observed=seen), scene), 8)
+    assert [len(each.motion.times) for each in found] == [12, 9]
+    seen[::2, 20] = False
+    with pytest.raises(InvalidInput, match="windows: no three frames one after the other show all vertices"):
+        windows_of(Experiment(replace(motion, observed=seen), scene), 8)
+
+
+def test_a_cloth_that_is_not_fitted_need_not_be_seen():
+    one = sheet(frames=20)
+    other = replace(one.cloths[0], settings="nn")
+    scene = replace(one, cloths=(*one.cloths, other))
+    alone, *_ = quadratic(one, 20)
+    positions = np.concatenate([alone.positions, np.full_like(alone.positions, np.nan)], axis=1)
+    seen = np.isfinite(positions[..., 0])
+    motion = clothfit.Motion(positions, alone.times, [36, 36], seen)
+    found = windows_of(Experiment(motion, scene), 8)
+    assert [len(each.motion.times) for each in found] == [9, 9, 4]
+    np.testing.assert_array_equal(found[1].scene.cloths[0].positions, alone.positions[8])
+    np.testing.assert_array_equal(found[1].scene.cloths[1].positions, other.positions)
+    np.testing.assert_array_equal(found[1].scene.cloths[1].velocity, other.velocity)
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"windVelKeys": KEYS}, "nothing of the scene may change over time"),
+        ({"gravityKeys": KEYS}, "nothing of the scene may change over time"),
+        ({"of_cloth": {"vertVel": "L"}}, "the velocities at the start are fitted"),
+        ({"of_cloth": {"springRestLength": "G"}}, "mode G of rest lengths"),
+    ],
+)
+def test_a_scene_that_cannot_begin_in_another_state_is_refused(fields, text):
+    scene = small("nF", **fields)
+    motion, *_ = quadratic(scene, 24)
+    with pytest.raises(InvalidInput, match=text):
+        windows_of(Experiment(motion, scene), 8)
+
+
+@pytest.fixture(scope="module")
+def blown():
+    return with_finer_steps(windy(), 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["implicit", "bdf2"])
+def test_the_gradient_over_windows_is_exact(method, blown):
+    scene = windy(wind=(0.5, 0.2, 1.0), letters="LL")
+    scene = scene.with_step(scene.delta, 40, method)
+    windows = in_windows(Objective(scene, blown, 1e-14, 40), 9)
+    assert len(windows.runs) == 5
+    p = parameters(scene)
+    cost, gradient = windows.cost_and_gradient(p)
+    step = 1e-5 * p * np.random.default_rng(1).normal(size=len(p))
+    # the difference's own error is 2e-9 here, of the third order of the step
+    assert windows.cost(p + step) - windows.cost(p - step) == pytest.approx(2.0 * gradient @ step, rel=1e-7)
+    assert cost > 1e-6  # m²: there is something to explain
+
+
+@pytest.mark.slow
+def test_windows_find_the_values_and_say_how_far_the_whole_motion_is(blown):
+    start = windy(wind=(0.3, 0.0, 0.5), drag=500.0)
+    found = estimate(start, blown, intervals=False, windows=16)
+    # central differences, and the first step of each window, are off by the third order of 2.5 ms
+    np.testing.assert_allclose(found.scene.wind, WIND, atol=0.05 * np.linalg.norm(WIND))
+    assert found.scene.cloths[0].drag == pytest.approx(DRAG, rel=0.02)
+    assert found.windows == 16
+    assert found.rmse < found.whole
+    own = at_frames(simulate(found.scene, tolerance=1e-10), slice(None, None, found.substeps or 1)).positions
+    far = np.sqrt(((own - blown.positions[: len(own)]) ** 2).sum(axis=2).mean())
+    assert found.whole == pytest.approx(far, rel=1e-4)  # 0.2 mm, of systems solved to 1e-10 each
+
+
+@pytest.mark.slow
+def test_the_command_says_what_was_compared(tmp_path, capsys, blown):
+    scene, target = tmp_path / "scene.json", tmp_path / "target.npz"
+    clothfit.save(windy(), scene)
+    clothfit.save_motion(blown, target)
+    code = run(["estimate", str(scene), "--target", str(target), "--windows", "40", "--no-intervals", "--json"])
+    out, err = capsys.readouterr()
+    said = json.loads(out)
+    assert code in (0, 5)
+    assert said["windows"]["frames"] == 40
+    assert said["windows"]["whole_rmse"] > 0
+    assert "that is over windows of 40 frames; the whole motion: RMSE" in err
+
+
+def test_the_last_frames_may_be_kept_out_of_the_windows():
+    scene = sheet(frames=20, letters="nF")
+    motion = simulate(sheet(40.0, frames=20), tolerance=1e-10)
+    found = estimate(scene, motion, intervals=False, windows=4, holdout=0.25)
+    assert (found.frames, found.holdout.observations) == (15 + 3, 5 * 36)  # windows share three frames of the 15
+    assert 0 < found.holdout.rmse < np.inf

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.strangers import sheet, stranger
+from helpers.strangers import sheet, stranger, with_finer_steps
 
 import clothfit
-from clothfit.base.errors import InvalidInput
 from clothfit.fit.options import FitOptions
 from clothfit.fit.registered_fit import Fits
 from clothfit.motion.degrade import degrade
@@ -21,10 +20,21 @@ pytestmark = pytest.mark.slow  # compiles a fit
 R, D = rotation(np.array([0.1, 0.3, -0.2])), np.array([0.3, -0.2, 0.1])
 
 
+@pytest.fixture(scope="module")
+def exact():
+    """The motion of a sheet."""
+    return simulate(sheet(20.0), tolerance=1e-10)
+
+
+@pytest.fixture(scope="module")
+def noisy(exact):
+    """The same with noise of 1 mm."""
+    return degrade(exact, 1e-3, seed=1)
+
+
 @pytest.mark.parametrize(("rate", "offset"), [(0.8, 0.03), (1.32, 0.0)])
-def test_the_clock_of_an_exact_target_is_found_with_its_stiffness(rate, offset):
-    truth = simulate(sheet(20.0), tolerance=1e-10)
-    found = clothfit.estimate(sheet(50.0), stranger(truth, rate, offset), fit_time=True)
+def test_the_clock_of_an_exact_target_is_found_with_its_stiffness(exact, rate, offset):
+    found = clothfit.estimate(sheet(50.0), stranger(exact, rate, offset), fit_time=True)
     (clock,) = found.registration
     # the search ends where a step would save a thousandth of a cost that is nearly 0
     assert clock.rate == pytest.approx(rate, rel=1e-4)
@@ -35,27 +45,17 @@ def test_the_clock_of_an_exact_target_is_found_with_its_stiffness(rate, offset):
     assert found.verdict.model == "adequate"
 
 
-def test_the_place_of_a_noisy_target_is_found_within_its_noise():
-    truth = degrade(simulate(sheet(20.0), tolerance=1e-10), 1e-3, seed=1)
-    found = clothfit.estimate(sheet(50.0), stranger(truth, turn=R, move=D), fit_placement=True)
+@pytest.mark.parametrize(("placed", "size"), [(True, 1.0), (False, 1.05), (True, 1.05)])
+def test_the_place_and_the_scale_of_a_noisy_target_are_found_within_its_noise(noisy, placed, size):
+    seen = stranger(noisy, turn=R, move=D) if placed else noisy
+    seen = replace(seen, positions=size * seen.positions)
+    found = clothfit.estimate(sheet(50.0), seen, fit_scale=size != 1.0, fit_placement=placed)
     (place,) = found.registration
     # noise of 1 mm in 40 × 36 positions leaves far less than that open; the sheet is 0.5 m long
-    assert place.translation == pytest.approx(D, abs=1e-3)
-    assert place.rotation == pytest.approx(R, abs=2e-3)
-    assert (place.rate, place.offset) == (1.0, 0.0)
-    assert found.rmse == pytest.approx(np.sqrt(3) * 1e-3, rel=0.1)
-
-
-@pytest.mark.parametrize("placed", [False, True])
-def test_the_scale_of_a_noisy_target_is_found_within_its_noise(placed):
-    truth = degrade(simulate(sheet(20.0), tolerance=1e-10), 1e-3, seed=1)
-    large = stranger(truth, turn=R, move=D) if placed else truth
-    found = clothfit.estimate(
-        sheet(50.0), replace(large, positions=1.05 * large.positions), fit_scale=True, fit_placement=placed
-    )
-    (place,) = found.registration
-    assert place.scale == pytest.approx(1 / 1.05, rel=1e-3)  # 1 mm in 0.5 m, in 1440 positions
     assert place.translation == pytest.approx(D if placed else np.zeros(3), abs=1e-3)
+    assert place.rotation == pytest.approx(R if placed else np.eye(3), abs=2e-3)
+    assert place.scale == pytest.approx(1.0 / size, rel=1e-3 if size != 1.0 else 0.0)
+    assert (place.rate, place.offset) == (1.0, 0.0)
     assert found.rmse == pytest.approx(np.sqrt(3) * 1e-3, rel=0.1)
 
 
@@ -77,22 +77,19 @@ def test_clock_and_place_are_found_beside_all_stiffnesses_and_their_intervals_ho
     assert low < known.offset < high
 
 
-def test_a_clock_that_keeps_time_as_far_as_noise_shows_has_the_rate_1():
-    truth = degrade(simulate(sheet(20.0), tolerance=1e-10), 1e-3, seed=1)
-    (late,) = clothfit.estimate(sheet(50.0), stranger(truth, 1.0, 0.03), fit_time=True).registration
+def test_a_clock_that_keeps_time_as_far_as_noise_shows_has_the_rate_1(noisy):
+    (late,) = clothfit.estimate(sheet(50.0), stranger(noisy, 1.0, 0.03), fit_time=True).registration
     assert late.rate == 1.0
     ends = late.intervals()
     assert ends["rate"][0] < 1.0 < ends["rate"][1]
     assert ends["offset"][0] < 0.03 < ends["offset"][1]
-    (slow,) = clothfit.estimate(sheet(50.0), stranger(truth, 1.05, 0.03), fit_time=True).registration
+    (slow,) = clothfit.estimate(sheet(50.0), stranger(noisy, 1.05, 0.03), fit_time=True).registration
     assert slow.rate == pytest.approx(1.05, abs=0.01)  # five of its standard errors away from 1
     assert slow.intervals()["rate"][0] > 1.0
 
 
 def test_the_place_is_found_with_the_clock_where_the_model_differs():
-    other = simulate(sheet(20.0, frames=157, delta=0.005), tolerance=1e-10)  # steps four times finer
-    every = replace(other, times=other.times[::4], positions=np.ascontiguousarray(other.positions[::4]))
-    asked = sheet(50.0)
+    asked, every = sheet(50.0), with_finer_steps(sheet(20.0), 4)
     plain = clothfit.estimate(asked, every, intervals=False)
     moved = stranger(every, 1.3, 0.0, R, D)
     found = clothfit.estimate(asked, moved, intervals=False, fit_time=True, fit_placement=True)
@@ -116,35 +113,24 @@ def test_each_target_has_its_own_registration():
     assert [each.rate for each in found.registration] == pytest.approx([1.1, 0.9], rel=1e-3)
 
 
-def test_a_target_that_fits_as_it_is_stays_as_it_is():
-    scene = sheet(20.0)
-    found = clothfit.estimate(scene, simulate(scene, tolerance=1e-10), fit_time=True, fit_placement=True)
+def test_a_target_that_fits_as_it_is_stays_as_it_is_and_gravity_beside_the_clock_is_warned_of(exact):
+    scene = replace(sheet(20.0), fits={"gravity": "G"})
+    found = clothfit.estimate(scene, exact, fit_time=True, fit_placement=True)
     (known,) = found.registration
     assert (known.rate, known.offset) == pytest.approx((1.0, 0.0), abs=1e-6)
     assert known.translation == pytest.approx(0.0, abs=1e-6)
     assert found.rmse < 1e-6
+    assert any("clock" in warning for warning in found.warnings)
 
 
-def test_a_budget_of_time_ends_the_search_with_a_result():
-    truth = simulate(sheet(20.0), tolerance=1e-10)
-    found = clothfit.estimate(sheet(50.0), stranger(truth, 1.2), fit_time=True, budget=1e-3)
+def test_a_budget_of_time_ends_the_search_with_a_result(exact):
+    found = clothfit.estimate(sheet(50.0), stranger(exact, 1.2), fit_time=True, budget=1e-3)
     assert len(found.registration) == 1
     assert found.scene.frames == 40
 
 
-def test_gravity_beside_the_clock_is_warned_of():
-    scene = replace(sheet(20.0), fits={"gravity": "G"})
-    found = clothfit.estimate(scene, simulate(scene), fit_time=True, intervals=False)
-    assert any("clock" in warning for warning in found.warnings)
-
-
-def test_without_a_target_there_is_no_clock():
-    with pytest.raises(InvalidInput, match="give a target"):
-        clothfit.estimate(sheet(), fit_time=True)
-
-
-def test_the_progress_of_several_fits_goes_on_and_its_best_never_gets_worse():
-    seen, found = [], clothfit.estimate(sheet(20.0), simulate(sheet(20.0)), intervals=False)
+def test_the_progress_of_several_fits_goes_on_and_its_best_never_gets_worse(exact):
+    seen, found = [], clothfit.estimate(sheet(20.0), exact, intervals=False)
 
     def fit(scene, target, options):
         for k, cost in enumerate(target):

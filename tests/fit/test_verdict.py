@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -21,16 +22,13 @@ from clothfit.scene.scene import load
 pytestmark = FITS
 
 
-def exact():
+@cache
+def noisy(noise=1e-3):
     scene = load(even("nG", 20))
-    return scene, record_target(scene)
+    return scene, degrade(record_target(scene), noise, seed=3)
 
 
-def noisy():
-    scene = load(even("nG", 20))
-    return scene, degrade(record_target(scene), 1e-3, seed=3)
-
-
+@cache
 def other_model(settings="nG"):
     """One stiffness for a motion of a cloth with different ones."""
     return load(even(settings, 30)), degrade(record_target(load(trial(settings, 30))), 1e-4, seed=1)
@@ -42,7 +40,7 @@ def without_gravity():
 
 
 FITS = {
-    "exact": (exact, {"start": 20.0}),
+    "exact": (partial(noisy, 0.0), {"start": 20.0}),
     "noisy": (noisy, {}),
     "noisy, vertices kept out": (noisy, {"holdout": 0.25, "holdout_of": "vertices"}),
     "another model": (other_model, {}),
@@ -53,7 +51,6 @@ FITS = {
     "another model, huber": (other_model, {"loss": "huber"}),
     "its clock": (other_model, {"fit_time": True}),
     "velocities": (other_model, {"objective": {"velocity": 1.0}}),
-    "lengths": (other_model, {"objective": {"edge-length": 1.0}}),
     "spectra": (noisy, {"objective": {"spectrum": 1.0}}),
     "without weight": (without_gravity, {}),
     "l-bfgs-b": (other_model, {"method": "l-bfgs-b"}),
@@ -83,7 +80,7 @@ def test_no_interval_without_the_verdict(name):
     assert name != "spectra" or (found.verdict, found.parameters[0].interval) == (None, [None])
 
 
-@pytest.mark.parametrize("simulations", [1, 4, 8, 12, 16, 20, 24, 28, 32, 40])
+@pytest.mark.parametrize("simulations", [1, 8, 16, 24, 40])
 def test_no_interval_without_the_verdict_of_a_fit_that_is_interrupted(monkeypatch, simulations):
     scene, motion = other_model()
     with interrupts.deferred():
@@ -98,7 +95,7 @@ def test_no_interval_where_the_verdict_fails(monkeypatch):
         raise Diverged("far away", 1)
 
     scene, motion = other_model()
-    monkeypatch.setattr("clothfit.fit.verdict.residual_test", fails)
+    monkeypatch.setattr("clothfit.fit.result.residual_test", fails)
     found = estimate(scene, motion)
     assert found.verdict is None
     assert not shows_no_interval_alone(scene, found)

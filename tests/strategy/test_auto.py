@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from helpers.marks import FITS
 from helpers.physics import scene, xyz
-from helpers.scenes import cloth, even, trial
+from helpers.scenes import cloth, document, even, trial
 
 from clothfit.fit.estimate import estimate, record_target
+from clothfit.meshes.mesh import plane
+from clothfit.meshes.new_scene import at_side, new_scene
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion, as_motion
+from clothfit.motion.motion import as_motion, at_frames
 from clothfit.motion.simulate import simulate
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
@@ -18,22 +20,10 @@ from clothfit.optimise import trajectory
 from clothfit.optimise.momentum import TREATMENTS
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
-from clothfit.scene.fit_vector import parameters
+from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 from clothfit.strategy import auto, trajectory_fit
-from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_momentum, check_tolerance, find
-from clothfit.strategy.trajectory_fit import (
-    FAR_ERROR,
-    FIRST_WINDOW,
-    NOISE_SAVING,
-    WINDOW_SAVING,
-    by_gauss_newton,
-    first_window,
-    is_better,
-    is_near,
-    stages,
-    window_lengths,
-)
+from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_ladder, by_momentum, check_tolerance, find
 
 pytestmark = FITS
 
@@ -77,30 +67,19 @@ def ended(search, start, tau=np.inf, others=None):
 
 
 @pytest.mark.parametrize(
-    ("settings", "make", "change"),
+    ("settings", "change"),
     [
-        ("Ln", trial, {"every": 2}),
-        ("nL", trial, {"observed": 0.6}),
-        ("LL", trial, {"observed": 0.6}),
-        ("LL", trial, {"every": 2}),
-        ("GG", even, {"every": 2}),
+        ("Ln", {"every": 2}),
+        ("nL", {"observed": 0.6}),
+        ("LL", {"observed": 0.6}),
+        ("LL", {"every": 2}),
     ],
 )
-def test_the_hidden_truth_is_found(settings, make, change):
-    made = load(make(settings))
+def test_the_hidden_truth_is_found(settings, change):
+    made = load(trial(settings))
     found = estimate(made, degrade(record_target(made), **change), method="auto", start=None)
     assert found.status == "converged"
     assert found.rmse <= 1e-6  # it ends at 1e-8, or where a step saves nothing against the scatter of what is left
-
-
-@pytest.mark.parametrize("method", ["momentum", "auto"])
-@pytest.mark.parametrize("settings", ["Ln", "nL", "LL"])
-def test_an_exact_target_needs_no_simulation_but_one(settings, method):
-    made = load(trial(settings))
-    found = estimate(made, method=method)
-    assert (found.status, found.evaluations) == ("converged", 1)
-    kept = identifiable(made)
-    np.testing.assert_allclose(parameters(found.scene)[kept], parameters(made)[kept], rtol=1e-5)  # as in test_momentum
 
 
 @pytest.mark.parametrize("settings", ["nL", "LL"])
@@ -108,7 +87,7 @@ def test_gauss_newton_finds_the_truth_from_a_start_that_is_off(settings):
     search, start = searching(settings, rmse=1e-8)
     kept, true = search.fitted, parameters(search.objective.scene)
     with pytest.raises(Stop) as stop:
-        by_gauss_newton(search, start, start, np.inf)
+        trajectory_fit.by_gauss_newton(search, start, start, np.inf)
     assert stop.value.status == "converged"
     np.testing.assert_allclose(search.best.p[kept], true[kept], rtol=1e-2)  # 1e-8 m of what the motion hardly shows
     assert np.median(np.abs(search.best.p[kept] / true[kept] - 1)) < 1e-5
@@ -137,24 +116,20 @@ def test_noise_is_fitted_down_to_its_own_size(prior):
 # --- never worse than what was visited
 
 
-@pytest.mark.parametrize("budget", [1, 3, 8, 21, 10**4])
-@pytest.mark.parametrize(("settings", "make"), [("nL", trial), ("LL", trial), ("GG", even), ("nG", even)])
-def test_the_result_is_never_worse_than_a_point_it_visited(settings, make, budget, visited):
-    search, start = searching(settings, noise=1e-3, budget=budget, make=make)
+@pytest.mark.parametrize("budget", [1, 8, 21, 10**4])
+@pytest.mark.parametrize(
+    ("settings", "make", "frames", "far"),
+    [("nL", trial, 20, False), ("LL", trial, 20, False), ("GG", even, 20, False), ("LL", trial, 60, True)],
+)
+def test_the_result_is_never_worse_than_a_point_it_visited(settings, make, frames, far, budget, visited):
+    search, start = searching(settings, frames, 1e-3, budget, make=make, **({"every": 3} if far else {}))
     # without a prior: with one, a value that costs a little more may be the better guess
-    status = ended(search, start)
+    status = ended(search, start, others=(lambda: [np.full(len(start), 0.5)]) if far else None)
     assert status in ("converged", "stalled", "limit")
     assert search.budget.evaluations <= budget
     assert search.best.cost <= min(visited, default=np.inf)
     again = search.objective.cost(search.best.p)
     assert again == pytest.approx(search.best.cost, rel=1e-9)  # log and exp of the values
-
-
-@pytest.mark.parametrize("budget", [30, 10**4])
-def test_from_a_far_start_with_gaps_it_is_never_worse_either(budget, visited):
-    search, start = searching("LL", 60, 1e-3, budget, every=3, start=None)
-    ended(search, start, others=lambda: [np.full(len(start), 0.5)])
-    assert search.best.cost <= min(visited, default=np.inf)
 
 
 # --- the steps of the way
@@ -192,11 +167,11 @@ def test_no_momentum_fit_without_successive_frames():
 
 
 def test_windows_grow_to_the_whole():
-    assert window_lengths(10, 100) == [10, 20, 40, 100]
-    assert window_lengths(10, 8) == [8]
-    assert window_lengths(60, 100) == [60, 100]
+    assert trajectory_fit.window_lengths(10, 100) == [10, 20, 40, 100]
+    assert trajectory_fit.window_lengths(10, 8) == [8]
+    assert trajectory_fit.window_lengths(60, 100) == [60, 100]
     for last in range(2, 200, 7):
-        lengths = window_lengths(10, last)
+        lengths = trajectory_fit.window_lengths(10, last)
         assert lengths[-1] == last
         assert (np.diff(lengths) > 0).all()
 
@@ -204,50 +179,49 @@ def test_windows_grow_to_the_whole():
 def test_the_first_window_begins_where_something_is_seen():
     made = load(even("nL", 80))
     motion = simulate(made)
-    late = Motion(motion.positions[50:], motion.times[50:], motion.vertex_counts)
-    assert first_window(Objective(made, motion)) == 1 + FIRST_WINDOW
-    assert first_window(Objective(made, late)) == 50 + FIRST_WINDOW
+    late = at_frames(motion, slice(50, None))
+    assert trajectory_fit.first_window(Objective(made, motion)) == 1 + trajectory_fit.FIRST_WINDOW
+    assert trajectory_fit.first_window(Objective(made, late)) == 50 + trajectory_fit.FIRST_WINDOW
 
 
 def test_a_window_ends_where_its_steps_save_what_noise_gives_away():
     search, _ = searching("nL", 80, 1e-3)
-    parts = stages(search, near=False, windows=True)[:-1]
-    assert [part.objective.frames for part in parts] == window_lengths(first_window(search.objective), 80)[:-1]
+    parts = trajectory_fit.stages(search, near=False, windows=True)[:-1]
+    first = trajectory_fit.first_window(search.objective)
+    assert [part.objective.frames for part in parts] == trajectory_fit.window_lengths(first, 80)[:-1]
     free = int((~search.objective.scene.cloths[0].fixed).sum())
     for part in parts:  # all vertices are seen; the initial state cannot change
         share = search.fitted.sum() / (3 * free * (part.objective.frames - 1))
-        assert part.least == pytest.approx(np.clip(share, WINDOW_SAVING, NOISE_SAVING))
+        assert part.least == pytest.approx(np.clip(share, trajectory_fit.WINDOW_SAVING, trajectory_fit.NOISE_SAVING))
 
 
 def test_what_a_window_finds_is_kept_only_if_longer_ones_cost_less():
     search, start = searching("nL", 40, 1e-3)
     true, far = (search.coordinates.y(p) for p in (parameters(search.objective.scene), start))
-    assert is_better(search, true[search.fitted], far[search.fitted], search.objective)
-    assert not is_better(search, far[search.fitted], true[search.fitted], search.objective)
+    assert trajectory_fit.is_better(search, true[search.fitted], far[search.fitted], search.objective)
+    assert not trajectory_fit.is_better(search, far[search.fitted], true[search.fitted], search.objective)
 
 
 def test_near_is_by_how_far_the_target_moves():
     search, _ = searching("nL")
     still = search.objective.still
-    assert not is_near(search)  # nothing visited
-    assert is_near(search, 1e-8 * still)
-    assert not is_near(search, 1e-2 * still)
-    assert not is_near(search, np.inf)
+    assert not trajectory_fit.is_near(search)  # nothing visited
+    assert trajectory_fit.is_near(search, 1e-8 * still)
+    assert not trajectory_fit.is_near(search, 1e-2 * still)
+    assert not trajectory_fit.is_near(search, np.inf)
 
 
-@pytest.mark.parametrize("settings", ["nL", "GG"])
-def test_a_target_that_begins_late_is_fitted(settings):
-    made = load(even(settings, 60))
-    motion = record_target(made)
-    late = Motion(motion.positions[40:], motion.times[40:], motion.vertex_counts)
-    found = estimate(made, late, start=np.exp(0.05) * parameters(made))
-    assert found.status == "converged"
-    assert found.rmse < 1e-6
-
-
-def test_a_start_that_diverges_is_left():
-    made = load(even("nL", 40, integrationMethod=0, delta=0.004))
-    found = estimate(made, degrade(record_target(made), every=2), start=2e3)
+@pytest.mark.parametrize(
+    ("settings", "part", "start", "fields"),
+    [
+        ("nL", slice(40, None), np.exp(0.05) * 30.0, {}),
+        ("GG", slice(40, None), np.exp(0.05) * np.array([0.02, 30.0]), {}),
+        ("nL", slice(None, None, 2), 2e3, {"integrationMethod": 0, "delta": 0.004}),  # which diverges
+    ],
+)
+def test_a_target_that_begins_late_is_fitted_and_a_start_that_diverges_is_left(settings, part, start, fields):
+    made = load(even(settings, 60, **fields))
+    found = estimate(made, at_frames(record_target(made), part), start=start)
     assert found.status == "converged"
     assert found.rmse < 1e-6
 
@@ -261,6 +235,12 @@ def wide(monkeypatch):
     monkeypatch.setattr(trajectory_fit, "LARGEST", 0.0)
 
 
+def squeezed(made):
+    """The motion of a scene, and one that it cannot make."""
+    true = record_target(made)
+    return true, as_motion(made, true.positions * np.array([1.0, 0.7, 1.0]), true.times)
+
+
 def test_a_long_fit_of_many_values_finds_the_factor_first(monkeypatch):
     wide(monkeypatch)
     made = load(even("nL", 20))
@@ -272,24 +252,21 @@ def test_a_long_fit_of_many_values_finds_the_factor_first(monkeypatch):
 def test_a_target_that_cannot_be_reproduced_ends_a_long_fit_after_some_steps(monkeypatch):
     wide(monkeypatch)
     made = load(even("nL", 20))
-    true = record_target(made)
-    squeezed = as_motion(made, true.positions * np.array([1.0, 0.7, 1.0]), true.times)
-    found = estimate(made, squeezed, start=10.0, intervals=False)
-    objective = Objective(made, squeezed, 1e-10)
+    _, other = squeezed(made)
+    found = estimate(made, other, start=10.0, intervals=False)
+    objective = Objective(made, other, 1e-10)
     first = objective.cost(np.full(33, 10.0))
     assert found.status in ("converged", "stalled")
     assert found.evaluations < 200
-    assert FAR_ERROR**2 * objective.still < found.cost < first
+    assert trajectory_fit.FAR_ERROR**2 * objective.still < found.cost < first
 
 
 def test_balances_that_cannot_be_fulfilled_at_first_are_not_solved_for_all_frames(monkeypatch):
     wide(monkeypatch)
     made = load(even("nL", 20))
-    true = record_target(made)
-    squeezed = as_motion(made, true.positions * np.array([1.0, 0.7, 1.0]), true.times)
-    for target, worth in ((true, True), (squeezed, False)):
+    for target, worth in zip(squeezed(made), (True, False), strict=True):
         search = Search(Objective(made, target, 1e-10), np.full(33, 10.0), 1e-8, 100)
-        early = search.objective.until(first_window(search.objective))
+        early = search.objective.until(trajectory_fit.first_window(search.objective))
         assert balances_can_hold(search, np.full(33, 10.0), early) == worth
 
 
@@ -354,3 +331,86 @@ def test_too_many_values_for_a_matrix_go_on_from_smooth_maps_by_products(monkeyp
     ends = np.array([pair or (-np.inf, np.inf) for pair in found.parameters[0].interval])
     true = parameters(made)
     assert np.mean((ends[:, 0] <= true) & (true <= ends[:, 1])) > 0.8  # 95 % of 33, that depend on each other
+
+
+# --- few markers, from starts that are decades off
+
+
+NOISE = 1e-3  # m, of a coordinate
+SIDE = 5  # vertices along each side
+
+
+@pytest.fixture(scope="module")
+def hanging():
+    """A fabric that hangs from one side, of one stiffness along, across and between, and what five markers show."""
+    made = cloth(SIDE, SIDE, 0.2, optimizationSettings="nL", damping=0.02, vertMass=[0.01] * SIDE**2,
+                 vertIsFixed=[i % SIDE == 0 for i in range(SIDE**2)])  # fmt: skip
+    ends = np.array(made["springs"]).reshape(-1, 2)
+    along = {1: 50.0, SIDE: 25.0}
+    made["springStiffness"] = [along.get(int(gap), 2.5) for gap in abs(ends[:, 1] - ends[:, 0])]
+    scene = load(document(made, optimizationIterations=60))
+    truth = simulate(scene, tolerance=1e-10)
+    return scene, truth, degrade(truth, NOISE, observed=0.2, seed=3, fps=30.0)
+
+
+def distance(scene, truth):
+    """Root mean square distance of a scene's motion from the true one, m, over all vertices."""
+    away = simulate(scene, tolerance=1e-10).positions - truth.positions
+    return np.sqrt((away * away).sum(axis=-1).mean())
+
+
+@pytest.mark.parametrize("start", [1e-3, 0.02, 1e4])
+def test_a_start_that_is_decades_off_leads_to_the_truth(hanging, start):
+    scene, truth, target = hanging
+    found = estimate(scene, target, start=start)
+    ends = [(-np.inf, np.inf) if pair is None else pair for block in found.parameters for pair in block.interval]
+    lower, upper = np.array(ends).T
+    within = (lower <= parameters(scene)) & (parameters(scene) <= upper)
+    assert distance(found.scene, truth) < NOISE  # 240 readings of few combinations: better than one of them
+    assert np.mean(within) > 0.8  # of 95 %; values are of few families, so not apart
+
+
+def test_a_ladder_comes_to_the_truth_and_not_to_the_noise(hanging):
+    scene, truth, target = hanging
+    start = np.full(len(parameters(scene)), 0.02)
+    search = Search(Objective(scene, target, 1e-10), start, 0.0, 10**4)
+    by_ladder(search, None, [start])
+    assert distance(with_parameters(scene, search.best.p), truth) < NOISE
+
+
+# --- where windows lead astray: a compressed cloth, whose motion grows small differences
+
+
+def compressed(integrator, seed):
+    """A plane between two held sides whose rest lengths are about a tenth longer than it is: the scene, values of
+    single springs, and their motion with 1 mm of noise.
+    """
+    grid = plane(4, 1.0)
+    fixed = at_side(grid.positions, "left") | at_side(grid.positions, "right")
+    made = new_scene(grid, fixed, fit="nn", fits={"rest": "L"}, integrator=integrator, frames=60)
+    p = 1.1 * parameters(made)
+    truth = p * np.exp(0.03 * np.random.default_rng(seed).normal(size=len(p)))
+    scene = with_parameters(made, p)
+    return scene, truth, degrade(simulate(with_parameters(scene, truth), tolerance=1e-10), 1e-3, seed=seed)
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_cloth_that_buckles_is_fitted_to_its_noise(seed):
+    scene, truth, motion = compressed("bdf2", seed)
+    fit = estimate(scene, motion)
+    # free values take their share of the noise: the best ones cost less than the truth; other minima twice as much
+    assert fit.cost < Objective(scene, motion).cost(truth)
+    found = parameters(fit.scene) / truth
+    known = Objective(scene, motion).identifiable
+    assert np.median(np.abs(np.log(found[known]))) < 5e-3  # an eighth of how far they begin
+
+
+@pytest.mark.parametrize(("seed", "shortened"), [(1, True), (5, False)])
+def test_steps_that_switch_their_form_do_not_stall_it(seed, shortened):
+    scene, truth, motion = compressed("implicit", seed)
+    aim = Objective(scene, motion, 1e-10)
+    assert aim.remedies(truth).clamped_steps > 0
+    assert (aim.remedies(truth).shortened_steps > 0) == shortened
+    search = Search(aim, parameters(scene), 0.0, 2000)
+    trajectory_fit.by_gauss_newton(search, search.best.p, search.best.p, None)
+    assert search.best.cost < aim.cost(truth)  # as above

@@ -14,7 +14,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.strategy import first_windows, ladder
+from clothfit.strategy import few_values, ladder
 
 FLAGS = {  # letters of masses and stiffnesses, and what else a cloth fits
     "stiffnesses": ("nL", {}),
@@ -63,21 +63,11 @@ def flagged(kind, **fields):
     return small(letters, of_cloth=fit, **fields)
 
 
-@pytest.mark.parametrize(("kind", "model"), AS_MODEL, ids=str)
-def test_a_coarser_model_takes_the_place_of_finer_flags(kind, model):
-    assert ladder.letters(ladder.as_model(flagged(kind), model).cloths[0]) == AS_MODEL[kind, model]
-
-
-@pytest.mark.parametrize(("kind", "model"), EXACTLY, ids=str)
-def test_a_model_that_is_asked_for_takes_the_place_of_masses_stiffnesses_and_lengths(kind, model):
-    assert ladder.letters(ladder.as_model(flagged(kind), model, exactly=True).cloths[0]) == EXACTLY[kind, model]
-
-
-@pytest.mark.parametrize("kind", FLAGS)
-def test_a_scene_as_its_own_model_is_as_it_was(kind):
-    scene = flagged(kind)
-    same = ladder.as_model(scene, ladder.model_of(scene))
-    assert ladder.letters(same.cloths[0]) == ladder.letters(scene.cloths[0])
+@pytest.mark.parametrize("exactly", [False, True])
+def test_a_model_takes_the_place_of_finer_flags_or_of_all_masses_stiffnesses_and_lengths(exactly):
+    for (kind, model), expected in (EXACTLY if exactly else AS_MODEL).items():
+        found = ladder.as_model(flagged(kind), model, exactly=exactly)
+        assert ladder.letters(found.cloths[0]) == expected, (kind, model)
 
 
 def test_the_model_of_a_scene_is_its_finest():
@@ -89,6 +79,8 @@ def test_the_model_of_a_scene_is_its_finest():
 @pytest.mark.parametrize("kind", FLAGS)
 def test_models_end_with_the_own_one_and_have_more_and_more_values(kind):
     scene = flagged(kind)
+    same = ladder.as_model(scene, ladder.model_of(scene))
+    assert ladder.letters(same.cloths[0]) == ladder.letters(scene.cloths[0])
     found = ladder.models(scene)
     counts = [ladder.count(ladder.as_model(scene, model)) for model in found]
     assert found[-1] == ladder.model_of(scene)
@@ -121,11 +113,10 @@ def spread(p, seed, size=0.3):
 def test_each_model_contains_those_before_it(coarse, fine):
     scene = small("LL", vertMass=[0.002 + 1e-4 * i for i in range(16)])
     less, more = ladder.as_model(scene, coarse), ladder.as_model(scene, fine)
-    wanted = with_parameters(less, spread(parameters(less), 1)).cloths[0]
-    # values by the finer model, on the same values of the scene
-    found = with_parameters(more, parameters(with_parameters(less, spread(parameters(less), 1)), flags=more)).cloths[0]
-    np.testing.assert_allclose(found.mass, wanted.mass, rtol=1e-9)  # rounding of sums of maps
-    np.testing.assert_allclose(found.stiffness, wanted.stiffness, rtol=1e-9)
+    wanted = with_parameters(less, spread(parameters(less), 1))
+    found = with_parameters(more, parameters(wanted, flags=more))  # on the same values of the scene
+    for name in ("mass", "stiffness"):  # rounding of sums of maps
+        np.testing.assert_allclose(getattr(found.cloths[0], name), getattr(wanted.cloths[0], name), rtol=1e-9)
 
 
 @fits
@@ -135,13 +126,8 @@ def test_a_stage_begins_with_the_cost_of_the_best_before(model):
     p = spread(search.start, 2)
     part = ladder.part_of(search, model, p)
     assert part.objective.cost(part.start) == pytest.approx(search.objective.cost(p), rel=1e-5)  # systems to 1e-7
-    np.testing.assert_allclose(ladder.found(ended_at(part, part.start), search.objective.scene), p, rtol=1e-12)
-
-
-def ended_at(part, p):
-    """A search whose best point is p (P,)."""
-    part.best.offer(p, 0.0)
-    return part
+    part.best.offer(part.start, 0.0)
+    np.testing.assert_allclose(ladder.found(part, search.objective.scene), p, rtol=1e-12)
 
 
 @fits
@@ -183,20 +169,15 @@ def test_a_fit_that_is_late_ends_with_its_first_model_and_says_so():
 # --- how a stage ends
 
 
-def parted(search):
-    """A part of a search by one factor."""
-    return ladder.part_of(search, "F", search.start)
-
-
-def moved(end):
-    """A method that visits a better point and then ends."""
+def carried(search, end=None):
+    """A stage by one factor that visits a better point, of which it says that it costs nothing, and then ends."""
 
     def method(part):
         assert part.best.offer(1.01 * part.start, 0.0)
         if end is not None:
             raise end
 
-    return method
+    ladder.carried(search, ladder.part_of(search, "F", search.start), method)
 
 
 @fits
@@ -204,7 +185,7 @@ def moved(end):
 def test_the_best_point_of_a_stage_is_kept_whatever_ends_it(end):
     search = search_of("nL")
     with pytest.raises(type(end)):
-        ladder.carried(search, parted(search), moved(end))  # says that a point costs nothing
+        carried(search, end)
     assert search.best.cost == search.objective.cost(search.best.p)
     np.testing.assert_allclose(search.best.p, 1.01 * search.start, rtol=1e-12)
 
@@ -213,9 +194,9 @@ def test_the_best_point_of_a_stage_is_kept_whatever_ends_it(end):
 def test_only_the_end_of_the_budget_ends_the_stages_after_it():
     search = search_of("nL")
     for status in (Status.CONVERGED, Status.STALLED):
-        ladder.carried(search, parted(search), moved(Stop(status)))
+        carried(search, Stop(status))
     with pytest.raises(Stop) as caught:
-        ladder.carried(search, parted(search), moved(Stop(Status.LIMIT)))
+        carried(search, Stop(Status.LIMIT))
     assert caught.value.status == Status.LIMIT
 
 
@@ -224,7 +205,7 @@ def test_a_stage_is_judged_by_the_cost_of_the_whole():
     search = search_of("nL")
     search.visit(search.start)
     before = search.best.cost
-    ladder.carried(search, parted(search), moved(None))  # says that a point costs nothing
+    carried(search)
     assert search.best.cost == min(before, search.objective.cost(1.01 * search.start))
 
 
@@ -232,4 +213,4 @@ def test_a_stage_is_judged_by_the_cost_of_the_whole():
 def test_steps_from_frame_to_frame(every):
     scene = small("nL", 13)
     target = at_frames(simulate(scene), slice(None, None, every))
-    assert first_windows.frame_steps(Objective(scene, target, 1e-10)) == every
+    assert few_values.frame_steps(Objective(scene, target, 1e-10)) == every

@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.interrupting import interrupt_after
 from helpers.marks import FITS
 from helpers.strangers import small, with_finer_steps
 
-from clothfit.base import interrupts
 from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
@@ -16,8 +14,17 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy.step_choice import COUNTS, HIDDEN, chosen, finer
-from clothfit.strategy.time_step import frame_interval, last_time, step_error, substeps_of, with_interval, with_substeps
+from clothfit.strategy.step_choice import (
+    COUNTS,
+    HIDDEN,
+    chosen,
+    finer,
+    frame_interval,
+    last_time,
+    step_error,
+    with_interval,
+    with_substeps,
+)
 
 pytestmark = FITS
 
@@ -50,14 +57,12 @@ def objective(scene, motion, **options):
     return Objective(scene, motion, 1e-10, scene.frames, **options)
 
 
-@pytest.mark.parametrize("every", [1, 3])
-def test_the_frames_of_a_target_and_their_steps(every):
+@pytest.mark.parametrize("part", [slice(None), slice(None, None, 3), slice(0, 1)], ids=str)
+def test_the_frames_of_a_target_and_their_steps(part):
     scene = small("nF", 13)
-    motion = at_frames(simulate(scene), slice(None, None, every))
-    given = objective(scene, motion).experiments[0]
-    assert frame_interval(given) == every * scene.delta  # though times differ by their rounding
-    assert substeps_of(given) == pytest.approx(every)
-    assert last_time(given) == pytest.approx(12 * scene.delta)
+    given = Experiment(at_frames(simulate(scene), part), scene)
+    assert frame_interval(given) == (part.step or 1) * scene.delta  # though times differ by their rounding
+    assert last_time(given) == pytest.approx(0.0 if part.stop else 12 * scene.delta)
 
 
 @pytest.mark.parametrize("fps", [24.0, 50.0, 120.0])
@@ -101,18 +106,10 @@ def test_each_target_has_steps_of_its_own():
     assert after.frames == before.frames == 20
 
 
-def test_a_motion_of_one_frame_has_the_interval_of_a_step():
-    scene = small("nF", 5)
-    still = at_frames(simulate(scene), slice(0, 1))
-    assert frame_interval(Experiment(still, scene)) == scene.delta
-
-
 def test_steps_that_reach_a_time_are_not_too_few():
     scene = small("nF", 11)  # 0.2 s
-    assert with_interval(scene, 0.03, None).frames == 7  # 0.18 s
-    assert with_interval(scene, 0.03, None, 0.19).frames == 8
-    assert with_interval(scene, 0.05, None).frames == 5
-    assert with_interval(scene, 1.0, None).frames == 2
+    for delta, last, frames in ((0.03, 0.0, 7), (0.03, 0.19, 8), (0.05, 0.0, 5), (1.0, 0.0, 2)):  # the first: 0.18 s
+        assert with_interval(scene, delta, None, last).frames == frames
 
 
 # --- the choice
@@ -159,48 +156,18 @@ def test_finer_steps_end_where_they_stop_to_pay():
     assert found.objective.rmse(found.cost) == pytest.approx(min(errors.values()))
 
 
-def test_only_the_numbers_that_are_asked_for_are_tried():
+@pytest.fixture(scope="module")
+def coarse():
+    """The objective of a scene with the editor's step, and a target by finer ones."""
     scene = small("nF", 24)
-    found = chosen(objective(scene, with_finer_steps(scene, 8)), parameters(scene), ENOUGH, [2])
-    assert [(each.substeps, each.integrator) for each in found.tried] == [(1, "implicit"), (2, "bdf2")]
-    assert found.substeps == 2
-
-
-@pytest.mark.parametrize("simulations", [1, 2, 3, 8, 20])
-def test_an_interrupt_during_the_choice_leaves_the_best_so_far(monkeypatch, simulations):
-    scene = small("nF", 24)
-    goal = objective(scene, with_finer_steps(scene, 8))
-    start = 1.5 * parameters(scene)
-    first = goal.cost(start)
-    with interrupts.deferred():
-        interrupt_after(monkeypatch, simulations)
-        found = chosen(goal, start, ENOUGH, COUNTS)
-        assert interrupts.requested()
-    monkeypatch.undo()
-    assert found.cost <= first
-    assert found.objective.cost(found.p) == pytest.approx(found.cost, rel=1e-5)  # a stage solves systems to 1e-7
-
-
-def test_an_interrupt_before_the_first_cost_leaves_nothing(monkeypatch):
-    scene = small("nF", 24)
-    goal = objective(scene, with_finer_steps(scene, 8))
-    with interrupts.deferred():
-        interrupt_after(monkeypatch, 0)
-        with pytest.raises(KeyboardInterrupt):
-            chosen(goal, parameters(scene), ENOUGH, COUNTS)
+    return objective(scene, with_finer_steps(scene, 8))
 
 
 # --- a look at finer steps
 
 
-def test_a_look_sees_what_finer_steps_gain():
-    scene = small("nF", 24)
-    goal = objective(scene, with_finer_steps(scene, 8))
-    now = goal.rmse(goal.cost(parameters(scene)))
-    assert finer(goal, parameters(scene)) < 0.1 * now  # second order against first
-
-
-def test_a_look_at_the_own_motion_sees_nothing():
-    scene = small("nF", 24)
-    goal = objective(scene, degrade(simulate(scene, tolerance=1e-12), noise=1e-3, seed=1))
-    assert finer(goal, parameters(scene)) is None
+def test_a_look_sees_what_finer_steps_gain_and_nothing_at_the_own_motion(coarse):
+    p = parameters(coarse.scene)
+    assert finer(coarse, p) < 0.1 * coarse.rmse(coarse.cost(p))  # second order against first
+    motion = degrade(simulate(coarse.scene, tolerance=1e-12), noise=1e-3, seed=1)
+    assert finer(objective(coarse.scene, motion), p) is None

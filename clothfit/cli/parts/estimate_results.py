@@ -22,9 +22,9 @@ from clothfit.scene.kinds import INTEGRATORS, MODEL_NAMES
 
 if TYPE_CHECKING:
     from clothfit.cli.parts.estimate_records import FitLog
+    from clothfit.fit.confidence import Samples
     from clothfit.fit.holdout import Judged
     from clothfit.fit.result import Fit, FittedBlock
-    from clothfit.fit.sampled import Samples
     from clothfit.optimise.progress import Progress
     from clothfit.report.log import Point
     from clothfit.scene.scene import Scene
