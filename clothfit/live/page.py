@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from clothfit.base.version import __version__
 from clothfit.report.contents import mesh, surroundings
-from clothfit.report.page import THREE, WEB, data_address, filled
+from clothfit.report.page import WEB, filled, import_map
 from clothfit.scene.scene import Scene
 
 OWN = Path(__file__).parent / "web"
@@ -23,15 +22,10 @@ MOST_FRAMES = 2000
 @lru_cache(maxsize=1)
 def parts() -> dict[str, str]:
     """The page's parts, read once."""
-    paths = {path.stem: path for folder in (WEB, OWN) for path in sorted(folder.glob("*.js"))}
-    addresses = {"three": data_address((WEB / THREE).read_bytes())}
-    addresses |= {
-        f"clothfit/{name}": data_address(path.read_bytes(), f"clothfit/{name}.js") for name, path in paths.items()
-    }
     styles = [(WEB / "page.css").read_text("utf-8"), (OWN / "live.css").read_text("utf-8")]
     return {
         "style": "\n".join(styles),
-        "imports": json.dumps({"imports": addresses}),
+        "imports": import_map([*sorted(WEB.glob("*.js")), *sorted(OWN.glob("*.js"))]),
         "page": (OWN / "live.html").read_text("utf-8"),
     }
 

@@ -17,7 +17,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from tornado import httpserver, netutil, web, websocket
@@ -365,17 +365,14 @@ class Server:
 
 
 class Serving:
-    """A server in a thread of its own, for Python and tests: `with serving(scene) as server: server.address`."""
+    """A server in a thread of its own, for Python and tests: `with Serving(scene) as server: server.address`."""
 
     def __init__(self, scene: Scene, target: Motion | None = None, port: int = 0, token: str | None = None) -> None:
         self.server = Server(scene, target, port, token)
-        self._ready = threading.Event()
-        self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._run, name="clothfit server", daemon=True)
+        self._serves: Future[asyncio.Event] = Future()  # what ends it, when it has begun
+        self._thread = threading.Thread(target=asyncio.run, args=[self._serve()], name="clothfit server", daemon=True)
         self._thread.start()
-        self._ready.wait()
-        if self._error is not None:
-            raise self._error
+        self._stop = self._serves.result()
 
     @property
     def address(self) -> str:
@@ -394,18 +391,13 @@ class Serving:
             self.server.loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(10)
 
-    def _run(self) -> None:
-        try:
-            asyncio.run(self._serve())
-        except BaseException as error:  # noqa: BLE001  # raised where the server was asked for
-            self._error = error
-            self._ready.set()
-
     async def _serve(self) -> None:
-        self._stop = asyncio.Event()
-        await self.server.start()
-        self._ready.set()
-        await self._stop.wait()
+        try:
+            await self.server.start()
+        except BaseException as error:  # noqa: BLE001  # raised where the server was asked for
+            self._serves.set_exception(error)
+            return
+        stop = asyncio.Event()
+        self._serves.set_result(stop)
+        await stop.wait()
         await self.server.close()
-
-
