@@ -189,22 +189,14 @@ def keys_table(over: Course, found: Control) -> tuple[list[str], list[list[Cell]
         rows.append([[f"{near.time:.4g}\u00a0s", near.time], what(key, over.scene), *places, reached])
     if any(key.velocities is not None for key in over.keys):
         heads.append("velocity off")
-        rows = [[*row, velocity(key, over)] for row, key in zip(rows, over.keys, strict=True)]
+        speeds = [near.speed for near in found.keys]
+        off: list[Cell] = ["–" if speed is None else [f"{speed:.3g} m/s", speed] for speed in speeds]
+        rows = [[*row, cell] for row, cell in zip(rows, off, strict=True)]
     if any(key.hard or key.weight != 1.0 for key in over.keys):
         heads.append("weight")
         weights: list[Cell] = ["hard" if key.hard else [f"{key.weight:.4g}", key.weight] for key in over.keys]
         rows = [[*row, weight] for row, weight in zip(rows, weights, strict=True)]
     return heads, rows, "root mean square distances, without and with control"
-
-
-def velocity(key: Key, over: Course) -> Cell:
-    """How far the velocities are from those that a key asks for."""
-    if key.velocities is None:
-        return "–"
-    x = over.own[:, over.scene.vertices(key.cloth)][:, key.vertices]
-    off = (x[key.step] - x[key.step - 1]) / over.scene.delta - key.velocities
-    size = float(np.sqrt((off**2).sum(axis=1).mean()))
-    return [f"{size:.3g} m/s", size]
 
 
 def what(key: Key, scene: Scene, short: bool = False) -> str:
