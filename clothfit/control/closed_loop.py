@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -196,14 +197,18 @@ class ClosedLoop:
             for wish in self.wishes
         ]
 
-    def resume(self, other: ClosedLoop) -> None:
-        """Take the penalty, the multipliers, the count of evaluations and the first slope over from a loop with other
-        steps.
-        """
-        self.steepest = other.steepest
-        self.penalty, self.evaluations = other.penalty, self.evaluations + other.evaluations
-        pairs = zip(self.wishes, other.wishes, strict=True)
-        self.wishes = [replace(own, multiplier=before.multiplier) for own, before in pairs]
+    @property
+    def way(self) -> dict[str, Any]:
+        """What a loop with other steps, or a search that goes on, takes over from this one."""
+        left = np.concatenate([np.zeros(0), *(wish.multiplier.reshape(-1) for wish in self.wishes)])
+        return {"multipliers": left, "penalty": self.penalty, "steepest": self.steepest}
+
+    def resume(self, multipliers: Array, penalty: float, steepest: float) -> None:
+        """Take the multipliers (M,) of all wishes, one after another, the penalty and the first slope over."""
+        self.penalty, self.steepest = penalty, steepest
+        ends = np.cumsum([wish.multiplier.size for wish in self.wishes])
+        parts = zip(self.wishes, np.split(multipliers, ends[:-1]) if len(ends) else [], strict=True)
+        self.wishes = [replace(wish, multiplier=own.reshape(-1, 3)) for wish, own in parts]
 
     def slope(self, gradient: Array) -> float:
         """The norm of a gradient by √(2 h) f, which does not depend on the length of steps."""

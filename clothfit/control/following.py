@@ -269,11 +269,11 @@ class Search:
 
     path: Array  # (T + 1, n, 3), m, of the loop
     forces: Array  # (T, n, 3), N, the best so far
-    multipliers: Array  # (M,), of the keys that are penalties, one after another
     rate: float  # of the loop's springs, 1/s
+    ended: str  # which status it ended with; "" where it has not
+    multipliers: Array  # (M,), of the keys that are penalties, one after another
     penalty: float
     steepest: float  # slope where it began
-    ended: str  # which status it ended with; "" where it has not
 
 
 def packed(searches: Mapping[int, Search]) -> dict[str, Any]:
@@ -301,14 +301,10 @@ class Kept:
         self, scene: Scene, cloth: int, keys: Sequence[Key], pushed: Flags, costs: Costs
     ) -> tuple[ClosedLoop, Array, Status | None]:
         """The loop of a cloth, the forces to go on with, and how its search ended, if it has."""
-        own, at = self.searches[cloth], 0
+        own = self.searches[cloth]
         with interrupts.grace(np.inf):
             loop = ClosedLoop(scene, cloth, keys, own.path, pushed, own.rate, costs)
-        loop.penalty, loop.steepest = own.penalty, own.steepest
-        for i, wish in enumerate(loop.wishes):
-            size = wish.multiplier.size
-            loop.wishes[i] = replace(wish, multiplier=own.multipliers[at : at + size].reshape(-1, 3))
-            at += size
+        loop.resume(own.multipliers, own.penalty, own.steepest)
         return loop, own.forces, Status(own.ended) if own.ended else None
 
     def note(self, cloth: int, descent: Descent, ended: Status | None = None) -> None:
@@ -316,9 +312,8 @@ class Kept:
         if self.file is None:
             return
         loop = descent.loop
-        left = np.concatenate([np.zeros(0), *(wish.multiplier.reshape(-1) for wish in loop.wishes)])
         over = str(ended) if ended in (Status.CONVERGED, Status.STALLED) else ""
-        self.searches[cloth] = Search(loop.path, descent.best.f, left, loop.rate, loop.penalty, loop.steepest, over)
+        self.searches[cloth] = Search(loop.path, descent.best.f, loop.rate, over, **loop.way)
         self.file.keep(lambda: packed(self.searches), now=ended is not None)
 
 
@@ -345,7 +340,8 @@ def begun(
         places = splined(np.arange(0.0, steps + 1.0, 2.0), descent.best.x, "keys")(np.arange(steps + 1))
         places[:, own.fixed] = alone[:, own.fixed]
         loop = stable(scene, cloth, keys, [places], pushed, costs)
-        loop.resume(coarse)
+        loop.resume(**coarse.way)
+        loop.evaluations += coarse.evaluations
     forces = np.where(loop.unknown[:, :, None], np.repeat(descent.best.u, 2, axis=0), 0.0)
     return loop, forces, ended if ended is Status.INTERRUPTED else None
 

@@ -90,13 +90,6 @@ class Shooting:
                 self.push(shot, np.zeros(self.size))
         self.keys, self.horizon, self.evaluations = keys, self.steps, 0
 
-    def of_all(self, z: Array, kind: str) -> Array | list[Array]:
-        """The values of a kind, of each cloth where it is one of theirs."""
-        found = {block.cloth: block.values(own) for block, own in self.own(z) if block.kind == kind}
-        if -1 in found:
-            return found[-1]
-        return [found.get(c, getattr(own, kind)) for c, own in enumerate(self.scene.cloths)]
-
     def forces(self, z: Array) -> Forces:
         """The forces on all vertices."""
         u = np.zeros((self.steps, sum(self.scene.vertex_counts), 3))

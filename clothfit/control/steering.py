@@ -70,12 +70,16 @@ def steer(
     with interrupts.grace(np.inf):
         optimality = search.optimality()
     z, values = search.found.z, given
-    kinds = {block.kind for block in problem.blocks} - {"force"}
-    if kinds:
-        values = given.with_values(
-            [own.mass for own in given.cloths], [own.stiffness for own in given.cloths],
-            **{kind: problem.of_all(z, kind) for kind in kinds},
-        )  # fmt: skip
+    moved: dict[str, Any] = {}
+    for block, own in problem.own(z):
+        if block.cloth < 0:
+            moved[block.kind] = block.values(own)
+        elif block.kind != "force":
+            each = moved.setdefault(block.kind, [getattr(cloth, block.kind) for cloth in given.cloths])
+            each[block.cloth] = block.values(own)
+    if moved:
+        masses, stiffnesses = ([getattr(cloth, name) for cloth in given.cloths] for name in ("mass", "stiffness"))
+        values = given.with_values(masses, stiffnesses, **moved)
     forces = problem.forces(z) if controls.pushes else None
     return Found(status, values, forces, optimality, problem.evaluations)
 

@@ -73,7 +73,6 @@ class Guarded(web.RequestHandler):
     def prepare(self) -> None:
         reason = self.fault()
         if reason:
-            self.server.refused += 1
             raise web.HTTPError(403, reason=reason)
 
     def fault(self) -> str | None:
@@ -136,7 +135,6 @@ class Socket(Guarded, websocket.WebSocketHandler):
         self.held = 0  # of what waits, characters or bytes
         self.newest: bytes | None = None
         self.allowed, self.looked, self.beyond = AT_ONCE, time.monotonic(), 0
-        self.sent = 0  # frames
         self.gone = False
 
     def prepare(self) -> None:
@@ -193,7 +191,6 @@ class Socket(Guarded, websocket.WebSocketHandler):
                 if self.newest is not None:
                     frame, self.newest = self.newest, None
                     await self.write_message(frame, binary=True)
-                    self.sent += 1
         except (websocket.WebSocketClosedError, asyncio.CancelledError):
             return
 
@@ -269,7 +266,6 @@ class Server:
         self._asked, self._pool = port, ThreadPoolExecutor(1, "clothfit messages")
         self._scene, self._target = scene, target
         self._pending = False
-        self.refused = 0  # connections that were turned away
 
     async def start(self) -> None:
         """Open the port and begin. Raises InvalidInput where the port is taken."""

@@ -206,6 +206,7 @@ class Session:
 
     def start_task(self, name: str, **arguments: Any) -> None:
         """Start a task."""
+        self.outcome = None
         if self.task is not None:
             self.task.kill()
 
@@ -220,7 +221,9 @@ class Session:
         if task is not self.task:
             return
         if content.get("values") is not None:
-            self._take(content["values"])
+            self.engine.use(self.scene.with_values(**content["values"]))
+            self.base, self.factors = self.scene, {}  # the base of later factors
+            self.tell({"type": "values", **self.values()})
         if kind == "progress":
             self.tell({"type": "progress", "of": task.name, **content["figures"]})
             return
@@ -236,12 +239,6 @@ class Session:
             self.outcome = {"of": task.name, "reason": content.get("reason"), **own}
             self.tell({"type": "ended", **self.outcome})
         self.told()
-
-    def _take(self, values: dict[str, Any]) -> None:
-        """Go on with values that a fit has found; they are the base of later factors."""
-        self.engine.use(self.scene.with_values(**values))
-        self.base, self.factors = self.scene, {}
-        self.tell({"type": "values", **self.values()})
 
     def again(self) -> None:
         """Go back to the start where the target has ended, if that is wanted."""

@@ -1,6 +1,5 @@
 """Reports in a real browser, opened from disk with the network off."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -34,7 +33,7 @@ def scene(**fields):
     """A hanging cloth over a ball, in wind."""
     ball = sphere(0.6, pos={"x": 1.5, "y": -2.2, "z": 1.5})
     made = even("LL", FRAMES, title=HOSTILE, colliders=[ball], windVel={"x": 0.0, "y": 0.0, "z": 2.0}, **fields)
-    return load(json.loads(json.dumps(made)))
+    return load(made)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -52,9 +51,9 @@ def read(download):
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    start = load(json.loads(json.dumps(scene([40.0] * 33, (0.1, 0.0, 1.0)))))
-    truth = load(json.loads(json.dumps(scene([12.0] * 33, (0.6, 0.0, 2.0)))))
-    fitted = load(json.loads(json.dumps(scene(np.geomspace(0.5, 2e3, 33).tolist(), (0.62, 0.0, 2.1)))))
+    start = load(scene([40.0] * 33, (0.1, 0.0, 1.0)))
+    truth = load(scene([12.0] * 33, (0.6, 0.0, 2.0)))
+    fitted = load(scene(np.geomspace(0.5, 2e3, 33).tolist(), (0.62, 0.0, 2.1)))
     target = replace(degrade(simulate(truth), noise=0.002), name="<b>shot</b>.pc2")
     log = Log([Point(i + 1, 7.0 / 3**i, 0.1, 0.1 * i) for i in range(9)], SUMMARY, start=start)
     fits = replace(fitted, name="one.json"), [(replace(truth, name="two.json"), Log())]
