@@ -9,8 +9,7 @@ from typing import Any
 
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.live import changes, wire
-from clothfit.live.page import elements_of
-from clothfit.live.session import SOON, Session
+from clothfit.live.session import SOON, Session, elements_of
 from clothfit.live.task import Loading
 from clothfit.live.wire import fitted_fields, flag, number, whole
 from clothfit.live.worker import FIELDS

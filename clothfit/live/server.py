@@ -18,6 +18,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from tornado import httpserver, netutil, web, websocket
@@ -25,10 +27,10 @@ from tornado import httpserver, netutil, web, websocket
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.live import wire
 from clothfit.live.commands import answer, answer_long, head_of
-from clothfit.live.page import live_page
 from clothfit.live.session import Session
 from clothfit.live.task import LONG, Answer, Loading
 from clothfit.motion.motion import Motion
+from clothfit.report.page import WEB, filled, import_map
 from clothfit.scene.scene import Scene
 
 HOST = "127.0.0.1"
@@ -54,6 +56,26 @@ POLICY = (
     "default-src 'none'; script-src 'nonce-{nonce}' data:; style-src 'unsafe-inline'; img-src data: blob:; "
     "connect-src 'self' {socket}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+
+
+OWN = Path(__file__).parent / "web"
+
+
+@lru_cache(maxsize=1)
+def parts() -> dict[str, str]:
+    """The page's parts, read once."""
+    styles = [(WEB / "page.css").read_text("utf-8"), (OWN / "live.css").read_text("utf-8")]
+    return {
+        "style": "\n".join(styles),
+        "imports": import_map([*sorted(WEB.glob("*.js")), *sorted(OWN.glob("*.js"))]),
+        "page": (OWN / "live.html").read_text("utf-8"),
+    }
+
+
+def live_page(nonce: str) -> bytes:
+    """The page, HTML in UTF-8, whose scripts have a nonce."""
+    own = parts()
+    return filled(own["page"], {"style": own["style"], "imports": own["imports"], "nonce": nonce}).encode("utf-8")
 
 
 class Guarded(web.RequestHandler):

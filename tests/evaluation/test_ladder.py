@@ -48,7 +48,7 @@ CASES = {
     **{f"a fault of {fault:g}": (smooth, Known(2.0 * (1 + fault), 1e-13), NOISE, FAILED, FAILED) for fault in FAULTS},
     "a kink at the point itself": (lambda t: smooth(t) + abs(t), RIGHT, NOISE, UNCLEAR, UNCLEAR),
     "noise": (smooth, RIGHT, COARSE, UNCLEAR, UNCLEAR),
-    "a fault far above noise": (smooth, Known(200.0, 1e-13), COARSE, UNCLEAR, FAILED),
+    "a fault far above noise": (smooth, Known(200.0, 1e-13), COARSE, FAILED, FAILED),
     "what depends on nothing": (lambda t: 1.0, Known(0.0, 0.0), 0.0, UNCLEAR, UNCLEAR),
     "a gradient of 0 that is wrong": (smooth, Known(0.0, 0.0), NOISE, FAILED, FAILED),
 }
