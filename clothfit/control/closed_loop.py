@@ -206,9 +206,9 @@ class ClosedLoop:
     def resume(self, multipliers: Array, penalty: float, steepest: float) -> None:
         """Take the multipliers (M,) of all wishes, one after another, the penalty and the first slope over."""
         self.penalty, self.steepest = penalty, steepest
-        ends = np.cumsum([wish.multiplier.size for wish in self.wishes])
-        parts = zip(self.wishes, np.split(multipliers, ends[:-1]) if len(ends) else [], strict=True)
-        self.wishes = [replace(wish, multiplier=own.reshape(-1, 3)) for wish, own in parts]
+        parts = np.split(multipliers, np.cumsum([wish.multiplier.size for wish in self.wishes], dtype=int))
+        pairs = zip(self.wishes, parts, strict=False)  # after the last nothing is left
+        self.wishes = [replace(wish, multiplier=own.reshape(-1, 3)) for wish, own in pairs]
 
     def slope(self, gradient: Array) -> float:
         """The norm of a gradient by √(2 h) f, which does not depend on the length of steps."""
