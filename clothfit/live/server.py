@@ -18,6 +18,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -93,21 +94,14 @@ class Guarded(web.RequestHandler):
             self.set_header(name, value)
 
     def prepare(self) -> None:
-        reason = self.fault()
-        if reason:
-            raise web.HTTPError(403, reason=reason)
-
-    def fault(self) -> str | None:
-        """Why a request is refused, if it is."""
-        if self.request.host not in self.server.hosts:
-            return "Another host"
-        origin = self.request.headers.get("Origin")
-        if origin is not None and origin not in {f"http://{host}" for host in self.server.hosts}:
-            return "Another origin"
+        hosts, origin = self.server.hosts, self.request.headers.get("Origin")
+        if self.request.host not in hosts:
+            raise web.HTTPError(403, reason="Another host")
+        if origin is not None and origin not in {f"http://{host}" for host in hosts}:
+            raise web.HTTPError(403, reason="Another origin")
         given = self.get_query_argument("token", "")
         if not hmac.compare_digest(given.encode(), self.server.token.encode()):
-            return "The token is missing or wrong"
-        return None
+            raise web.HTTPError(403, reason="The token is missing or wrong")
 
     def log_exception(self, *error: Any) -> None:
         """Write nothing on the terminal of what strangers ask for."""
@@ -202,7 +196,7 @@ class Socket(Guarded, websocket.WebSocketHandler):
 
     async def _send(self) -> None:
         """Send what waits, one after the other, each when the last one has gone."""
-        try:
+        with suppress(websocket.WebSocketClosedError, asyncio.CancelledError):
             while True:
                 await self.filled.wait()
                 self.filled.clear()
@@ -213,8 +207,6 @@ class Socket(Guarded, websocket.WebSocketHandler):
                 if self.newest is not None:
                     frame, self.newest = self.newest, None
                     await self.write_message(frame, binary=True)
-        except (websocket.WebSocketClosedError, asyncio.CancelledError):
-            return
 
     async def on_message(self, message: str | bytes) -> None:
         """Answer a message, or refuse it with a reason; of a scene that is loaded when it is there."""
@@ -338,10 +330,8 @@ class Server:
 
     def later(self, act: Callable[[], None]) -> None:
         """The same from any thread, without waiting."""
-        try:
+        with suppress(RuntimeError):  # it is closed
             self._pool.submit(act)
-        except RuntimeError:  # it is closed
-            return
 
     def tell(self, message: Any) -> None:
         """Send a message to all clients; from any thread."""
@@ -360,10 +350,8 @@ class Server:
             self._call(self._new.set)
 
     def _call(self, act: Callable[[], Any]) -> None:
-        try:
+        with suppress(RuntimeError):  # it is closed
             self.loop.call_soon_threadsafe(act)
-        except RuntimeError:  # the loop is closed
-            return
 
     async def _send_frames(self) -> None:
         """Offer each new frame to all clients, no more often than a screen shows them."""
