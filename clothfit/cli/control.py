@@ -267,12 +267,14 @@ class Shows:
 
         over = course(scene, found.scene.with_forces(found.forces), keys, found.motion)
         if self.page is not None:
-            from clothfit.report.page import control_page
+            from clothfit.report.control_contents import control_content
+            from clothfit.report.page import page as made
 
             kept, saved = written
             played = ["clothfit", "simulate", saved.name if saved else scene.name]
             again = shlex.join([*played, *(["--forces", kept.name] if kept else [])])
-            page = control_page(over, found, [self.command, again], pages.digests([scene], dict.fromkeys(files)))
+            digests = pages.digests([scene], dict.fromkeys(files))
+            page = made(control_content(over, found), [self.command, again], digests)
             self.page.write(page)
             console.say(f"page, {len(page) / 1e6:.2g} MB → {self.page.name}")
         pictures.controlled(over, ended(found), console)

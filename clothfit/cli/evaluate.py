@@ -179,11 +179,12 @@ def draw(
     pictures.animated(over.scene, over.full.times, over.own.positions, over.full.positions, console)
     if page is not None:
         from clothfit.cli import report
-        from clothfit.report.page import subspace_page
+        from clothfit.report.page import page as page_of
+        from clothfit.report.subspace_contents import subspace_content
 
         files: dict[str | None, object] = dict.fromkeys((model_path, inputs_path))
         origin = [report.command_line(click.get_current_context())], report.digests([over.scene], files)
-        made = subspace_page(over, os.path.basename(model_path), *origin)
+        made = page_of(subspace_content(over, os.path.basename(model_path)), *origin)
         page.write(made)
         console.say(f"page, {len(made) / 1e6:.2g} MB → {page.name}")
 

@@ -98,15 +98,16 @@ def write(
     out: Output,
 ) -> tuple[Shown, int]:
     """Make the page of one fit, with others beside it, and write it; tells what it shows, and its size, bytes."""
-    from clothfit.report.page import beside, made
+    from clothfit.report.contents import content
+    from clothfit.report.page import beside, page
     from clothfit.report.showing import shown
 
     fitted, *others = fits
     log, *other_logs = logs
     show = shown(truth, fitted, target, frames, others=beside(log, others))
-    page = made(truth, fitted, target, show, log, *origin, other_logs)
-    out.write(page)
-    return show, len(page)
+    made = page(content(truth, fitted, show, log, None if target is None else target.name, other_logs), *origin)
+    out.write(made)
+    return show, len(made)
 
 
 def read_logs(paths: Sequence[str], truth: Scene, has_target: bool, count: int) -> list[Log]:

@@ -13,21 +13,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.control.keyframes import Key, left_of
 from clothfit.derivative import adjoint
-from clothfit.engine.rollout import Rollout, rollout
+from clothfit.engine.rollout import rollout
 from clothfit.engine.system import IMPLICIT, System, build
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 STIFF, STIFF_HARD = 1e4, 1e6
 """Gain at a key relative to m/h², and at a hard one: the share of a miss that is left is its inverse."""
@@ -50,7 +48,6 @@ EXCESS = 1e4
 @dataclass(frozen=True, eq=False)
 class Wish:
     """A key that is no spring: a penalty on what is left of it."""
-
     key: Key
     multiplier: Array  # (m, 3), N² s/m
 
@@ -61,8 +58,6 @@ class Wish:
 
 def neighbours(cloth: Cloth, pushed: Flags) -> csr_array:
     """The matrix (L, n), 1/m, of differences along the L springs between vertices with forces, over their lengths."""
-    from scipy.sparse import csr_array
-
     kept = pushed[cloth.springs].all(axis=1)
     springs, length = cloth.springs[kept], cloth.lengths[kept]
     rows = np.arange(len(springs)).repeat(2)
@@ -73,7 +68,6 @@ def neighbours(cloth: Cloth, pushed: Flags) -> csr_array:
 @dataclass(frozen=True)
 class Costs:
     """What counts beside the effort."""
-
     smooth: float = 0.0  # s: the effort of a change of the forces in this time counts as theirs
     most: float = np.inf  # N, on a vertex
     even: float = 0.0  # m: that of a difference between neighbours that far apart counts as theirs
@@ -81,7 +75,6 @@ class Costs:
 
 class ClosedLoop:
     """The effort of one cloth up to its last key, for forces f (T, n, 3), N, 0 where they are not `unknown`."""
-
     def __init__(
         self, scene: Scene, cloth: int, keys: Sequence[Key], path: Array, pushed: Flags, rate: float,
         costs: Costs = Costs(),
@@ -153,15 +146,11 @@ class ClosedLoop:
         pulled = by_position[1:] if self.late else by_position[:-1]
         pulled -= self.gain[:, :, None] * by_force
         value += self.add_penalties(x, by_position)
-        grad = self.swept(motion, by_position)
+        grad = adjoint.gradient(self.system, motion, by_position, self.tolerance, ("force",)).force[: self.steps]
         gradient = np.where(self.unknown[:, :, None], grad + by_force, 0.0)
         if not (np.isfinite(value) and np.isfinite(gradient).all()):
             return HUGE, np.zeros_like(f)
         return value, gradient
-
-    def swept(self, motion: Rollout, by_position: Array) -> Array:
-        """The gradient by f (T, n, 3) of what by_position (T + 1, n, 3) is that by the positions of a motion."""
-        return adjoint.gradient(self.system, motion, by_position, self.tolerance, ("force",)).force[: self.steps]
 
     def priced(self, u: Array) -> tuple[float, Array]:
         """What forces u (T, n, 3) cost, N² s, and its gradient by them."""
@@ -187,8 +176,6 @@ class ClosedLoop:
     @cached_property
     def net(self) -> csr_array:
         """The Laplacian (n, n), 1/m², of the springs between vertices with forces."""
-        from scipy.sparse import csr_array
-
         own = neighbours(self.scene.cloths[self.cloth], self.pushed)
         return csr_array(own.T @ own)
 
@@ -210,14 +197,18 @@ class ClosedLoop:
             for wish in self.wishes
         ]
 
-    def resume(self, other: ClosedLoop) -> None:
-        """Take the penalty, the multipliers, the count of evaluations and the first slope over from a loop with other
-        steps.
-        """
-        self.steepest = other.steepest
-        self.penalty, self.evaluations = other.penalty, self.evaluations + other.evaluations
-        pairs = zip(self.wishes, other.wishes, strict=True)
-        self.wishes = [replace(own, multiplier=before.multiplier) for own, before in pairs]
+    @property
+    def way(self) -> dict[str, Any]:
+        """What a loop with other steps, or a search that goes on, takes over from this one."""
+        left = np.concatenate([np.zeros(0), *(wish.multiplier.reshape(-1) for wish in self.wishes)])
+        return {"multipliers": left, "penalty": self.penalty, "steepest": self.steepest}
+
+    def resume(self, multipliers: Array, penalty: float, steepest: float) -> None:
+        """Take the multipliers (M,) of all wishes, one after another, the penalty and the first slope over."""
+        self.penalty, self.steepest = penalty, steepest
+        parts = np.split(multipliers, np.cumsum([wish.multiplier.size for wish in self.wishes], dtype=int))
+        pairs = zip(self.wishes, parts, strict=False)  # after the last nothing is left
+        self.wishes = [replace(wish, multiplier=own.reshape(-1, 3)) for wish, own in pairs]
 
     def slope(self, gradient: Array) -> float:
         """The norm of a gradient by √(2 h) f, which does not depend on the length of steps."""

@@ -17,11 +17,10 @@ from clothfit.base.checkpoint import Checkpoint, digest
 from clothfit.base.errors import InvalidInput
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, immovable
-from clothfit.control.descent import Report
 from clothfit.control.feedback import with_gains
-from clothfit.control.following import Followed, Kept, follow
+from clothfit.control.following import Report, follow
 from clothfit.control.keyframes import Key, last_step, left_of
-from clothfit.control.steering import Steered, steer
+from clothfit.control.steering import steer
 from clothfit.engine.inputs.sampling import arrays_from_files
 from clothfit.kernels.clock import computing
 from clothfit.motion.divergence import Diverged
@@ -91,14 +90,9 @@ def find_controls(
     state = checkpoint.begin(identity(scene, keys, controls, costs)) if checkpoint else {}
     began, steps, said = computing(), last_step(keys), report or (lambda *_: None)
     alone = moved(scene, steps)
-    if controls.follows:
-        given = scene
-        kept = Kept(checkpoint, state)
-        found: Followed | Steered = follow(scene, keys, controls, alone, budget, costs, said, kept)
-    else:
-        found = steer(scene, keys, controls, alone, budget, costs, said, checkpoint, state)
-        given = found.scene
-    forces, status, frames = found.forces, found.status, max(steps + 1, scene.frames)
+    search = follow if controls.follows else steer
+    found = search(scene, keys, controls, alone, budget, costs, said, checkpoint, state)
+    given, forces, status, frames = found.scene, found.forces, found.status, max(steps + 1, scene.frames)
     with interrupts.grace(np.inf):
         if forces is not None and status is not Status.INTERRUPTED and controls.follows:
             forces = with_gains(scene, forces, keys, costs.most)

@@ -1,5 +1,7 @@
 """The least forces of every vertex and step that take the cloths of a scene through keys, in a closed loop.
 
+From the forces that hold a cloth on the first path L-BFGS goes down to those of the least effort (`Descent`).
+
 Forces that play back to the same motion: found once more, step by step, along the steps of the engine itself.
 
 A cloth that buckles or flutters forgets no rounding: forces that were found along one motion lead, played to a cloth
@@ -9,19 +11,19 @@ the engine really is, with the tolerance of the scene. The same steps from the s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.checkpoint import Checkpoint
-from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs
+from clothfit.base.memory import free
+from clothfit.control.closed_loop import FINEST, HUGE, ClosedLoop, Costs
 from clothfit.control.controls import Controls
-from clothfit.control.descent import Descent, Report
 from clothfit.control.keyframes import Key, last_step, path, without_fixed
 from clothfit.engine import rollout
 from clothfit.engine.inputs.interpolation import splined
@@ -30,9 +32,37 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import BDF2, IMPLICIT, System, build
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import limited
-from clothfit.optimise.status import Status
+from clothfit.optimise.scipy_methods import lbfgs
+from clothfit.optimise.status import Status, Stop
 from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
+
+Report: TypeAlias = Callable[[float, float, int], object]
+"""Gets the effort, N² s, what is missed of the keys that are penalties, m, and the evaluations so far."""
+
+MOST_PAIRS, LEAST_PAIRS = 10, 5
+"""Steps that L-BFGS remembers, as memory allows."""
+
+ROUND = 100
+"""Evaluations between two looks at the multipliers."""
+
+STALL, GAIN, PATIENT_GAIN = 100, 5e-4, 1e-12
+"""A descent ends where so many evaluations lower the effort by less than this share; one with a budget of time by less
+than the second.
+"""
+
+OPTIMAL = 1e-6
+"""Slope, relative to that where the search began, at which a descent has converged."""
+
+NEAR, NEAR_HARD = 2e-4, 5e-7
+"""m: what may be left of a key that is a penalty, an ordinary and a hard one."""
+
+
+NEARER, PATIENCE = 0.95, 4
+"""A descent with multipliers ends after so many rounds in a row that leave more than this share of the misses."""
+
+PENALTIES = 4.0**8
+"""How much penalties may grow."""
 
 FEWEST, COARSE = 40, {IMPLICIT: 120, BDF2: 350}
 """Steps from which on steps twice as long are tried first, and evaluations of them: those of BDF2 lead nearer to what
@@ -49,21 +79,147 @@ stable: more, and small forces early decide what comes late.
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
-    """What a search in the closed loop came to."""
+class Found:
+    """What a search for controls came to."""
 
     status: Status
-    forces: Forces  # with the gains and places of the loop's springs
+    scene: Scene  # with the paths, the wind and the velocities that were found
+    forces: Forces | None  # of a closed loop with the gains and places of its springs
     optimality: float
     evaluations: int
 
 
+@dataclass
+class Best:
+    """The best forces so far."""
+
+    f: Array  # (T, n, 3), N
+    x: Array  # (T + 1, n, 3), m, where they lead
+    u: Array  # (T, n, 3), N, with which it needs no springs
+    value: float
+    gradient: float  # its `ClosedLoop.slope`
+
+
+class Descent:
+    """A descent of a closed loop from forces f (T, n, 3), N."""
+
+    def __init__(
+        self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf, patient: bool = False,
+        keep: Callable[[Descent], object] | None = None,
+    ) -> None:  # fmt: skip
+        """`limit`: evaluations, at most; `patient`: whether it may take all the time there is; `keep` gets the descent
+        after each evaluation.
+        """
+        self.loop, self.report, self.left, self.keep = loop, report, limit, keep
+        self.gain = PATIENT_GAIN if patient and not loop.wishes else GAIN
+        self.values: list[float] = []
+        with interrupts.grace(np.inf):  # there is always a result
+            value, gradient = loop(f)
+        size = loop.slope(gradient)
+        loop.steepest = loop.steepest or size
+        self.best = Best(f, loop.x, loop.u, value, size)
+
+    def run(self) -> Status:
+        """Descend until it has converged or no longer gets better; a deadline or an interrupt leaves the best."""
+        try:
+            return self.rounds() if self.loop.wishes else self.alone()
+        except interrupts.OutOfTime:
+            return Status.LIMIT
+        except KeyboardInterrupt:
+            return Status.INTERRUPTED
+
+    def alone(self) -> Status:
+        """Descend where no key is a penalty: where the search finds nothing better, again with finer motions and a new
+        memory, as long as that lowers the gradient.
+        """
+        while True:
+            before = self.best.gradient
+            status = self.round()
+            if status is not None:
+                return status
+            if self.loop.tolerance <= FINEST and self.best.gradient > 0.5 * before:
+                return Status.STALLED
+            self.loop.tolerance = FINEST
+            self.restart()
+
+    def rounds(self) -> Status:
+        """Descend with multipliers until the keys that are penalties are met, or come no nearer."""
+        loop, before, idle, most = self.loop, np.inf, 0, PENALTIES * self.loop.penalty
+        near = NEAR_HARD if any(wish.key.hard for wish in loop.wishes) else NEAR
+        while True:
+            status = self.round()
+            loop.x, loop.u = self.best.x, self.best.u
+            missed = loop.missed
+            if status is Status.LIMIT or (missed <= near and status is not None):
+                return status
+            idle = 0 if missed < NEARER * before else idle + 1
+            if idle == PATIENCE:
+                return Status.STALLED
+            loop.insist()
+            if missed > 0.25 * before:
+                loop.penalty = min(4.0 * loop.penalty, most)
+            before = min(before, missed)
+            self.restart()
+
+    def restart(self) -> None:
+        """Values before and after a change of the multipliers cannot be compared."""
+        value, gradient = self.loop(self.best.f)
+        size = self.loop.slope(gradient)
+        self.loop.steepest = max(self.loop.steepest, size)  # larger penalties are steeper
+        self.best = Best(self.best.f, self.loop.x, self.loop.u, value, size)
+        self.values = [value]
+
+    def round(self) -> Status | None:
+        """Some evaluations; how the descent ended, if it has."""
+        unknown, shape = self.loop.unknown, self.best.f.shape
+        room = int(0.2 * free() / (16.0 * 3.0 * max(int(unknown.sum()), 1)))
+        pairs = int(np.clip(room, LEAST_PAIRS, MOST_PAIRS))
+        scale = np.sqrt(2.0 * self.loop.h)
+
+        def cost(z: Array) -> tuple[float, Array]:
+            f = np.zeros(shape)
+            f[unknown] = z.reshape(-1, 3) / scale
+            value, gradient = self.evaluate(f)
+            return value, gradient[unknown].reshape(-1) / scale
+
+        start: Array = self.best.f[unknown].reshape(-1) * scale
+        limit: int = 10**9 if not self.loop.wishes else 2 * ROUND
+        try:
+            lbfgs(cost, start, recent=pairs, limit=limit)
+        except Stop as stop:
+            return stop.status
+        return None
+
+    def evaluate(self, f: Array) -> tuple[float, Array]:
+        """Value and gradient, noting the best. Raises Stop where the descent has ended."""
+        interrupts.check()
+        value, gradient = self.loop(f)
+        size = self.loop.slope(gradient)
+        if value < self.best.value:
+            self.best = Best(f, self.loop.x, self.loop.u, value, size)
+            interrupts.hold()
+        self.values.append(self.best.value)
+        self.report(self.loop.effort, self.loop.missed, self.loop.evaluations)
+        if self.keep:
+            self.keep(self)
+        self.left -= 1
+        if self.left <= 0:
+            raise Stop(Status.LIMIT)
+        if self.best.gradient <= OPTIMAL * self.loop.steepest:
+            raise Stop(Status.CONVERGED)
+        if len(self.values) > STALL and self.values[-1 - STALL] - self.best.value <= self.gain * abs(self.best.value):
+            raise Stop(Status.STALLED)
+        return value, gradient
+
+
 def follow(
     scene: Scene, keys: Sequence[Key], controls: Controls, alone: Array, budget: float | None, costs: Costs,
-    report: Report, kept: Kept,
-) -> Followed:  # fmt: skip
-    """Search for the forces on each cloth with keys; `alone` (T + 1, n, 3), m, is the motion without them."""
-    clock, steps = interrupts.now(), last_step(keys)
+    report: Report, file: Checkpoint | None, state: Mapping[str, Any],
+) -> Found:  # fmt: skip
+    """Search for the forces on each cloth with keys; `alone` (T + 1, n, 3), m, is the motion without them, `state` what
+    a checkpoint had.
+    """
+    kept, clock, steps = Kept(file, unpacked(state)), interrupts.now(), last_step(keys)
     times, counts = scene.delta * np.arange(steps, dtype=float), scene.vertex_counts
     u, gain, places = (np.zeros((steps, sum(counts), *rest)) for rest in ((3,), (), (3,)))
     evaluations, found = 0, []
@@ -85,7 +241,8 @@ def follow(
         x = descent.best.x
         places[: loop.steps, part] = x[1:] if loop.late else x[:-1]
     status = max((status for status, _ in found), key=list(Status).index)
-    return Followed(status, Forces(times, u, gain, places), max(value for _, value in found), evaluations)
+    optimality = max(value for _, value in found)
+    return Found(status, scene, Forces(times, u, gain, places), optimality, evaluations)
 
 
 def solved(
@@ -112,11 +269,11 @@ class Search:
 
     path: Array  # (T + 1, n, 3), m, of the loop
     forces: Array  # (T, n, 3), N, the best so far
-    multipliers: Array  # (M,), of the keys that are penalties, one after another
     rate: float  # of the loop's springs, 1/s
+    ended: str  # which status it ended with; "" where it has not
+    multipliers: Array  # (M,), of the keys that are penalties, one after another
     penalty: float
     steepest: float  # slope where it began
-    ended: str  # which status it ended with; "" where it has not
 
 
 def packed(searches: Mapping[int, Search]) -> dict[str, Any]:
@@ -133,24 +290,21 @@ def unpacked(state: Mapping[str, Any]) -> dict[int, Search]:
     return {cloth: Search(*(state[f"{name}{cloth}"] for name in names)) for cloth in state.get("cloths", ())}
 
 
+@dataclass(frozen=True)
 class Kept:
     """What a checkpoint has of the searches of all cloths."""
 
-    def __init__(self, file: Checkpoint | None, state: Mapping[str, Any]) -> None:
-        self.file, self.searches = file, unpacked(state)
+    file: Checkpoint | None
+    searches: dict[int, Search]
 
     def restored(
         self, scene: Scene, cloth: int, keys: Sequence[Key], pushed: Flags, costs: Costs
     ) -> tuple[ClosedLoop, Array, Status | None]:
         """The loop of a cloth, the forces to go on with, and how its search ended, if it has."""
-        own, at = self.searches[cloth], 0
+        own = self.searches[cloth]
         with interrupts.grace(np.inf):
             loop = ClosedLoop(scene, cloth, keys, own.path, pushed, own.rate, costs)
-        loop.penalty, loop.steepest = own.penalty, own.steepest
-        for i, wish in enumerate(loop.wishes):
-            size = wish.multiplier.size
-            loop.wishes[i] = replace(wish, multiplier=own.multipliers[at : at + size].reshape(-1, 3))
-            at += size
+        loop.resume(own.multipliers, own.penalty, own.steepest)
         return loop, own.forces, Status(own.ended) if own.ended else None
 
     def note(self, cloth: int, descent: Descent, ended: Status | None = None) -> None:
@@ -158,9 +312,8 @@ class Kept:
         if self.file is None:
             return
         loop = descent.loop
-        left = np.concatenate([np.zeros(0), *(wish.multiplier.reshape(-1) for wish in loop.wishes)])
         over = str(ended) if ended in (Status.CONVERGED, Status.STALLED) else ""
-        self.searches[cloth] = Search(loop.path, descent.best.f, left, loop.rate, loop.penalty, loop.steepest, over)
+        self.searches[cloth] = Search(loop.path, descent.best.f, loop.rate, over, **loop.way)
         self.file.keep(lambda: packed(self.searches), now=ended is not None)
 
 
@@ -187,7 +340,8 @@ def begun(
         places = splined(np.arange(0.0, steps + 1.0, 2.0), descent.best.x, "keys")(np.arange(steps + 1))
         places[:, own.fixed] = alone[:, own.fixed]
         loop = stable(scene, cloth, keys, [places], pushed, costs)
-        loop.resume(coarse)
+        loop.resume(**coarse.way)
+        loop.evaluations += coarse.evaluations
     forces = np.where(loop.unknown[:, :, None], np.repeat(descent.best.u, 2, axis=0), 0.0)
     return loop, forces, ended if ended is Status.INTERRUPTED else None
 

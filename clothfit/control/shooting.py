@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from scipy.sparse import block_diag, csr_array
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
@@ -28,9 +29,6 @@ from clothfit.motion.simulate import limited
 from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
 MOST_COLUMNS = 600
 """Numbers up to which J is formed."""
 
@@ -45,7 +43,6 @@ Moves: TypeAlias = Callable[[int, Indices], Array]
 @dataclass(frozen=True, eq=False)
 class Shot:
     """The motions that controls lead to, of the cloths that have keys; None where one diverges."""
-
     z: Array
     systems: dict[int, System]
     motions: dict[int, Rollout]
@@ -53,7 +50,6 @@ class Shot:
 
 class Shooting:
     """The residuals of a steered scene by the numbers z (Q,) of its controls."""
-
     def __init__(self, scene: Scene, keys: Sequence[Key], controls: Controls, steps: int, costs: Costs) -> None:
         """`scene` is steered (`controls.steered`)."""
         self.scene, self.keys, self.controls, self.steps, self.most = scene, list(keys), controls, steps, costs.most
@@ -93,13 +89,6 @@ class Shooting:
             else:
                 self.push(shot, np.zeros(self.size))
         self.keys, self.horizon, self.evaluations = keys, self.steps, 0
-
-    def of_all(self, z: Array, kind: str) -> Array | list[Array]:
-        """The values of a kind, of each cloth where it is one of theirs."""
-        found = {block.cloth: block.values(own) for block, own in self.own(z) if block.kind == kind}
-        if -1 in found:
-            return found[-1]
-        return [found.get(c, getattr(own, kind)) for c, own in enumerate(self.scene.cloths)]
 
     def forces(self, z: Array) -> Forces:
         """The forces on all vertices."""
@@ -229,8 +218,6 @@ class Shooting:
     @cached_property
     def gentle(self) -> csr_array:
         """R of all blocks, (rows, Q)."""
-        from scipy.sparse import block_diag, csr_array
-
         return csr_array(block_diag([block.gentle for block in self.blocks]))
 
     @property
@@ -271,10 +258,6 @@ class Shooting:
             at += size
         return found
 
-    def left(self, shot: Shot, i: int) -> Array:
-        """What is left of key i, (m, 3), m."""
-        return left_of(self.keys[i], shot.motions[self.keys[i].cloth].x)
-
     def missed(self, shot: Shot) -> Array:
         """Root mean square distance from each key up to the horizon, m."""
         left = [left_of(key, shot.motions[key.cloth].x) for _, key, _ in self.counted()]
@@ -309,7 +292,6 @@ def columns(system: System, directions: Sequence[tuple[str, int, Array]], width:
 
 class Pushed(Carried):
     """A sensitivity of which some columns are forces."""
-
     def __init__(self, system: System, given: Columns, directions: Sequence[tuple[str, int, Array]]) -> None:
         super().__init__(system, given)
         pushes = [(column, change) for kind, column, change in directions if kind == "force"]

@@ -8,8 +8,8 @@ with no control, and with handles on the way that the keys suggest (`keyframes`)
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,11 @@ from clothfit.base.checkpoint import Checkpoint
 from clothfit.base.errors import InvalidInput
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, steered
-from clothfit.control.descent import NEAR, NEAR_HARD, Report
-from clothfit.control.keyframes import Key, last_step, path, without_fixed
+from clothfit.control.following import NEAR, NEAR_HARD, Found, Report
+from clothfit.control.keyframes import Key, last_step, left_of, path, without_fixed
 from clothfit.control.shooting import Shooting, Shot
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise.status import Status
-from clothfit.scene.forces import Forces
 from clothfit.scene.scene import Scene
 
 SHARES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -44,21 +43,10 @@ INSISTS = 12
 """Rounds with multipliers, at most."""
 
 
-@dataclass(frozen=True, eq=False)
-class Steered:
-    """What a search came to."""
-
-    status: Status
-    scene: Scene  # with the paths, the wind and the velocities that were found
-    forces: Forces | None
-    optimality: float
-    evaluations: int
-
-
 def steer(
     scene: Scene, keys: Sequence[Key], controls: Controls, alone: Array, budget: float | None, costs: Costs,
-    report: Report, file: Checkpoint | None, state: Mapping[str, Array],
-) -> Steered:  # fmt: skip
+    report: Report, file: Checkpoint | None, state: Mapping[str, Any],
+) -> Found:  # fmt: skip
     """Search for the controls of a scene; `alone` (T + 1, n, 3), m, is the motion without them, `state` what a
     checkpoint had.
     """
@@ -82,14 +70,18 @@ def steer(
     with interrupts.grace(np.inf):
         optimality = search.optimality()
     z, values = search.found.z, given
-    kinds = {block.kind for block in problem.blocks} - {"force"}
-    if kinds:
-        values = given.with_values(
-            [own.mass for own in given.cloths], [own.stiffness for own in given.cloths],
-            **{kind: problem.of_all(z, kind) for kind in kinds},
-        )  # fmt: skip
+    moved: dict[str, Any] = {}
+    for block, own in problem.own(z):
+        if block.cloth < 0:
+            moved[block.kind] = block.values(own)
+        elif block.kind != "force":
+            each = moved.setdefault(block.kind, [getattr(cloth, block.kind) for cloth in given.cloths])
+            each[block.cloth] = block.values(own)
+    if moved:
+        masses, stiffnesses = ([getattr(cloth, name) for cloth in given.cloths] for name in ("mass", "stiffness"))
+        values = given.with_values(masses, stiffnesses, **moved)
     forces = problem.forces(z) if controls.pushes else None
-    return Steered(status, values, forces, optimality, problem.evaluations)
+    return Found(status, values, forces, optimality, problem.evaluations)
 
 
 def suggested(problem: Shooting, alone: Array) -> Array:
@@ -162,7 +154,7 @@ class Steering:
             self.again(candidates)
             self.search(self.found.z, FINE, SLOW)
             before, missed = missed, self.misses(self.found)
-            if self.near() or missed > GAIN * before:
+            if (problem.missed(self.found) <= NEAR).all() or missed > GAIN * before:
                 break
             candidates = [self.found.z]
         return self.insisted(self.ended())
@@ -190,7 +182,8 @@ class Steering:
                 return Status.STALLED
             before = left
             for i in hard:
-                problem.multipliers[i] = problem.multipliers[i] + problem.left(self.found, i)
+                key = problem.keys[i]
+                problem.multipliers[i] = problem.multipliers[i] + left_of(key, self.found.motions[key.cloth].x)
             self.again([self.found.z])
             status = self.ended()
         return status
@@ -208,10 +201,6 @@ class Steering:
         last, first = (np.inf if s is None else np.linalg.norm(problem.pull(s, problem.residuals(s))) for s in shots)
         return float(last / first) if first > 0 else 0.0
 
-    def near(self) -> bool:
-        """Whether all keys are met."""
-        return bool((self.problem.missed(self.found) <= NEAR).all())
-
     def misses(self, shot: Shot) -> float:
         """What the keys add to the cost, m²."""
         gamma, self.problem.gamma = self.problem.gamma, 0.0
@@ -219,17 +208,18 @@ class Steering:
         self.problem.gamma = gamma
         return float(r @ r)
 
-    def offer(self, z: Array) -> float:
-        """The cost at z (Q,), infinite where the motion diverges, noting the best."""
-        shot = self.problem.shoot(z)
-        if shot is None:
-            return np.inf
-        r = self.problem.residuals(shot)
+    def note(self, shot: Shot, r: Array) -> float:
+        """The cost of a shot with residuals r (N,), m², noting the best."""
         value = float(r @ r)
         if value < self.value:
             interrupts.hold()
             self.best, self.value = shot, value
         return value
+
+    def offer(self, z: Array) -> float:
+        """The cost at z (Q,), infinite where the motion diverges, noting the best."""
+        shot = self.problem.shoot(z)
+        return np.inf if shot is None else self.note(shot, self.problem.residuals(shot))
 
     def search(self, z: Array, evaluations: int, slow: float) -> Array:
         """Gauss–Newton from z (Q,) until a step lowers the cost by less than the share `slow`; returns the last point.
@@ -250,11 +240,9 @@ class Steering:
             r = problem.residuals(shot)
             last.update(shot=shot, count=len(r))
             self.latest = shot.z
-            if whole and r @ r < self.value:
-                interrupts.hold()
-                self.best, self.value = shot, float(r @ r)
-            missed = problem.missed(shot)
-            self.report(0.0, float(missed.max()), problem.evaluations)
+            if whole:
+                self.note(shot, r)
+            self.report(0.0, float(problem.missed(shot).max()), problem.evaluations)
             if self.file:
                 self.file.keep(lambda: {"z": self.latest})
             return r
@@ -266,14 +254,11 @@ class Steering:
             if problem.is_small:
                 return problem.matrix(shot)
 
-            def push(dz: Array) -> Array:
+            def product(sweep: Callable[[Shot, Array], Array], vector: Array) -> Array:
                 interrupts.check()
-                return problem.push(shot, dz.reshape(-1))
+                return sweep(shot, vector.reshape(-1))
 
-            def pull(r: Array) -> Array:
-                interrupts.check()
-                return problem.pull(shot, r.reshape(-1))
-
+            push, pull = partial(product, problem.push), partial(product, problem.pull)
             return LinearOperator((last["count"], problem.size), matvec=push, rmatvec=pull, dtype=float)
 
         solve: Any = least_squares

@@ -12,11 +12,13 @@ shapes out of it. With L the Laplacian of its springs, weighted by stiffness, th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse import block_diag, csc_array, csr_array, diags_array, eye_array, hstack, kron, vstack
+from scipy.sparse.linalg import eigsh, spsolve
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
@@ -26,9 +28,6 @@ from clothfit.engine.inputs import knots
 from clothfit.engine.system import System
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 BREEZE = 5.0
 """m/s, the size of a change of the wind, unless the wind itself is stronger."""
@@ -41,7 +40,6 @@ SLOW = 0.1
 @dataclass(frozen=True, eq=False)
 class Block:
     """Q numbers, and values (V,) of one kind of one cloth, or of all where that is −1."""
-
     kind: str  # of `Elements`
     cloth: int
     start: Array  # (V,), in the kind's unit
@@ -68,9 +66,6 @@ class Block:
 
     def nearest(self, change: Array) -> Array:
         """The z (Q,) whose change of the values is nearest to a given one."""
-        from scipy.sparse import csc_array
-        from scipy.sparse.linalg import spsolve
-
         return np.asarray(spsolve(csc_array(self.basis.T @ self.basis), self.gradient(change)))
 
 
@@ -99,22 +94,16 @@ def extent(cloth: Cloth) -> float:
 
 def per_component(matrix: Any) -> csr_array:
     """The same matrix for x, y and z of vectors."""
-    from scipy.sparse import csr_array, eye_array, kron
-
     return csr_array(kron(matrix, eye_array(3)))
 
 
 def chosen(flags: Flags) -> csr_array:
     """The matrix (V, Q) that puts Q numbers where Q of V flags are set."""
-    from scipy.sparse import csr_array, eye_array
-
     return csr_array(eye_array(len(flags)).tocsc()[:, np.flatnonzero(flags)])
 
 
 def paths(own: Cloth, cloth: int, mine: Flags, at: Array) -> Block:
     """Keys of handles, at knots (K,), s: gentle is ∫ |acceleration|² dt T³/L², the start at rest."""
-    from scipy.sparse import block_diag, csr_array, diags_array, hstack
-
     scale, owner, count = extent(own), own.key_pins, len(at)
     second: Any = diags_array([1.0, -2.0, 1.0], offsets=[-1, 0, 1], shape=(count, count)).tolil()
     second[0, :2] = [-2.0, 2.0]
@@ -134,22 +123,13 @@ def paths(own: Cloth, cloth: int, mine: Flags, at: Array) -> Block:
     )  # fmt: skip
 
 
-def stacked(rows: Sequence[Any]) -> csr_array:
-    """Matrices one below the other."""
-    from scipy.sparse import csr_array, vstack
-
-    return csr_array(vstack(rows))
-
-
 def gusts(scene: Scene, at: Array) -> Block:
     """Keys of the wind, at knots (K,), s: gentle is ∫ (|change|² + (SLOW T)² |its rate|²) dt/T, relative to the breeze.
     """
-    from scipy.sparse import csr_array, diags_array, eye_array
-
     assert scene.wind_keys is not None
     count, tau, end = len(at), float(at[1]), float(at[-1])
     rate = diags_array([-1.0, 1.0], offsets=[0, 1], shape=(count - 1, count)) * (SLOW * end / tau)
-    gentle = stacked([eye_array(count), rate]) * np.sqrt(tau / end)
+    gentle = csr_array(vstack([eye_array(count), rate])) * np.sqrt(tau / end)
     scale = max(BREEZE, float(np.linalg.norm(scene.wind)))
     basis = scale * per_component(csr_array(knots.shares(at, scene.wind_keys)))
     return Block("gusts", -1, scene.gusts.reshape(-1).copy(), basis, per_component(gentle), scene.gusts.shape)
@@ -157,15 +137,13 @@ def gusts(scene: Scene, at: Array) -> Block:
 
 def velocities(own: Cloth, cloth: int, end: float) -> Block:
     """Velocities at the start: gentle is their mean square, and that of differences along springs, relative to L/T."""
-    from scipy.sparse import csr_array, eye_array
-
     basis = chosen(~own.fixed)
     count, springs = len(own.mass), own.springs[(~own.fixed[own.springs]).all(axis=1)]
     ends = np.arange(len(springs)).repeat(2), springs.reshape(-1)
     along = csr_array((np.tile([-1.0, 1.0], len(springs)), ends), shape=(len(springs), count)) * (1.0 / SLOW)
     free = int((~own.fixed).sum())
     differences = csr_array(along @ basis) * np.sqrt(free / max(len(springs), 1))
-    gentle = stacked([eye_array(free), differences]) / np.sqrt(free)
+    gentle = csr_array(vstack([eye_array(free), differences])) / np.sqrt(free)
     scale = extent(own) / end
     return Block(
         "velocity", cloth, np.where(own.fixed[:, None], 0.0, own.velocity).reshape(-1), scale * per_component(basis),
@@ -177,8 +155,6 @@ def forces(scene: Scene, cloth: int, controls: Controls, system: System, end: fl
     """Forces at knots, linear in between, or in each step, of vertices or of modes: gentle is their mean square over
     time and vertices, relative to a vertex' mean weight or to what moves it by L in T, if that is more.
     """
-    from scipy.sparse import csr_array, eye_array, kron
-
     own, h = scene.cloths[cloth], scene.delta
     steps = round(end / h)
     assert system.inputs is not None
@@ -199,7 +175,7 @@ def forces(scene: Scene, cloth: int, controls: Controls, system: System, end: fl
         rows_of.append(kron(change, across))
     if costs.even > 0.0:
         rows_of.append(kron(in_time, costs.even * (per_component(neighbours(own, acts)) @ over)))
-    gentle = stacked(rows_of) / np.sqrt(steps * max(int(acts.sum()), 1))
+    gentle = csr_array(vstack(rows_of)) / np.sqrt(steps * max(int(acts.sum()), 1))
     basis = scale * csr_array(kron(share, over))
     return Block("force", cloth, system.inputs.force.reshape(-1).copy(), basis, gentle, (rows, n, 3))
 
@@ -219,16 +195,12 @@ def shapes_of(own: Cloth, acts: Flags, count: int) -> Array:
 
 def triangle(gram: Any) -> csr_array:
     """The upper triangular factor of a Gram matrix (Q, Q)."""
-    from scipy.sparse import csr_array
-
     full = gram.toarray()
     return csr_array(np.linalg.cholesky(full + 1e-12 * np.eye(len(full)) * full.diagonal().max()).T)
 
 
 def hats(rows: int, steps: int, h: float, every: float | None) -> csr_array:
     """The share (rows, K) of each knot in the rows of a table of which `steps` act: linear between knots."""
-    from scipy.sparse import csr_array, eye_array
-
     if every is None:
         return csr_array(eye_array(rows, steps))
     count = max(round(steps * h / max(every, h)), 1) + 1
@@ -245,9 +217,6 @@ DENSE = 1500
 
 def modes_of(cloth: Cloth, free: Indices, count: int) -> Array:
     """The modes (f, count) with the lowest frequencies of the f free vertices."""
-    from scipy.linalg import eigh
-    from scipy.sparse import csr_array, diags_array
-
     ends, n = np.concatenate([cloth.springs, cloth.springs[:, ::-1]]), len(cloth.mass)
     graph = csr_array((np.concatenate([cloth.stiffness, cloth.stiffness]), (ends[:, 0], ends[:, 1])), shape=(n, n))
     scale = 1.0 / np.sqrt(cloth.mass[free])
@@ -256,7 +225,6 @@ def modes_of(cloth: Cloth, free: Indices, count: int) -> Array:
     if len(free) <= DENSE or 3 * count > len(free):
         _, found = eigh(balanced.toarray(), subset_by_index=[0, count - 1])
     else:
-        from scipy.sparse.linalg import eigsh
 
         below = -1e-6 * float(balanced.diagonal().max())
         start = np.random.default_rng(0).normal(size=len(free))

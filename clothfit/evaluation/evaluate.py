@@ -90,12 +90,16 @@ def evaluate(
     fitted_end, end = (place_of(each, truth, fitted) for each in (near, horizon))
     length = states(min(max(fitted_end, end), last_place(goal, fitted.delta)))
     own, own_fault = finite_part(fitted, compared, length, min(states(fitted_end), length))
-    return Evaluation(
-        distance(own, goal, fitted.delta, compared, fitted_end),
-        distance(own, goal, fitted.delta, compared, end),
-        deviations(truth, fitted),
-        fault or own_fault,
-    )
+    return judged(truth, fitted, own, goal, (near, horizon), fault or own_fault)
+
+
+def judged(
+    truth: Scene, fitted: Scene, own: Motion, goal: Motion, frames: tuple[int, int], fault: str | None
+) -> Evaluation:
+    """The evaluation of a fitted scene by its motion and its target, over the fitted `frames` and the longer run."""
+    compared, ends = compared_cloths(truth), [place_of(each, truth, fitted) for each in frames]
+    near, far = (distance(own, goal, fitted.delta, compared, end) for end in ends)
+    return Evaluation(near, far, deviations(truth, fitted), fault)
 
 
 def compared_cloths(scene: Scene) -> Collection[int]:
@@ -182,11 +186,14 @@ def overlaid(truth: Scene, fitted: Scene, target: Motion | None, frames: int) ->
     goal = target if target is not None else finite_part(truth, range(len(truth.cloths)), frames, 0)[0]
     own, _ = finite_part(fitted, range(len(fitted.cloths)), states(place_of(frames, truth, fitted)), 0)
     x = at_frames(own, goal, fitted.delta)
-    y = np.where(np.isfinite(goal.positions[: len(x)]), goal.positions[: len(x)], np.nan)
-    if goal.observed is not None:
-        y[~goal.observed[: len(x)]] = np.nan
+    y = seen(goal)[: len(x)]
     rmse, largest = distances(truth, x, y)
     return Overlay(fitted, goal.times[: len(x)], x, y, rmse, largest)
+
+
+def seen(motion: Motion) -> Array:
+    """The positions (F, n, 3) of a motion, m; NaN where they were not observed."""
+    return np.where(motion.seen()[:, :, None], motion.positions, np.nan)
 
 
 def at_frames(own: Motion, goal: Motion, delta: float) -> Array:

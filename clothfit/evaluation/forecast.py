@@ -19,7 +19,6 @@ from clothfit.engine.stability import UNLIMITED, frequency, limit
 from clothfit.engine.system import build
 from clothfit.objective import memory_needs as storage
 from clothfit.scene.fit_vector import fitted_cloths
-from clothfit.scene.keys import Keys
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.scene.scene import Scene
 
@@ -98,7 +97,16 @@ class Input(NamedTuple):
 def inputs_of(scene: Scene) -> list[Input]:
     """All of them, in the order of the file. Raises InvalidScene for a file that cannot be read or does not fit."""
     check(scene)
-    return [described(keys, count) for keys, count in keyed(scene)]
+    found = []
+    for keys, vertices in keyed(scene):
+        own = interpolation.resolved(keys)
+        values = own.values.reshape(-1, 3)
+        least, most = (tuple(end(values, axis=0).tolist()) for end in (np.min, np.max))
+        times = float(own.times[0]), float(own.times[-1])
+        found.append(
+            Input(keys.place, vertices, len(own.times), *times, keys.interpolation, keys.file, least, most)
+        )
+    return found
 
 
 def check(scene: Scene) -> None:
@@ -109,12 +117,3 @@ def check(scene: Scene) -> None:
         sampling.build(scene, cloth, 1)
         system.surface_of(scene, index)
     system.meshes_of(scene, 0)
-
-
-def described(keys: Keys, vertices: int | None) -> Input:
-    """What there is to say of keys."""
-    own = interpolation.resolved(keys)
-    values = own.values.reshape(-1, 3)
-    least, most = (tuple(np.asarray(end(values, axis=0)).tolist()) for end in (np.min, np.max))
-    times = float(own.times[0]), float(own.times[-1])
-    return Input(keys.place, vertices, len(own.times), *times, keys.interpolation, keys.file, least, most)

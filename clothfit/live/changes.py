@@ -60,12 +60,9 @@ def with_given(scene: Scene, given: Mapping[str, Any], index: int | None) -> Sce
     own = {name: each_object(scene, name, value, index) for name, value in given.items() if name in OF_OBJECTS}
     masses = own.pop("mass", [cloth.mass for cloth in scene.cloths])
     stiffnesses = own.pop("stiffness", [cloth.stiffness for cloth in scene.cloths])
-    shared = {name: numbers(given[name], name) for name in OF_SCENE if name in given}
-    laws = {
-        name: spread(numbers(given[name], name), np.shape(getattr(scene, name)))
-        for name in OF_CONTACTS if name in given
-    }  # fmt: skip
-    return scene.with_values(masses, stiffnesses, **own, **shared, **laws)
+    shared = {name: numbers(given[name], name) for name in (*OF_SCENE, *OF_CONTACTS) if name in given}
+    shared |= {name: spread(shared[name], np.shape(getattr(scene, name))) for name in OF_CONTACTS if name in given}
+    return scene.with_values(masses, stiffnesses, **own, **shared)
 
 
 def each_object(scene: Scene, name: str, value: Any, index: int | None) -> list[Any]:

@@ -9,7 +9,6 @@ import asyncio
 import json
 import threading
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -52,9 +51,7 @@ class Connection:
     def __enter__(self) -> Connection:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def latest(self) -> tuple[int, Array]:
@@ -114,25 +111,21 @@ class Connection:
             try:
                 self._closed = self._closed or data is None
                 if isinstance(data, bytes):
-                    self._take_packet(wire.unpacked(data))
+                    packet = wire.unpacked(data)
+                    if packet.kind == wire.FRAME:
+                        self._frame = packet
+                    else:
+                        self.target = packet.positions
                 elif data is not None:
-                    self._take_message(json.loads(data))
+                    message = json.loads(data)
+                    self.heard[message["type"]] = message
+                    if message["type"] == "scene":
+                        self.scene = message
+                    elif message.get("id") is not None:
+                        self._answers[message["id"]] = message
             except (ValueError, InvalidInput):  # it is no server of ours
                 self._closed = True
             self._news.notify_all()
-
-    def _take_packet(self, packet: wire.Packet) -> None:
-        if packet.kind == wire.FRAME:
-            self._frame = packet
-        else:
-            self.target = packet.positions
-
-    def _take_message(self, message: dict[str, Any]) -> None:
-        self.heard[message["type"]] = message
-        if message["type"] == "scene":
-            self.scene = message
-        elif message.get("id") is not None:
-            self._answers[message["id"]] = message
 
 
 def connect(address: str, timeout: float = 30.0) -> Connection:

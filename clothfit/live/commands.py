@@ -9,8 +9,7 @@ from typing import Any
 
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.live import changes, wire
-from clothfit.live.page import elements_of
-from clothfit.live.session import SOON, Session
+from clothfit.live.session import SOON, Session, elements_of
 from clothfit.live.task import Loading
 from clothfit.live.wire import fitted_fields, flag, number, whole
 from clothfit.live.worker import FIELDS
@@ -29,7 +28,9 @@ def answer(session: Session, message: Mapping[str, Any]) -> dict[str, Any] | Loa
         more = act(session, message)
     except ClothfitError as error:
         return {"type": "refused", **head, "reason": str(error)}
-    return more if isinstance(more, Loading) else {"type": "done", **head, **(more or {})}
+    if isinstance(more, Loading):
+        return more
+    return {"type": "done", **head, **(session.told() if more is None else more)}
 
 
 def answer_long(session: Session, text: str) -> dict[str, Any] | Loading:
@@ -45,33 +46,29 @@ def head_of(message: Mapping[str, Any]) -> dict[str, Any]:
     return {"of": str(message["type"])[:40]} | ({"id": message["id"]} if message.get("id") is not None else {})
 
 
-def play(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
+def play(session: Session, message: Mapping[str, Any]) -> None:
     """Go on, at a speed and with a return to the start after the target's end where that is asked for."""
     loop = flag(message, "loop") if "loop" in message else session.loop
     if "speed" in message:
         session.engine.speed = message["speed"]
     session.loop = loop
     session.engine.start()
-    return session.told()
 
 
-def pause(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
+def pause(session: Session, message: Mapping[str, Any]) -> None:
     """Stand still."""
     session.engine.pause()
-    return session.told()
 
 
-def take_steps(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
+def take_steps(session: Session, message: Mapping[str, Any]) -> None:
     """Take steps."""
     session.engine.step(whole(message, "n", 1, 1000, 1), wait=False)
-    return session.told()
 
 
-def reset(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
+def reset(session: Session, message: Mapping[str, Any]) -> None:
     """Go back to the start."""
     session.engine.reset()
     session.engine.wait(SOON)
-    return session.told()
 
 
 def load_scene(session: Session, message: Mapping[str, Any]) -> Loading:
@@ -124,19 +121,20 @@ def undo(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
     return session.told_values()
 
 
-def drag(session: Session, message: Mapping[str, Any]) -> None:
+def drag(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
     """Pull a vertex by hand, or let go."""
     vertex = message.get("vertex")
     if vertex is None:
         session.engine.release()
-        return
+        return {}
     place = message.get("place")
     if not isinstance(place, list) or not all(isinstance(x, Real) and not isinstance(x, bool) for x in place):
         raise InvalidInput("drag: `place` is needed, three numbers in m")
     session.engine.pull(vertex, place)
+    return {}
 
 
-def estimate(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
+def estimate(session: Session, message: Mapping[str, Any]) -> None:
     """Fit what is chosen to the target, from the values of now."""
     session.free()
     if session.target is None:
@@ -148,12 +146,10 @@ def estimate(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
     scene = read(document, folder=session.scene.folder)
     budget = number(message, "budget", 0.1, 86400.0, None)
     session.history.note(None, session.moment())
-    session.outcome = None
     session.start_task("estimate", scene=scene, target=session.target, budget=budget)
-    return session.told()
 
 
-def control(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
+def control(session: Session, message: Mapping[str, Any]) -> None:
     """Find the forces that take the cloth through keys, and play them."""
     session.free()
     keys = message.get("keys")
@@ -164,12 +160,10 @@ def control(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
     scene, text = session.scene.with_forces(None), json.dumps({"keys": keys})
     from_json(text, "keys", scene)
     budget = number(message, "budget", 0.1, 86400.0, 60.0)
-    session.outcome = None
     session.start_task("control", scene=scene, keys=text, budget=budget)
-    return session.told()
 
 
-def cancel(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
+def cancel(session: Session, message: Mapping[str, Any]) -> None:
     """End a fit, or a search for forces, with the best so far; give up a scene that is being loaded."""
     if session.loading is not None:
         session.end_loading(session.loading.refused("the load was cancelled"))
@@ -177,7 +171,6 @@ def cancel(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
         session.task.cancel()
     else:
         raise InvalidInput("cancel: nothing is being computed")
-    return session.told()
 
 
 DOES: dict[str, tuple[Callable[[Session, Mapping[str, Any]], dict[str, Any] | Loading | None], tuple[str, ...]]] = {
@@ -195,4 +188,4 @@ DOES: dict[str, tuple[Callable[[Session, Mapping[str, Any]], dict[str, Any] | Lo
     "cancel": (cancel, ()),
     "status": (lambda session, _: session.status(), ()),
 }
-"""Messages: what does them, and their fields."""
+"""Messages: what does them, and their fields. Where it returns nothing, the answer is the status, which all get."""

@@ -17,7 +17,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any, NamedTuple
 from weakref import WeakSet
 
@@ -109,9 +108,7 @@ class Engine:
     def __enter__(self) -> Engine:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.stop()
 
     def __repr__(self) -> str:
@@ -337,10 +334,7 @@ class Engine:
             self._publish()
         elif wishes.scene is not None:
             for cloth in self._cloths:
-                if wishes.rebuild:
-                    cloth.rebuild(wishes.scene)
-                else:
-                    cloth.retune(wishes.scene)
+                (cloth.rebuild if wishes.rebuild else cloth.retune)(wishes.scene)
         for index, asked in wishes.grips.items():
             if index < len(self._cloths):
                 cloth = self._cloths[index]
@@ -359,17 +353,12 @@ class Engine:
         self._publish()
 
     def _publish(self) -> None:
-        first = self._cloths[0]
-        self._latest = Frame(first.step, first.step * first.scene.delta, self._mark, self._positions())
-
-    def _positions(self) -> Array:
-        """Where all vertices are (n, 3), in a new array."""
-        found: Array = np.concatenate([cloth.x for cloth in self._cloths])
-        frame = self._cloths[0].scene.frame
-        if frame is not None:
-            time_now = self._cloths[0].step * self._cloths[0].scene.delta
-            found = axes(frame, np.array([time_now])).own(found[None])[0]
-        return found
+        """Put where all vertices are into a new frame."""
+        first, x = self._cloths[0], np.concatenate([cloth.x for cloth in self._cloths])
+        now = first.step * first.scene.delta
+        if first.scene.frame is not None:
+            x = axes(first.scene.frame, np.array([now])).own(x[None])[0]
+        self._latest = Frame(first.step, now, self._mark, x)
 
     def _world(self, place: Array) -> Array:
         """A place (3,) in the scene's axes, in those of the world."""

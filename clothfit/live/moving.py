@@ -20,7 +20,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import applied
 from clothfit.engine.rollout import empty, fill
 from clothfit.engine.step import guard, implicit
-from clothfit.engine.system import BDF2, System, build, with_elements
+from clothfit.engine.system import BDF2, build, with_elements
 from clothfit.scene.scene import Scene
 
 ROWS, FEWEST = 4096, 64
@@ -59,7 +59,9 @@ class Moving:
     def _prepare(self, scene: Scene) -> None:
         """Make the system and its memory for a scene."""
         self.scene = scene
-        self.system = live_system(scene, self.index, self._rows)
+        whole = build(scene, self.index, air=True, steps=self._rows, whole=True)  # with every part that may be wanted
+        assert whole.inputs is not None
+        self.system = whole._replace(applied=applied.build(whole.inputs.force.shape[1], len(whole.x0)))
         self.tolerance = scene.tolerance
         work = implicit.workspace(self.system)
         if self.step:  # first guesses of the solver, of as many vertices
@@ -126,36 +128,23 @@ class Moving:
 
     def _hold(self, grip: Grip | None) -> None:
         """Write the pull to where the forces read it; meanwhile energy may rise."""
-        own, inputs = self.system.applied, self.system.inputs
+        own, inputs, scene = self.system.applied, self.system.inputs, self.scene
         assert own is not None
         assert inputs is not None
         if len(inputs.gain):  # the scene's own forces pull, by their tables
             return
         own.gain[:] = 0.0
         if grip is not None:
-            own.gain[grip.vertex] = self.scene.cloths[self.index].mass.sum() * BRISK**2
+            own.gain[grip.vertex] = scene.cloths[self.index].mass.sum() * BRISK**2
             own.place[grip.vertex] = grip.place
-        energetic = grip is not None or self._energetic
+        own_energy = scene.changes or scene.colliders or scene.self_contact or scene.cloths[self.index].pins
+        energetic = bool(grip is not None or own_energy or (scene.forces and scene.forces.pulls))
         self.system = self.system._replace(inputs=inputs._replace(energetic=energetic))
 
     def _changed(self) -> None:
         """What contacts may bring the state to is its own energy, whatever a change or a hand has brought."""
         if self.step:
             self._budget = float(guard.energy(self.system, self.x, self.v))
-
-    @property
-    def _energetic(self) -> bool:
-        """Whether the scene itself may bring energy."""
-        scene = self.scene
-        own = bool(scene.changes or scene.colliders or scene.self_contact or scene.cloths[self.index].pins)
-        return own or bool(scene.forces and scene.forces.pulls)
-
-
-def live_system(scene: Scene, index: int, rows: int) -> System:
-    """The system of a cloth with every part that may be wanted while it moves, and tables of so many steps."""
-    system = build(scene, index, air=True, steps=rows, whole=True)
-    assert system.inputs is not None
-    return system._replace(applied=applied.build(system.inputs.force.shape[1], len(system.x0)))
 
 
 def row_bytes(scene: Scene, index: int) -> int:

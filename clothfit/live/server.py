@@ -17,7 +17,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from tornado import httpserver, netutil, web, websocket
@@ -25,10 +28,10 @@ from tornado import httpserver, netutil, web, websocket
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.live import wire
 from clothfit.live.commands import answer, answer_long, head_of
-from clothfit.live.page import live_page
 from clothfit.live.session import Session
 from clothfit.live.task import LONG, Answer, Loading
 from clothfit.motion.motion import Motion
+from clothfit.report.page import WEB, filled, import_map
 from clothfit.scene.scene import Scene
 
 HOST = "127.0.0.1"
@@ -56,6 +59,26 @@ POLICY = (
 )
 
 
+OWN = Path(__file__).parent / "web"
+
+
+@lru_cache(maxsize=1)
+def parts() -> dict[str, str]:
+    """The page's parts, read once."""
+    styles = [(WEB / "page.css").read_text("utf-8"), (OWN / "live.css").read_text("utf-8")]
+    return {
+        "style": "\n".join(styles),
+        "imports": import_map([*sorted(WEB.glob("*.js")), *sorted(OWN.glob("*.js"))]),
+        "page": (OWN / "live.html").read_text("utf-8"),
+    }
+
+
+def live_page(nonce: str) -> bytes:
+    """The page, HTML in UTF-8, whose scripts have a nonce."""
+    own = parts()
+    return filled(own["page"], {"style": own["style"], "imports": own["imports"], "nonce": nonce}).encode("utf-8")
+
+
 class Guarded(web.RequestHandler):
     """What every request must satisfy."""
 
@@ -71,22 +94,14 @@ class Guarded(web.RequestHandler):
             self.set_header(name, value)
 
     def prepare(self) -> None:
-        reason = self.fault()
-        if reason:
-            self.server.refused += 1
-            raise web.HTTPError(403, reason=reason)
-
-    def fault(self) -> str | None:
-        """Why a request is refused, if it is."""
-        if self.request.host not in self.server.hosts:
-            return "Another host"
-        origin = self.request.headers.get("Origin")
-        if origin is not None and origin not in {f"http://{host}" for host in self.server.hosts}:
-            return "Another origin"
+        hosts, origin = self.server.hosts, self.request.headers.get("Origin")
+        if self.request.host not in hosts:
+            raise web.HTTPError(403, reason="Another host")
+        if origin is not None and origin not in {f"http://{host}" for host in hosts}:
+            raise web.HTTPError(403, reason="Another origin")
         given = self.get_query_argument("token", "")
         if not hmac.compare_digest(given.encode(), self.server.token.encode()):
-            return "The token is missing or wrong"
-        return None
+            raise web.HTTPError(403, reason="The token is missing or wrong")
 
     def log_exception(self, *error: Any) -> None:
         """Write nothing on the terminal of what strangers ask for."""
@@ -136,7 +151,6 @@ class Socket(Guarded, websocket.WebSocketHandler):
         self.held = 0  # of what waits, characters or bytes
         self.newest: bytes | None = None
         self.allowed, self.looked, self.beyond = AT_ONCE, time.monotonic(), 0
-        self.sent = 0  # frames
         self.gone = False
 
     def prepare(self) -> None:
@@ -182,7 +196,7 @@ class Socket(Guarded, websocket.WebSocketHandler):
 
     async def _send(self) -> None:
         """Send what waits, one after the other, each when the last one has gone."""
-        try:
+        with suppress(websocket.WebSocketClosedError, asyncio.CancelledError):
             while True:
                 await self.filled.wait()
                 self.filled.clear()
@@ -193,9 +207,6 @@ class Socket(Guarded, websocket.WebSocketHandler):
                 if self.newest is not None:
                     frame, self.newest = self.newest, None
                     await self.write_message(frame, binary=True)
-                    self.sent += 1
-        except (websocket.WebSocketClosedError, asyncio.CancelledError):
-            return
 
     async def on_message(self, message: str | bytes) -> None:
         """Answer a message, or refuse it with a reason; of a scene that is loaded when it is there."""
@@ -269,7 +280,6 @@ class Server:
         self._asked, self._pool = port, ThreadPoolExecutor(1, "clothfit messages")
         self._scene, self._target = scene, target
         self._pending = False
-        self.refused = 0  # connections that were turned away
 
     async def start(self) -> None:
         """Open the port and begin. Raises InvalidInput where the port is taken."""
@@ -320,10 +330,8 @@ class Server:
 
     def later(self, act: Callable[[], None]) -> None:
         """The same from any thread, without waiting."""
-        try:
+        with suppress(RuntimeError):  # it is closed
             self._pool.submit(act)
-        except RuntimeError:  # it is closed
-            return
 
     def tell(self, message: Any) -> None:
         """Send a message to all clients; from any thread."""
@@ -342,10 +350,8 @@ class Server:
             self._call(self._new.set)
 
     def _call(self, act: Callable[[], Any]) -> None:
-        try:
+        with suppress(RuntimeError):  # it is closed
             self.loop.call_soon_threadsafe(act)
-        except RuntimeError:  # the loop is closed
-            return
 
     async def _send_frames(self) -> None:
         """Offer each new frame to all clients, no more often than a screen shows them."""
@@ -365,17 +371,14 @@ class Server:
 
 
 class Serving:
-    """A server in a thread of its own, for Python and tests: `with serving(scene) as server: server.address`."""
+    """A server in a thread of its own, for Python and tests: `with Serving(scene) as server: server.address`."""
 
     def __init__(self, scene: Scene, target: Motion | None = None, port: int = 0, token: str | None = None) -> None:
         self.server = Server(scene, target, port, token)
-        self._ready = threading.Event()
-        self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._run, name="clothfit server", daemon=True)
+        self._serves: Future[asyncio.Event] = Future()  # what ends it, when it has begun
+        self._thread = threading.Thread(target=asyncio.run, args=[self._serve()], name="clothfit server", daemon=True)
         self._thread.start()
-        self._ready.wait()
-        if self._error is not None:
-            raise self._error
+        self._stop = self._serves.result()
 
     @property
     def address(self) -> str:
@@ -394,18 +397,13 @@ class Serving:
             self.server.loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(10)
 
-    def _run(self) -> None:
-        try:
-            asyncio.run(self._serve())
-        except BaseException as error:  # noqa: BLE001  # raised where the server was asked for
-            self._error = error
-            self._ready.set()
-
     async def _serve(self) -> None:
-        self._stop = asyncio.Event()
-        await self.server.start()
-        self._ready.set()
-        await self._stop.wait()
+        try:
+            await self.server.start()
+        except BaseException as error:  # noqa: BLE001  # raised where the server was asked for
+            self._serves.set_exception(error)
+            return
+        stop = asyncio.Event()
+        self._serves.set_result(stop)
+        await stop.wait()
         await self.server.close()
-
-

@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
+from clothfit.base.version import __version__
 from clothfit.live import changes, wire
 from clothfit.live.changes import History, Moment
 from clothfit.live.engine import Engine
-from clothfit.live.page import described
 from clothfit.live.task import Loading, Task
 from clothfit.motion.motion import Motion
+from clothfit.report.contents import mesh, surroundings
 from clothfit.scene.scene import Scene, dumps
 
 LARGEST_TARGET = 16 << 20
@@ -28,6 +31,9 @@ PAUSE = 0.5
 
 SOON = 0.05
 """Seconds that an answer waits for the first frame after a return to the start, which may have to be compiled for."""
+
+MOST_FRAMES = 2000
+"""Frames for which the page knows where obstacles are that move."""
 
 Tell = Callable[[Any], None]
 """Sends a message to all who watch: a dict as text, bytes as they are."""
@@ -206,6 +212,7 @@ class Session:
 
     def start_task(self, name: str, **arguments: Any) -> None:
         """Start a task."""
+        self.outcome = None
         if self.task is not None:
             self.task.kill()
 
@@ -220,7 +227,9 @@ class Session:
         if task is not self.task:
             return
         if content.get("values") is not None:
-            self._take(content["values"])
+            self.engine.use(self.scene.with_values(**content["values"]))
+            self.base, self.factors = self.scene, {}  # the base of later factors
+            self.tell({"type": "values", **self.values()})
         if kind == "progress":
             self.tell({"type": "progress", "of": task.name, **content["figures"]})
             return
@@ -237,12 +246,6 @@ class Session:
             self.tell({"type": "ended", **self.outcome})
         self.told()
 
-    def _take(self, values: dict[str, Any]) -> None:
-        """Go on with values that a fit has found; they are the base of later factors."""
-        self.engine.use(self.scene.with_values(**values))
-        self.base, self.factors = self.scene, {}
-        self.tell({"type": "values", **self.values()})
-
     def again(self) -> None:
         """Go back to the start where the target has ended, if that is wanted."""
         frame, target = self.engine.shared(), self.target
@@ -250,3 +253,32 @@ class Session:
             return
         if frame.time > target.times[-1] + PAUSE:
             self.engine.reset()
+
+
+def described(scene: Scene, generation: int) -> dict[str, Any]:
+    """The scene: names, mesh, surroundings, and what the file asks to fit."""
+    frames = min(scene.frames, MOST_FRAMES) if scene.moves else 2
+    times = scene.delta * np.arange(frames, dtype=float)
+    start = np.concatenate([cloth.positions for cloth in scene.cloths])
+    modes = {name: [cloth.mode(name) for cloth in scene.cloths] for name in ("mass", "stiffness")}
+    fits = {name: next((mode for mode in own if mode != "n"), "n") for name, own in modes.items()}
+    flags = {name: any(cloth.mode(name) != "n" for cloth in scene.cloths) for name in ("damping", "drag")}
+    return {
+        "version": __version__,
+        "generation": generation,
+        "title": scene.title.strip() or scene.name,
+        "name": scene.name,
+        "delta": scene.delta,
+        "frames": scene.frames,
+        "mesh": mesh(scene),
+        "surroundings": surroundings(scene, times, np.broadcast_to(start, (frames, *start.shape))),
+        "fit": {**fits, **flags, **{name: scene.mode(name) != "n" for name in ("wind", "gravity")}},
+        "airy": any(len(cloth.triangles) for cloth in scene.cloths),
+        "warnings": list(scene.warnings)[:20],
+    }
+
+
+def elements_of(scene: Scene) -> dict[str, Any]:
+    """The masses and stiffnesses of a scene, as in its mesh."""
+    whole = mesh(scene)
+    return {name: whole[name] for name in ("mass", "stiffness")}

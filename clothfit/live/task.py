@@ -23,16 +23,18 @@ class Task:
     """
 
     def __init__(self, name: str, heard: Heard, **arguments: Any) -> None:
-        self.name, self._heard, self.cancelled = name, heard, False
+        self.name, self._heard = name, heard
         command = [sys.executable, "-m", "clothfit.live.worker"]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **own_group())
+        group = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)  # on Windows
+        self._process = subprocess.Popen(  # which a Ctrl-C at the terminal does not reach: whoever started it ends it
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, creationflags=group
+        )
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, args=[(name, arguments)], daemon=True)
         self._thread.start()
 
     def cancel(self) -> None:
         """Ask it to end with the best so far."""
-        self.cancelled = True
         self._say("cancel")
 
     def kill(self) -> None:
@@ -68,13 +70,6 @@ class Task:
 
 def ignored(kind: str, content: dict[str, Any]) -> None:
     """Hear nothing."""
-
-
-def own_group() -> dict[str, Any]:
-    """How a process starts that a Ctrl-C at the terminal does not reach: whoever started it ends it."""
-    if sys.platform == "win32":
-        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
-    return {"start_new_session": True}
 
 
 # ---- A scene on its way: it is read and tried beside what moves, and its sender is answered when it is there.

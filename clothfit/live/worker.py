@@ -96,8 +96,8 @@ OFTEN = 0.05
 
 def values_of(scene: Scene) -> dict[str, Any]:
     """What a fit may find, as `Scene.with_values` takes it."""
-    own = {name: [getattr(cloth, name) for cloth in scene.cloths] for name in ("mass", "stiffness", "rest", "velocity")}
-    own |= {name: [getattr(cloth, name) for cloth in scene.cloths] for name in ("damping", "drag")}
+    kinds = "mass", "stiffness", "rest", "velocity", "damping", "drag"
+    own = {name: [getattr(cloth, name) for cloth in scene.cloths] for name in kinds}
     shared = {name: np.array(getattr(scene, name)) for name in ("wind", "gravity", "friction", "contact")}
     return {"masses": own.pop("mass"), "stiffnesses": own.pop("stiffness"), **own, **shared}
 
@@ -113,17 +113,16 @@ def estimate(tell: Tell, scene: Scene, target: Any, budget: float | None) -> Non
     """Fit what a scene flags to a target, from the scene's values."""
     from clothfit.fit import estimate as fits
 
-    last, shown = [0.0], [np.inf]
+    last, shown = 0.0, np.inf
 
     def report(progress: Any) -> None:
-        now = time.monotonic()
-        better = progress.best is not None and progress.cost < shown[0]
-        if not better and now < last[0] + OFTEN:
+        nonlocal last, shown
+        now, values = time.monotonic(), None
+        if progress.best is not None and progress.cost < shown:
+            shown, values = progress.cost, values_of(progress.best())
+        elif now < last + OFTEN:
             return
-        last[0] = now
-        values = None
-        if better:
-            shown[0], values = progress.cost, values_of(progress.best())
+        last = now
         numbers = {name: finite(getattr(progress, name)) for name in ("cost", "rmse", "seconds")}
         counts = {name: getattr(progress, name) for name in ("evaluations", "iteration", "stage", "window", "frames")}
         tell("progress", figures={**numbers, **counts}, values=values)

@@ -179,32 +179,22 @@ def facts(over: Course, found: Control) -> list[list[str]]:
     return rows + vector_rows(scene)
 
 
-def keys_table(over: Course, found: Control) -> tuple[list[str], list[list[Cell]], str]:
+def keys_table(over: Course, found: Control) -> tuple[list[str], list[tuple[Cell, ...]], str]:
     """Heads, rows and note of the table of keys."""
-    heads = ["key", "asks for", "without", "with", "reached"]
-    rows: list[list[Cell]] = []
-    for key, near, far in zip(over.keys, found.keys, found.free, strict=True):
-        reached = "yes" if near.near else "missed"
-        places: list[Cell] = [[metres(far), far], [metres(near.rmse), near.rmse]]
-        rows.append([[f"{near.time:.4g}\u00a0s", near.time], what(key, over.scene), *places, reached])
-    if any(key.velocities is not None for key in over.keys):
-        heads.append("velocity off")
-        rows = [[*row, velocity(key, over)] for row, key in zip(rows, over.keys, strict=True)]
+    near = found.keys
+    columns: dict[str, list[Cell]] = {
+        "key": [[f"{key.time:.4g}\u00a0s", key.time] for key in near],
+        "asks for": [what(key, over.scene) for key in over.keys],
+        "without": [[metres(far), far] for far in found.free],
+        "with": [[metres(key.rmse), key.rmse] for key in near],
+        "reached": ["yes" if key.near else "missed" for key in near],
+    }
+    if any(key.speed is not None for key in near):
+        columns["velocity off"] = ["–" if key.speed is None else [f"{key.speed:.3g} m/s", key.speed] for key in near]
     if any(key.hard or key.weight != 1.0 for key in over.keys):
-        heads.append("weight")
-        weights: list[Cell] = ["hard" if key.hard else [f"{key.weight:.4g}", key.weight] for key in over.keys]
-        rows = [[*row, weight] for row, weight in zip(rows, weights, strict=True)]
-    return heads, rows, "root mean square distances, without and with control"
-
-
-def velocity(key: Key, over: Course) -> Cell:
-    """How far the velocities are from those that a key asks for."""
-    if key.velocities is None:
-        return "–"
-    x = over.own[:, over.scene.vertices(key.cloth)][:, key.vertices]
-    off = (x[key.step] - x[key.step - 1]) / over.scene.delta - key.velocities
-    size = float(np.sqrt((off**2).sum(axis=1).mean()))
-    return [f"{size:.3g} m/s", size]
+        columns["weight"] = ["hard" if key.hard else [f"{key.weight:.4g}", key.weight] for key in over.keys]
+    rows = list(zip(*columns.values(), strict=True))
+    return list(columns), rows, "root mean square distances, without and with control"
 
 
 def what(key: Key, scene: Scene, short: bool = False) -> str:

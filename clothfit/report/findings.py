@@ -49,7 +49,8 @@ def headline(log: Log, show: Shown) -> dict[str, Any]:
         level, text = WARN, f"{text} The fit {STATUS[ended]}."
     if show.evaluation.diverged:
         level, text = WARN, "The motion diverges."
-    error = f"{text} Error {relative(show.evaluation.fitted.rmse, show)}{before(show)}."
+    error, near = f"{text} Error {relative(show.evaluation.fitted.rmse, show)}", began(show)
+    error += "." if near is None else f"; before the fit {metres(near.rmse)}, {share(near.rmse, show)}."
     return {"level": level, "text": error.strip(), "warnings": list(dict.fromkeys(warnings(log, show)))}
 
 
@@ -77,12 +78,6 @@ def share(rmse: float, show: Shown) -> str:
     if travel <= 0:
         return "–"
     return percent(rmse / travel) if rmse / travel >= INVISIBLE else "< 0.001 %"
-
-
-def before(show: Shown) -> str:
-    """How large the error was before the fit, as far as that is known."""
-    found = began(show)
-    return "" if found is None else f"; before the fit {metres(found.rmse)}, {share(found.rmse, show)}"
 
 
 def began(show: Shown) -> Distance | None:
@@ -154,11 +149,10 @@ def tables(truth: Scene, fitted: Scene, show: Shown, log: Log, others: Sequence[
 
 def values_table(truth: Scene, fitted: Scene, log: Log, trial: bool) -> list[Table]:
     """Each value, or the median of many: at the start, fitted, true in a trial, and its 95 % interval."""
-    start = log.start
-    rows = [row for block in truth.blocks for row in value_rows(block, truth, fitted, start, log, trial)]
-    heads = ["value", *(["start"] if start else []), "fitted", *(["truth", "off by"] if trial else []),
-             "95 % interval", "unit"]  # fmt: skip
-    return table("values", "Start, fitted" + (", truth" if trial else ""), heads, rows, by_samples(log.summary))
+    rows = [row for block in truth.blocks for row in value_rows(block, truth, fitted, log, trial)]
+    heads = list(rows[0]) if rows else []
+    title = "Start, fitted" + (", truth" if trial else "")
+    return table("values", title, heads, [list(row.values()) for row in rows], by_samples(log.summary))
 
 
 def by_samples(summary: Mapping[str, Any]) -> str:
@@ -169,46 +163,33 @@ def by_samples(summary: Mapping[str, Any]) -> str:
     return "the intervals are by {:.0f} samples of the posterior, to {:.0%}".format(*found)
 
 
-def value_rows(
-    block: Block, truth: Scene, fitted: Scene, start: Scene | None, log: Log, trial: bool
-) -> Iterator[list[Cell]]:
-    """The rows of one block."""
-    found = [parameters(each, flags=truth)[block.part] for each in (fitted, truth)]
-    began = None if start is None else parameters(start, flags=truth)[block.part]
-    ends = intervals(log.summary, block.cloth, block.name, block.mode, block.count)
+def value_rows(block: Block, truth: Scene, fitted: Scene, log: Log, trial: bool) -> Iterator[dict[str, Cell]]:
+    """The rows of one block, by the heads of their columns."""
+    scenes = {"start": log.start, "fitted": fitted, "truth": truth if trial else None}
+    found = {head: parameters(each, flags=truth)[block.part] for head, each in scenes.items() if each is not None}
+    ends = intervals(log.summary, block.cloth, block.name, block.mode, block.count) or [None] * block.count
     unit = "factor" if block.factors is not None or (block.name == "rest" and block.mode != "L") else block.kind.unit
     name = owned(block.cloth, block.kind.title)
-    known = [None] * block.count if ends is None else ends
-    if not is_listed(block):
-        yield many(name, began, found, known, unit, trial)
+    if is_listed(block):
+        for i, label in enumerate(labels(block)):
+            cells = {head: figure(values[i]) for head, values in found.items()}
+            cells |= {"off by": off(found["fitted"][i], found["truth"][i])} if trial else {}
+            yield {"value": f"{name} {label}".strip(), **cells, "95 % interval": interval(ends[i]), "unit": unit}
         return
-    for i, label in enumerate(labels(block)):
-        cells: list[Cell] = [f"{name} {label}".strip()]
-        cells += [] if began is None else [figure(began[i])]
-        cells += [figure(found[0][i]), *([figure(found[1][i]), off(found[0][i], found[1][i])] if trial else [])]
-        yield [*cells, interval(known[i]), unit]
+    cells = {head: figure(median(values)) for head, values in found.items()}
+    if trial:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gaps = np.abs(found["fitted"] / found["truth"] - 1.0)
+        gap = median(gaps[np.isfinite(gaps)]) if np.isfinite(gaps).any() else np.nan
+        cells["off by"] = [f"{100 * gap:.2g} %", gap] if np.isfinite(gap) else "–"
+    pairs = [each for each in ends if each]
+    half = f"± {median([high - low for low, high in pairs]) / 2:.5g}" if pairs else "–"
+    yield {"value": f"{name}, median of {block.count}", **cells, "95 % interval": half, "unit": unit}
 
 
 def is_listed(block: Block) -> bool:
     """Whether each value of a block has a row of its own; otherwise it has a card with charts."""
     return block.count <= (FEW if block.factors is None else FEW_GROUPS)
-
-
-def many(
-    name: str, began: Array | None, found: Sequence[Array], ends: Sequence[Any], unit: str, trial: bool
-) -> list[Cell]:
-    """The row of many values: their medians."""
-    cells: list[Cell] = [f"{name}, median of {len(found[0])}"]
-    cells += [] if began is None else [figure(median(began))]
-    cells.append(figure(median(found[0])))
-    if trial:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gaps = np.abs(found[0] / found[1] - 1.0)
-        gap = median(gaps[np.isfinite(gaps)]) if np.isfinite(gaps).any() else np.nan
-        cells += [figure(median(found[1])), [f"{100 * gap:.2g} %", gap] if np.isfinite(gap) else "–"]
-    pairs = [each for each in ends if each]
-    half = f"± {median([high - low for low, high in pairs]) / 2:.5g}" if pairs else "–"
-    return [*cells, half, unit]
 
 
 def labels(block: Block) -> list[str]:
@@ -322,12 +303,7 @@ def side_by_side(truth: Scene, fitted: Scene, show: Shown, logs: Sequence[Log]) 
         medians = [figure(median(parameters(scene, flags=truth)[block.part])) for block in blocks]
         took = plain(known[name].summary.get("seconds")) if name in known else "–"
         rows.append([name, *far, *medians, took])
-    named = [f"{owned(b.cloth, b.kind.title)}{suffix(b)}" for b in blocks]
+    named = [owned(b.cloth, b.kind.title) + (" factor" if b.factors is not None else "") for b in blocks]
+    named = [f"{name} (median)" if b.count > 1 else name for name, b in zip(named, blocks, strict=True)]
     heads = ["motion", "RMSE", "of travel", "largest", *named, "seconds"]
     return table("fits", "Side by side", heads, rows, "over the fitted frames")
-
-
-def suffix(block: Block) -> str:
-    """What a figure of a block is, after its name."""
-    kind = " factor" if block.factors is not None else ""
-    return f"{kind} (median)" if block.count > 1 else kind

@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
-import json
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.report.contents import mesh, surroundings
 from clothfit.report.packing import box, packed, packed_positions
-from clothfit.report.page import THREE, WEB, data_address, filled, script_text
+from clothfit.report.page import WEB, filled, import_map, script_text
 from clothfit.report.showing import MOST_POSITIONS
 from clothfit.scene.scene import Scene
 
@@ -93,12 +92,9 @@ def bare_mesh(x: Array) -> dict[str, Any]:
 def document(shows: dict[str, Any]) -> str:
     """The page in the frame."""
     text = script_text(shows)
-    addresses = {"three": data_address((WEB / THREE).read_bytes())}
-    paths = [*sorted(WEB.glob("*.js")), OWN / "inline.js"]
-    addresses |= {f"clothfit/{path.stem}": data_address(path.read_bytes()) for path in paths}
     parts = {
         "nonce": base64.b16encode(hashlib.sha256(text.encode()).digest()[:16]).decode(),
-        "imports": json.dumps({"imports": addresses}),
+        "imports": import_map([*sorted(WEB.glob("*.js")), OWN / "inline.js"], named=False),
         "content": text,
     }
     return filled((OWN / "inline.html").read_text("utf-8"), parts)

@@ -8,8 +8,8 @@ end early: lines that cannot be read are left out, and a warning counts them.
 from __future__ import annotations
 
 import json
-import math
 import os
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -96,13 +96,8 @@ def point_of(record: Mapping[str, Any]) -> Point | None:
 
 def number(value: object) -> float | None:
     """A value as a finite number; None where it is none."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return None
-    try:
-        found = float(value)
-    except OverflowError:
-        return None
-    return found if math.isfinite(found) else None
+    known = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    return float(value) if known else None  # type: ignore[arg-type]
 
 
 def entry(summary: Any, *keys: str) -> Any:

@@ -14,20 +14,15 @@ import hashlib
 import html
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from clothfit.control.control import Control, Course
-from clothfit.motion.motion import Motion
 from clothfit.objective.experiment import Recorded, motion_of
 from clothfit.report.contents import content
-from clothfit.report.control_contents import control_content
 from clothfit.report.log import Log
-from clothfit.report.showing import BEFORE, Shown, shown
-from clothfit.report.subspace_contents import subspace_content
+from clothfit.report.showing import BEFORE, shown
 from clothfit.scene.scene import Scene
-from clothfit.subspace.judge import Compared
 
 WEB = Path(__file__).parent / "web"
 THREE = "three/three.module.min.js"
@@ -55,7 +50,8 @@ def report_page(
     """
     goal = None if target is None else motion_of(target, truth)
     show = shown(truth, fitted, goal, frames, others=beside(log, [scene for scene, _ in others]))
-    return made(truth, fitted, goal, show, log, commands, inputs, [other for _, other in others])
+    logs = [other for _, other in others]
+    return page(content(truth, fitted, show, log or Log(), None if goal is None else goal.name, logs), commands, inputs)
 
 
 def beside(log: Log | None, others: Sequence[Scene]) -> list[tuple[str, Scene]]:
@@ -64,50 +60,18 @@ def beside(log: Log | None, others: Sequence[Scene]) -> list[tuple[str, Scene]]:
     return [*before, *((scene.name, scene) for scene in others)]
 
 
-def made(
-    truth: Scene,
-    fitted: Scene,
-    target: Motion | None,
-    show: Shown,
-    log: Log | None = None,
-    commands: Sequence[str] = (),
-    inputs: Sequence[tuple[str, str]] = (),
-    others: Sequence[Log] = (),
+def page(
+    shows: Mapping[str, Any], commands: Sequence[str] = (), inputs: Sequence[tuple[str, str]] = ()
 ) -> bytes:
-    """The page of motions that are already simulated."""
-    name = None if target is None else target.name
-    return page(content(truth, fitted, show, log or Log(), name, others), commands, inputs)
-
-
-def control_page(
-    over: Course, found: Control, commands: Sequence[str] = (), inputs: Sequence[tuple[str, str]] = ()
-) -> bytes:
-    """The page, HTML in UTF-8, that plays a controlled motion among its keys, with its forces. `commands` repeat it,
-    `inputs` are name and SHA-256 of each file.
+    """The page, HTML in UTF-8, that shows a content: of a fit, of a motion led through keys, or of one on a subspace.
+    `commands` repeat it, `inputs` are name and SHA-256 of each file.
     """
-    return page(control_content(over, found), commands, inputs)
-
-
-def subspace_page(
-    over: Compared, model: str, commands: Sequence[str] = (), inputs: Sequence[tuple[str, str]] = ()
-) -> bytes:
-    """The page, HTML in UTF-8, that plays a motion on a subspace over the full one, and beside it. `model` is the name
-    of its file; `commands` repeat it, `inputs` are name and SHA-256 of each file.
-    """
-    return page(subspace_content(over, model), commands, inputs)
-
-
-def page(shows: Mapping[str, Any], commands: Sequence[str], inputs: Sequence[tuple[str, str]]) -> bytes:
-    """The page that shows a content, with the commands that repeat it and its inputs."""
     text = script_text({**shows, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
-    modules = {path.stem: path.read_bytes() for path in sorted(WEB.glob("*.js"))}
-    addresses = {"three": data_address((WEB / THREE).read_bytes())}
-    addresses |= {f"clothfit/{name}": data_address(source, f"clothfit/{name}.js") for name, source in modules.items()}
     parts = {
         "title": html.escape(str(shows["title"])),
         "nonce": hashlib.sha256(text.encode()).hexdigest()[:32],
         "style": (WEB / "page.css").read_text("utf-8"),
-        "imports": json.dumps({"imports": addresses}),
+        "imports": import_map(sorted(WEB.glob("*.js"))),
         "content": text,
     }
     return filled((WEB / "page.html").read_text("utf-8"), parts).encode("utf-8", errors="replace")
@@ -118,10 +82,14 @@ def filled(template: str, parts: Mapping[str, str]) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
-def data_address(source: bytes, name: str = "") -> str:
-    """A module as a `data:` address; `name` appears in a browser's developer tools."""
-    named = source + f"\n//# sourceURL={name}\n".encode() if name else source
-    return f"data:text/javascript;base64,{base64.b64encode(named).decode()}"
+def import_map(paths: Iterable[Path], named: bool = True) -> str:
+    """The import map of modules and of three.js, each as a `data:` address; `named` for a browser's developer tools."""
+    sources = {"three": (WEB / THREE).read_bytes()}
+    for path in paths:
+        name = f"clothfit/{path.stem}"
+        sources[name] = path.read_bytes() + (f"\n//# sourceURL={name}.js\n".encode() if named else b"")
+    coded = {name: base64.b64encode(source).decode() for name, source in sources.items()}
+    return json.dumps({"imports": {name: f"data:text/javascript;base64,{text}" for name, text in coded.items()}})
 
 
 def script_text(shows: Mapping[str, Any]) -> str:

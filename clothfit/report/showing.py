@@ -89,13 +89,7 @@ def shown(
         notes.append(f"the horizon ends after {length} frames, as more would make this page large (--steps)")
     goal, own, faults = motions(truth, fitted, target, length)
     notes += [f"{fault}; the frames before are shown" for fault in faults]
-    compared = evaluate.compared_cloths(truth)
-    evaluation = Evaluation(
-        evaluate.distance(own, goal, fitted.delta, compared, evaluate.place_of(truth.frames, truth, fitted)),
-        evaluate.distance(own, goal, fitted.delta, compared, evaluate.place_of(length, truth, fitted)),
-        evaluate.deviations(truth, fitted),
-        faults[0] if faults else None,
-    )
+    evaluation = evaluate.judged(truth, fitted, own, goal, (truth.frames, length), faults[0] if faults else None)
     show = pictured(truth, fitted.delta, own, goal, evaluation, notes, bool(faults), most // (2 + len(others)))
     return replace(show, beside=[beside(name, scene, truth, goal, show, length) for name, scene in others])
 
@@ -121,7 +115,7 @@ def beside(name: str, scene: Scene, truth: Scene, goal: Motion, show: Shown, len
             near = evaluate.distance(own, goal, scene.delta, compared, fitted_end)
     if fault:
         show.notes.append(f"{name}: {fault}; the frames before are shown")
-    wanted = seen(goal)[:count]
+    wanted = evaluate.seen(goal)[:count]
     gaps = np.sqrt(((positions - wanted) ** 2).sum(axis=2))
     rmse, largest = evaluate.per_frame(gaps[:, evaluate.compared_vertices(truth)] ** 2)
     return Beside(name, scene, positions[:: show.every], gaps[:: show.every], rmse, largest, near)
@@ -157,7 +151,7 @@ def pictured(
     frame. The fitted one, `own`, has steps of `delta`, s.
     """
     fitted = evaluate.at_frames(own, goal, delta)
-    wanted = seen(goal)[: len(fitted)]
+    wanted = evaluate.seen(goal)[: len(fitted)]
     count = near_enough(fitted, wanted) if diverged else len(fitted)
     fitted, wanted = fitted[:count], wanted[:count]
     error = np.sqrt(((fitted - wanted) ** 2).sum(axis=2))
@@ -174,12 +168,6 @@ def pictured(
         evaluation, left, notes, vertex_counts=goal.vertex_counts,
         weights=None if goal.weights is None else goal.weights[:count:every],
     )  # fmt: skip
-
-
-def seen(motion: Motion) -> Array:
-    """The positions (frames, V, 3) of a motion, m; NaN where they were not observed."""
-    known = np.concatenate([motion.seen(cloth) for cloth in range(len(motion.vertex_counts))], axis=1)
-    return np.where(known[:, :, None], motion.positions, np.nan)
 
 
 def near_enough(*both: Array) -> int:

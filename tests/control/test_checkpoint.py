@@ -19,7 +19,7 @@ def asked(flag):
     own = flag()
     x, every = own.cloths[0].positions, np.arange(12, dtype=np.int32)
     free = every[~own.cloths[0].fixed]
-    keys = [Key(10, 0, free, x[free] + [0, 0.1, 0.05]), Key(20, 0, free[2:4], x[free[2:4]].mean(axis=0)[None],
+    keys = [Key(6, 0, free, x[free] + [0, 0.1, 0.05]), Key(12, 0, free[2:4], x[free[2:4]].mean(axis=0)[None],
                                                             share=np.full(2, 0.5))]  # fmt: skip
     return own, keys
 
@@ -39,7 +39,7 @@ class Cut:
 @pytest.mark.parametrize("name", ["forces", "handles"])
 def test_a_search_goes_on(tmp_path, asked, name):
     own, keys = asked
-    controls = Controls() if name == "forces" else Controls(handles=(Handle(0, np.array([11], np.int32)),), wind=True)
+    controls = Controls() if name == "forces" else Controls(handles=(Handle(0, np.array([11], np.int32)),))
     whole = find_controls(own, keys, controls)
     file = Checkpoint(tmp_path / "state")
     cut = find_controls(own, keys, controls, report=Cut(30 if name == "forces" else 4), checkpoint=file)
@@ -77,7 +77,7 @@ def test_several_cloths_are_kept():
     given = {}
     for number, t, n, m in ((2, 4, 5, 0), (0, 3, 2, 6)):
         path, f, left = (rng.normal(size=size) for size in ((t + 1, n, 3), (t, n, 3), m))
-        given[number] = Search(path, f, left, 20.0, 0.5, 2.0, "stalled" if m else "")
+        given[number] = Search(path, f, 20.0, "stalled" if m else "", left, 0.5, 2.0)
     found = unpacked(decoded("search", encoded("search", {}, packed(given)), "x")[1])
     assert list(found) == [2, 0]
     for number, own in given.items():

@@ -49,9 +49,9 @@ def test_at_rest_at_the_key():
 
 @pytest.mark.parametrize("method", ["implicit", "bdf2", "symplectic"])
 def test_playback_gives_the_same_bits(flag, method):
-    own = flag(method, optimizationIterations=25, delta=0.02 if method != "symplectic" else 0.005)
+    own = flag(method, optimizationIterations=13, delta=0.02 if method != "symplectic" else 0.005)
     x = own.cloths[0].positions
-    keys = [at(10, range(12), x + [0, 0.1, 0.05] * (~own.cloths[0].fixed)[:, None]), at(20, range(12), x, hard=True)]
+    keys = [at(5, range(12), x + [0, 0.1, 0.05] * (~own.cloths[0].fixed)[:, None]), at(10, range(12), x, hard=True)]
     found = find_forces(own, keys)
     assert all(key.rmse < 1e-3 for key in found.keys)
     assert found.keys[1].rmse < (1e-6 if method != "symplectic" else 2e-5)  # of penalties multipliers leave more
@@ -84,13 +84,13 @@ def test_the_mean_of_vertices_and_few_forces():
 
 
 def test_no_force_is_above_its_bound():
-    found = find_forces(lonely(), [at(30, [0], [[0.3, 0, 0]])], costs=Costs(most=1.0))
+    keys = [at(15, [0], [[0.075, 0, 0]])]
+    found = find_forces(lonely(), keys, costs=Costs(most=1.0))
     sizes = np.linalg.norm(found.forces.values[:, 0], axis=1)
     assert sizes.max() <= 1.0 + 1e-12
-    assert found.at_bound > 3  # without a bound the first are 1.2 N
-    assert found.keys[0].rmse < 1e-3  # 1 N over 0.6 s can reach 0.36 m
-    weak = find_forces(lonely(), [at(30, [0], [[0.3, 0, 0]])], costs=Costs(most=0.1))
-    assert weak.keys[0].rmse > 0.2  # 0.1 N cannot
+    assert found.at_bound > 3  # without a bound the first is 1.13 N
+    assert found.keys[0].rmse < 1e-3  # 1 N over 0.3 s can reach 0.09 m
+    assert find_forces(lonely(), keys, costs=Costs(most=0.1)).keys[0].rmse > 0.05  # 0.1 N cannot
 
 
 @pytest.mark.parametrize(("method", "newton"), [("implicit", 1), ("implicit", 3), ("bdf2", 1), ("explicit", 1)])

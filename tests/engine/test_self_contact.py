@@ -19,7 +19,7 @@ from clothfit.engine.solve import sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build, zeros
 from clothfit.engine.touching import with_pairs
-from clothfit.evaluation.switches import contacts, first_switch, name_of
+from clothfit.evaluation.gradient_check import contacts, first_switch, name_of
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import dumps

@@ -13,8 +13,8 @@ from clothfit.engine.forces import touch
 from clothfit.engine.forces.surfaces import BOX, CONE
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.evaluation.gradient_check import check_scene, default_frames, placed_to
-from clothfit.evaluation.switches import Switch, contacts, first_switch, part_of
+from clothfit.evaluation import gradient_check
+from clothfit.evaluation.gradient_check import Switch, check_scene, contacts, first_switch, part_of, placed_to
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
@@ -182,10 +182,10 @@ def test_the_first_switch_is_the_earliest():
     b[3, 0, 1, 2] = b[4, 0, 0, 0] = 1
     assert first_switch(a, b) == Switch(4, 2, 1)
     assert first_switch(a, a.copy()) is None
-    assert str(Switch(4, 2, 1)) == "vertex 2 at sphere 1, step 4"
+    assert Switch(4, 2, 1).at("sphere 1") == "vertex 2 at sphere 1, step 4"
     found = first_switch(inside, inside + 6 * (np.arange(120).reshape(inside.shape) == 55))
     assert found == Switch(3, 3, 1, True)
-    assert str(found) == "vertex 3 at two parts of sphere 1, step 3"
+    assert found.at("sphere 1") == "vertex 3 at two parts of sphere 1, step 3"
 
 
 def test_the_collider_that_is_switched_is_named():
@@ -204,9 +204,9 @@ def test_the_collider_that_is_switched_is_named():
 
 def test_a_large_cloth_is_looked_at_over_fewer_steps():
     small, large = (cloth(n, n, optimizationSettings="Gn") for n in (3, 40))
-    assert default_frames(scene(small)) == 100
-    assert default_frames(scene(large)) == 30_000 // 1600 + 1
-    assert default_frames(scene(large, optimizationIterations=4)) == 4
+    assert gradient_check.default_frames(scene(small)) == 100
+    assert gradient_check.default_frames(scene(large)) == 30_000 // 1600 + 1
+    assert gradient_check.default_frames(scene(large, optimizationIterations=4)) == 4
 
 
 def test_a_target_is_compared_with():

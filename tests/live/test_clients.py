@@ -8,6 +8,7 @@ import pytest
 from helpers.paths import ROOT
 from helpers.scenes import document
 
+from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import load
 
 pytest.importorskip("tornado")
@@ -69,21 +70,22 @@ static class Program
 """
 
 
-def scene():
-    return load(json.loads(json.dumps(document())))
-
-
 @pytest.fixture
 def serving():
-    with Serving(scene()) as server:
+    with Serving(load(document())) as server:
         yield server
 
 
 def height():
     """How high the last vertex is after 20 steps."""
-    from clothfit.motion.simulate import simulate
+    return simulate(load(document()), 21).positions[-1, -1, 1]
 
-    return simulate(scene(), 21).positions[-1, -1, 1]
+
+def printed(*command):
+    """What a program prints."""
+    done = subprocess.run(command, capture_output=True, check=False, timeout=300)
+    assert done.returncode == 0, (done.stdout + done.stderr).decode()
+    return done.stdout.decode()
 
 
 @pytest.mark.parametrize("name", ["clothfit.js", "Clothfit.cs"])
@@ -103,9 +105,7 @@ def test_a_client_in_javascript(serving, tmp_path):
     program = tmp_path / "program.mjs"
     shutil.copy(CLIENTS / "clothfit.js", tmp_path / "clothfit.mjs")
     program.write_text(NODE % {"client": json.dumps("./clothfit.mjs")}, "utf-8")
-    done = subprocess.run([node, *flags, str(program), serving.address], capture_output=True, check=False, timeout=300)
-    assert done.returncode == 0, done.stderr.decode()
-    found = json.loads(done.stdout)
+    found = json.loads(printed(node, *flags, str(program), serving.address))
     assert (found["first"], found["number"], found["count"], found["counts"]) == (0, 20, 36, [12])
     assert found["last"][1] == pytest.approx(height(), abs=1e-6)  # float32
     assert "there is no message 'dance'" in found["reason"]
@@ -117,11 +117,7 @@ def test_a_client_in_csharp(serving, tmp_path):
         pytest.skip("mono is not installed")
     (tmp_path / "program.cs").write_text(CSHARP, "utf-8")
     made = tmp_path / "program.exe"
-    source = [str(CLIENTS / "Clothfit.cs"), str(tmp_path / "program.cs")]
-    built = subprocess.run([compiler, f"-out:{made}", *source], capture_output=True, check=False)
-    assert built.returncode == 0, (built.stdout + built.stderr).decode()
-    done = subprocess.run([runtime, str(made), serving.address], capture_output=True, check=False, timeout=300)
-    assert done.returncode == 0, done.stderr.decode()
-    first, number, count, y, refused = done.stdout.decode().split()
+    printed(compiler, f"-out:{made}", str(CLIENTS / "Clothfit.cs"), str(tmp_path / "program.cs"))
+    first, number, count, y, refused = printed(runtime, str(made), serving.address).split()
     assert (first, number, count, refused) == ("0", "20", "36", "True")
     assert float(y) == pytest.approx(height(), abs=1e-6)  # float32

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow  # kernels that many tests share, compiled once
 
 
 def scene(*objects, **fields):
-    return load(json.loads(json.dumps(document(*objects, **fields))))
+    return load(document(*objects, **fields))
 
 
 def stepped(engine, n):

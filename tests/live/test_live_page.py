@@ -8,6 +8,7 @@ import pytest
 from helpers.browsers import PATIENCE, browser, differing, pixels
 from helpers.scenes import document, even
 
+from clothfit.fit.estimate import record_target
 from clothfit.scene.scene import dumps, load
 
 pytest.importorskip("tornado")
@@ -25,14 +26,19 @@ LONG = 600_000  # ms: the process of a fit may have to compile
 
 
 def scene():
-    return load(json.loads(json.dumps(even("nF", 30, title="<b>a cloth</b>"))))
+    return load(even("nF", 30, title="<b>a cloth</b>"))
 
 
 @pytest.fixture(scope="module")
-def serving():
+def target():
     with Engine(scene()) as engine:  # what has to be compiled is compiled here
         engine.step()
-    with Serving(scene()) as server:
+    return record_target(scene())
+
+
+@pytest.fixture
+def serving(target):
+    with Serving(scene(), target) as server:
         yield server
 
 
@@ -44,7 +50,7 @@ def started():
 
 @pytest.fixture
 def page(started, serving):
-    """The page of the scene as it was loaded, standing at its start, with its target."""
+    """The page of a scene that stands at its start, with its target."""
     context = started.new_context(viewport=SIZE, reduced_motion="reduce", has_touch=True)
     page, said = context.new_page(), []
     page.set_default_timeout(PATIENCE)
@@ -52,7 +58,6 @@ def page(started, serving):
     page.on("pageerror", lambda error: said.append(f"error: {error}"))
     page.goto(serving.address)
     page.wait_for_selector("html[data-ready=yes]", state="attached")
-    page.evaluate("text => clothfit.link.ask('load', { scene: text })", dumps(scene()).decode())
     page.evaluate("clothfit.link.ask('pause').then(() => clothfit.link.ask('reset'))")
     until(page, "clothfit.page.picture?.aimed && clothfit.page.packet.number === 0")
     yield page

@@ -1,6 +1,5 @@
 """Watching files: what counts as a change, and that of many saves the last one wins."""
 
-import io
 import json
 import os
 import re
@@ -8,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -83,6 +83,22 @@ def test_the_same_content_is_no_change_and_a_new_file_in_its_place_is(watched, c
     assert files.changed()
 
 
+@contextmanager
+def watching(folder, *words):
+    """A command that watches its files and is ended by Ctrl-C; gives what tells what it has said."""
+    command, said = [sys.executable, "-m", "clothfit", *words, "--watch"], folder / "said.txt"
+    with open(said, "w") as stream:
+        running = subprocess.Popen(command, env=environment(), cwd=folder, stderr=stream)
+    try:
+        yield lambda: said.read_text("utf-8")
+        assert running.poll() is None
+    finally:
+        running.send_signal(signal.SIGINT)
+        running.wait(120)
+    assert "Traceback" not in said.read_text("utf-8")
+    assert running.returncode == 130
+
+
 @pytest.mark.slow
 def test_of_many_saves_the_last_one_wins(tmp_path):
     def version(i):
@@ -93,9 +109,7 @@ def test_of_many_saves_the_last_one_wins(tmp_path):
         return np.load(found)["positions"] if found.exists() else np.zeros(0)  # written whole or not at all
 
     path = write_scene(tmp_path, version(0))
-    command = [sys.executable, "-m", "clothfit", "simulate", path, "--watch"]
-    running = subprocess.Popen(command, env=environment(), cwd=tmp_path, stderr=subprocess.PIPE)
-    try:
+    with watching(tmp_path, "simulate", path):
         until(lambda: len(shown()) == 10)
         for i in range(1, 31):
             with open(path, "w", encoding="utf-8") as file:  # as editors do that do not care
@@ -104,42 +118,31 @@ def test_of_many_saves_the_last_one_wins(tmp_path):
                 file.flush()
                 time.sleep(0.01)
                 file.write(text[len(text) // 2 :])
-        expected = simulate(load(io.StringIO(json.dumps(version(30)))), 10).positions
+        expected = simulate(load(version(30)), 10).positions
         until(lambda: np.array_equal(shown(), expected))
-        assert running.poll() is None
-    finally:
-        running.send_signal(signal.SIGINT)
-        said = running.communicate(timeout=120)[1].decode()
-    assert "Traceback" not in said
-    assert running.returncode == 130
 
 
 @pytest.mark.slow
 def test_a_fit_starts_from_its_last_result(tmp_path):
     """With the values that the last fit found, another fit to the same motion has nothing left to find."""
-    path = write_scene(tmp_path, document(cloth(optimizationSettings="nL"), optimizationIterations=8))
-    target, truth = tmp_path / "target.npz", document(cloth(springStiffness=[40.0] * 23), optimizationIterations=8)
-    save_motion(simulate(load(io.StringIO(json.dumps(truth))), 8), str(target))
-    words = ["estimate", path, "--target", str(target), "-o", "out.json", "--watch"]
-    command, said = [sys.executable, "-m", "clothfit", *words], tmp_path / "said.txt"
-    with open(said, "w") as stream:
-        running = subprocess.Popen(command, env=environment(), cwd=tmp_path, stderr=stream)
-    try:
-        until(lambda: "waiting for" in said.read_text())
-        again = document(cloth(optimizationSettings="nL"), optimizationIterations=8, title="again")
-        write_scene(tmp_path, again)
-        until(lambda: said.read_text().count("waiting for") == 2)
-        write_scene(tmp_path, document(cloth(optimizationSettings="nL"), optimizationIterations=-8))
-        until(lambda: said.read_text().count("waiting for") == 3)
-        assert said.read_text().count("error: ") == 1  # what is broken is said once
-    finally:
-        running.send_signal(signal.SIGINT)
-        running.wait(120)
+
+    def version(frames=8, **fields):
+        return document(cloth(optimizationSettings="nL"), optimizationIterations=frames, **fields)
+
+    path, target = write_scene(tmp_path, version()), str(tmp_path / "target.npz")
+    truth = document(cloth(springStiffness=[40.0] * 23), optimizationIterations=8)
+    save_motion(simulate(load(truth), 8), target)
+    with watching(tmp_path, "estimate", path, "--target", target, "-o", "out.json") as said:
+        until(lambda: "waiting for" in said())
+        write_scene(tmp_path, version(title="again"))
+        until(lambda: said().count("waiting for") == 2)
+        write_scene(tmp_path, version(-8))
+        until(lambda: said().count("waiting for") == 3)
+        assert said().count("error: ") == 1  # what is broken is said once
     assert json.loads((tmp_path / "out.json").read_text())["title"] == "again"
-    assert "error: cannot write" not in said.read_text()
-    first, second = (int(n) for n in re.findall(r"(\d+) evaluations? in", said.read_text()))
+    assert "error: cannot write" not in said()
+    first, second = (int(n) for n in re.findall(r"(\d+) evaluations? in", said()))
     assert second < first
-    assert running.returncode == 130
 
 
 def until(condition):

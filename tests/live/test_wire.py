@@ -9,7 +9,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.live import wire
 
 
-def test_a_frame_is_what_the_documents_say():
+def test_a_frame_and_a_target_are_what_the_documents_say():
     x = np.array([[1.0, -2.0, 0.5], [3.0, 4.0, 1e300]])
     data = wire.packed(wire.FRAME, 7, 1 << 40, 0.25, x)
     assert data[:4] == b"CFF1"
@@ -18,12 +18,8 @@ def test_a_frame_is_what_the_documents_say():
     back = wire.unpacked(data)
     assert back[:4] == (b"CFF1", 7, 1 << 40, 0.25)
     assert np.array_equal(back.positions[0, :, 0], x[:, 0])
-
-
-def test_a_target_has_all_of_its_frames():
-    x = np.arange(24.0).reshape(4, 2, 3)
-    back = wire.unpacked(wire.packed(wire.TARGET, 1, 4, 0.02, x))
-    assert np.array_equal(back.positions, x)
+    x = np.arange(24.0).reshape(4, 2, 3)  # of a target all frames
+    assert np.array_equal(wire.unpacked(wire.packed(wire.TARGET, 1, 4, 0.02, x)).positions, x)
 
 
 @pytest.mark.parametrize("data", [b"", b"CFF1", b"CFF2" + bytes(32), b"CFF1" + bytes(21), b"CFT1" + bytes(20 + 12)])

@@ -1,11 +1,10 @@
 """Reports in a real browser, opened from disk with the network off."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.browsers import SIZE, browser, differing, opened, pixels
+from helpers.browsers import differing, opened, pixels
 from helpers.scenes import even, sphere
 from helpers.surfaces import block, body
 from scipy.spatial.transform import Rotation
@@ -34,7 +33,7 @@ def scene(**fields):
     """A hanging cloth over a ball, in wind."""
     ball = sphere(0.6, pos={"x": 1.5, "y": -2.2, "z": 1.5})
     made = even("LL", FRAMES, title=HOSTILE, colliders=[ball], windVel={"x": 0.0, "y": 0.0, "z": 2.0}, **fields)
-    return load(json.loads(json.dumps(made)))
+    return load(made)
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +44,6 @@ def truth():
 @pytest.fixture(scope="module")
 def fitted():
     return replace(scene(springStiffness=[12.0] * 33), name="<b>fitted</b>.json")
-
-
-@pytest.fixture(scope="module")
-def started():
-    with browser() as made:
-        yield made
 
 
 @pytest.fixture(scope="module")
@@ -179,30 +172,16 @@ def test_charts_and_maps_are_there(page):
 
 
 def test_dark_and_light_differ(page):
-    def ground():
-        picture = pixels(page)
-        return page.evaluate("getComputedStyle(document.body).backgroundColor"), picture
-
+    pictures = []
+    for scheme, keys in (("light", ""), ("dark", ""), ("dark", "d")):
+        page.emulate_media(color_scheme=scheme)
+        for key in keys:
+            page.keyboard.press(key)
+        pictures.append(pixels(page))
     page.emulate_media(color_scheme="light")
-    light = ground()
-    page.emulate_media(color_scheme="dark")
-    dark = ground()
-    page.keyboard.press("d")
-    toggled = ground()
-    page.keyboard.press("d")
-    page.emulate_media(color_scheme="light")
-    page.keyboard.press("d")
-    assert light[0] != dark[0]
-    assert toggled[0] == light[0]
-    assert light[1].mean() > dark[1].mean() + 60
-    assert differing(light[1], toggled[1]) < 200
-
-
-def test_a_phone_shows_it_without_scrolling_sideways(page):
-    page.set_viewport_size({"width": 360, "height": 740})
-    assert page.evaluate("document.documentElement.scrollWidth") == 360
-    assert page.locator("#canvas").bounding_box()["width"] > 300
-    page.set_viewport_size(SIZE)
+    light, dark, toggled = pictures
+    assert light.mean() > dark.mean() + 60
+    assert differing(light, toggled) < 200
 
 
 def test_a_target_with_gaps_shows_what_was_seen(started, truth, fitted, tmp_path):
@@ -217,31 +196,12 @@ def test_a_target_with_gaps_shows_what_was_seen(started, truth, fitted, tmp_path
         assert said == []
 
 
-def test_spheres_and_pins_move_with_their_keys(started, tmp_path):
-    way = {"times": [0, 1], "values": [{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": -0.5, "z": 0.25}]}
-    ball = sphere(0.6, pos={"x": 1.5, "y": -2.2, "z": 1.5}, posKeys=way)
-    document = even("nG", FRAMES, colliders=[ball])
-    document["objects"][0]["pins"] = [{"vertices": [0], "posKeys": way}]
-    made = load(document)
-    path = tmp_path / "moving.html"
-    path.write_bytes(report_page(made, made))
-    with opened(started, path) as (page, said):
-        page.evaluate("clothfit.player.pause(); clothfit.player.goToFrame(10)")
-        ball = page.evaluate("clothfit.stage.balls[0].position.toArray()")
-        pin = page.evaluate("Array.from(clothfit.stage.pinBalls.instanceMatrix.array.slice(12, 15))")
-        time = page.evaluate("clothfit.player.time")
-        at = time * np.array([1.0, -0.5, 0.25])
-        flipped = np.array([-1.0, 1.0, 1.0])  # the page's axes are right-handed
-        np.testing.assert_allclose(ball, flipped * ([1.5, -2.2, 1.5] + at), atol=1e-9)
-        np.testing.assert_allclose(pin, flipped * at, atol=1e-3)  # positions are packed into 16 bits
-        assert said == []
-
-
-def test_colliders_of_every_shape_move_with_their_keys_and_the_arrow_with_the_wind(started, tmp_path):
+def test_what_has_keys_moves_with_them_colliders_of_every_shape_pins_and_the_arrow_of_the_wind(started, tmp_path):
     zero = {"x": 0, "y": 0, "z": 0}
     turn = {"times": [0, 1], "values": [zero, {"x": 9, "y": 80, "z": 3}]}
     way = {"times": [0, 1], "values": [zero, {"x": 1, "y": -0.5, "z": 0.25}]}
     common = {"pos": {"x": 1.5, "y": -2.2, "z": 1.5}, "rot": {"x": 0, "y": 30, "z": 70}}
+    ball = sphere(0.6, pos=common["pos"], posKeys=way)
     common["scale"] = {"x": 1, "y": 2, "z": 1}
     shapes = [{"type": 0, **common, "rot": zero}, {"type": 2, **common, "radius2": 0.1, "posKeys": way}]
     shapes.append({"type": 3, **common, "posKeys": way, "rotKeys": turn})
@@ -250,12 +210,19 @@ def test_colliders_of_every_shape_move_with_their_keys_and_the_arrow_with_the_wi
     bent = {"rotKeys": turn, "motion": {"file": str(tmp_path / "grow.npz")}}
     shapes.append({**body((points, faces)), **common, **bent})
     wind = {"times": [0, 0.1], "values": [{"x": 1, "y": 0, "z": 0}, {"x": 0, "y": 0, "z": 4}]}
-    made = load(even("nG", FRAMES, colliders=shapes, planes="solid", windVelKeys=wind))
-    path = tmp_path / "colliders.html"
+    document = even("nG", FRAMES, colliders=[*shapes, ball], planes="solid", windVelKeys=wind)
+    document["objects"][0]["pins"] = [{"vertices": [0], "posKeys": way}]
+    made = load(document)
+    path = tmp_path / "moving.html"
     path.write_bytes(report_page(made, made))
     with opened(started, path) as (page, said):
         page.evaluate("clothfit.player.pause(); clothfit.player.goToFrame(10)")
         time = page.evaluate("clothfit.player.time")
+        at, flipped = time * np.array([1.0, -0.5, 0.25]), np.array([-1.0, 1.0, 1.0])  # the page's axes: right-handed
+        centre = page.evaluate("clothfit.stage.balls[0].position.toArray()")
+        pin = page.evaluate("Array.from(clothfit.stage.pinBalls.instanceMatrix.array.slice(12, 15))")
+        np.testing.assert_allclose(centre, flipped * ([1.5, -2.2, 1.5] + at), atol=1e-9)
+        np.testing.assert_allclose(pin, flipped * at, atol=1e-3)  # positions are packed into 16 bits
         true = solids(made, np.array([0.0, time]), simulate(made).positions)
         shown = page.evaluate("""clothfit.stage.solids.map((mesh) => {
           mesh.updateMatrixWorld();
@@ -264,9 +231,8 @@ def test_colliders_of_every_shape_move_with_their_keys_and_the_arrow_with_the_wi
         })""")
         assert len(shown) == 4
         for own, (points, normals) in zip(true[1:], shown[1:], strict=True):
-            points = np.reshape(points, (-1, 3)) * [-1.0, 1.0, 1.0]  # the page's axes are right-handed
-            np.testing.assert_allclose(points, own.at(1), atol=1e-5)  # the page has numbers of 32 bits
-            outward = (np.reshape(normals, (-1, 3)) * [-1.0, 1.0, 1.0] * own.points).sum(axis=1)
+            np.testing.assert_allclose(np.reshape(points, (-1, 3)) * flipped, own.at(1), atol=1e-5)  # of 32 bits
+            outward = (np.reshape(normals, (-1, 3)) * flipped * own.points).sum(axis=1)
             assert (outward > 0).all()  # both shapes are convex, and their origin is within
         arrow = page.evaluate("[...clothfit.stage.arrow.quaternion.toArray(), clothfit.stage.arrow.scale.x]")
         np.testing.assert_allclose(Rotation.from_quat(arrow[:4]).apply([0, 1, 0]), [0, 0, 1], atol=1e-9)

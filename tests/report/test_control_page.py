@@ -4,17 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.browsers import browser, differing, opened, pixels
+from helpers.browsers import differing, opened, pixels
 from helpers.physics import scene
 from helpers.scenes import cloth
-from helpers.unpacking import content_of, unpacked_positions
+from helpers.unpacking import unpacked_positions
 
 from clothfit.control.control import Control, course, miss, reached
 from clothfit.control.keyframes import Key
 from clothfit.motion.simulate import simulate
 from clothfit.optimise.status import Status
 from clothfit.report import control_contents
-from clothfit.report.page import control_page
+from clothfit.report.control_contents import control_content
+from clothfit.report.page import page as made_page
 from clothfit.scene.forces import Forces
 
 pytestmark = pytest.mark.slow  # starts processes
@@ -48,7 +49,7 @@ def found():
 
 def test_what_the_page_tells(found):
     over, ended = found
-    shows = content_of(control_page(over, ended, ["clothfit control"]))
+    shows = control_content(over, ended)
     assert shows["headline"]["level"] == "warn"
     assert "2 of 3 keys are missed, at 0.48 s by 500 mm" in shows["headline"]["text"]
     assert "ended at its limit" in shows["headline"]["text"]
@@ -74,23 +75,23 @@ def test_what_the_page_tells(found):
 def test_frames_of_keys_are_shown_however_few_frames_are_and_forces_where_there_are_some(found, monkeypatch):
     over, ended = found
     monkeypatch.setattr(control_contents, "MOST_POSITIONS", 3 * 12 * 5)
-    shows = content_of(control_page(over, ended))
+    shows = control_content(over, ended)
     times = shows["motion"]["times"]
     assert len(times) < 10
     assert [times[frame] for frame in shows["control"]["due"]] == pytest.approx([0.2, 0.48])
     assert "not every frame is shown" in " ".join(shows["notes"])
     assert len(shows["control"]["chart"]["times"]) == STEPS + 1
     still = replace(over, forces=np.zeros_like(over.forces), effort=np.zeros_like(over.effort))
-    shows = content_of(control_page(still, ended))
+    shows = control_content(still, ended)
     assert "forces" not in dict(shows["facts"])
     assert shows["control"]["largest"] == 0.0
 
 
 @pytest.fixture(scope="module")
-def page(found, tmp_path_factory):
+def page(found, started, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "control.html"
-    path.write_bytes(control_page(*found, ["clothfit control"], [("scene.json", "0" * 64)]))
-    with browser() as started, opened(started, path) as (page, said):
+    path.write_bytes(made_page(control_content(*found), ["clothfit control"], [("scene.json", "0" * 64)]))
+    with opened(started, path) as (page, said):
         yield page
         assert said == []  # no error, no request
 

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from helpers.browsers import browser, differing, opened, pixels
+from helpers.browsers import differing, opened, pixels
 from helpers.scenes import environment, even, write_scene
 
 from clothfit.fit.estimate import estimate
@@ -18,8 +18,14 @@ from clothfit.scene.scene import load
 pytestmark = pytest.mark.slow  # compiles a fit, and starts processes
 
 
-def scene():
+@pytest.fixture(scope="module")
+def own():
     return load(even("nF", 12, title="</script><script>alert(1)</script>"))
+
+
+@pytest.fixture(scope="module")
+def motion(own):
+    return simulate(own)
 
 
 def page_of(shown):
@@ -27,9 +33,7 @@ def page_of(shown):
     return html.unescape(re.search(r'srcdoc="([^"]*)"', shown)[1])
 
 
-def test_frames_may_run_scripts_and_nothing_else():
-    own = scene()
-    motion = simulate(own)
+def test_frames_may_run_scripts_and_nothing_else(own, motion):
     fit = estimate(own, motion, budget=5.0)
     for thing in (own, motion, fit):
         shown = thing._repr_html_()
@@ -45,20 +49,17 @@ def test_frames_may_run_scripts_and_nothing_else():
     assert "srcdoc" not in lost._repr_html_()
 
 
-def test_a_frame_plays_in_a_browser(tmp_path):
-    own = scene()
-    motion = simulate(own)
-    with browser() as started:
-        for thing in (own, motion, Motion(motion.positions, motion.times, motion.vertex_counts)):
-            path = tmp_path / "frame.html"
-            path.write_text(page_of(thing._repr_html_()), "utf-8")
-            with opened(started, path) as (page, said):
-                there = pixels(page)
-                assert len(np.unique(there.reshape(-1, 3), axis=0)) > 50  # a picture
-                assert said == []
-                if thing is not own:
-                    page.locator("#scrub").fill("11")
-                    assert differing(there, pixels(page)) > 50
+def test_a_frame_plays_in_a_browser(started, own, motion, tmp_path):
+    for thing in (own, motion, Motion(motion.positions, motion.times, motion.vertex_counts)):
+        path = tmp_path / "frame.html"
+        path.write_text(page_of(thing._repr_html_()), "utf-8")
+        with opened(started, path) as (page, said):
+            there = pixels(page)
+            assert len(np.unique(there.reshape(-1, 3), axis=0)) > 50  # a picture
+            assert said == []
+            if thing is not own:
+                page.locator("#scrub").fill("11")
+                assert differing(there, pixels(page)) > 50
 
 
 def test_a_notebook_shows_all_three(tmp_path):

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from helpers.browsers import browser, opened
+from helpers.browsers import opened
 from helpers.subspaces import model_of, moving, scene_of
-from helpers.unpacking import content_of, unpacked, unpacked_positions
+from helpers.unpacking import unpacked, unpacked_positions
 
 from clothfit.pictures.plots import comparison
-from clothfit.report.page import subspace_page
+from clothfit.report.page import page as page_of
+from clothfit.report.subspace_contents import subspace_content
 from clothfit.subspace.judge import compare
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
@@ -20,7 +21,7 @@ def over():
 
 
 def test_it_plays_both_motions_and_says_what_both_cost(over):
-    content = content_of(subspace_page(over, "m.npz", ["again"], [("m.npz", "ab")]))
+    content = subspace_content(over, "m.npz")
     low, high = over.full.positions.min(), over.full.positions.max()
     for key, motion in (("fitted", over.own), ("target", over.full)):
         shown = unpacked_positions(content["motion"][key])
@@ -38,10 +39,10 @@ def test_it_plays_both_motions_and_says_what_both_cost(over):
     assert content["blocks"] == content["history"] == []
 
 
-def test_a_browser_plays_them_side_by_side(over, tmp_path):
+def test_a_browser_plays_them_side_by_side(over, started, tmp_path):
     path = tmp_path / "page.html"
-    path.write_bytes(subspace_page(over, "m.npz"))
-    with browser() as started, opened(started, path, {"width": 1000, "height": 700}) as (page, said):
+    path.write_bytes(page_of(subspace_content(over, "m.npz")))
+    with opened(started, path, {"width": 1000, "height": 700}) as (page, said):
         page.locator("button.pane").click()  # a narrow page shows one motion at first
         page.wait_for_selector("#panes .pane-name")
         names = page.locator("#panes .pane-name b").all_inner_texts()
