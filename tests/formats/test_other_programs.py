@@ -11,7 +11,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.formats import alembic, glb, marker_table, stl, usd
 from clothfit.formats.axes import Axes
 from clothfit.formats.registry import foreign
-from clothfit.meshes.mesh_file import read_mesh
+from clothfit.meshes.mesh import read_mesh
 
 BLENDER = Path(__file__).parent / "blender"
 SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "files"

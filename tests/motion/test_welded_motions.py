@@ -11,7 +11,7 @@ from clothfit.cli.program import run
 from clothfit.formats import point_cache
 from clothfit.formats.registry import foreign, module_of
 from clothfit.meshes import mesh
-from clothfit.meshes.mesh_file import read_mesh
+from clothfit.meshes.mesh import read_mesh
 from clothfit.motion.files import for_tools
 from clothfit.scene.mesh_numbering import numberings
 
