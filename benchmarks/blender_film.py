@@ -23,7 +23,7 @@ from clothfit.base.arrays import Array
 from clothfit.formats.axes import facing, from_scene
 from clothfit.pictures import gif
 from clothfit.pictures.camera import LIGHT
-from clothfit.pictures.palette import CLOTHS, GROUND
+from clothfit.pictures.picture_file import CLOTHS, GROUND
 from clothfit.pictures.stage import Stage, stage
 from clothfit.simulators.blender import AXES, program, stride
 from clothfit.simulators.estimate import Options, estimate

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from clothfit.many.estimate_many import estimate_many as estimate_many
     from clothfit.meshes import mesh as mesh
     from clothfit.meshes import problems
-    from clothfit.meshes.mesh_file import read_mesh as read_mesh
+    from clothfit.meshes.mesh import read_mesh as read_mesh
     from clothfit.meshes.new_scene import new_scene as new_scene
     from clothfit.motion.degrade import degrade as degrade
     from clothfit.motion.divergence import Diverged as Diverged
@@ -76,7 +76,7 @@ _HOMES = {
     "scene.forces": ("Forces", "load_forces", "save_forces"),
     "scene.scene": ("Scene", "load", "save"),
     "formats.axes": ("Convention", "Reading"),
-    "meshes.mesh_file": ("read_mesh",),
+    "meshes.mesh": ("read_mesh",),
     "meshes.new_scene": ("new_scene",),
     "motion.degrade": ("degrade",),
     "motion.divergence": ("Diverged",),

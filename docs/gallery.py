@@ -23,7 +23,7 @@ from PIL import Image, ImageDraw, ImageFont, ImageSequence
 from clothfit.cli.common.options import wrapped
 from clothfit.cli.program import run
 from clothfit.pictures.gif import GIF_INK, palette
-from clothfit.pictures.palette import GROUND
+from clothfit.pictures.picture_file import GROUND
 
 DOCS = Path(__file__).resolve().parent
 PAGE, FILMS = DOCS / "gallery.md", DOCS / "gallery"

@@ -122,7 +122,7 @@ def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:
     if mesh_path == STREAM:
         raise InvalidInput("a mesh is not read from standard input; name a file")
     check_there(*([] if "*" in mesh_path else [mesh_path]))
-    from clothfit.meshes.mesh_file import sources
+    from clothfit.meshes.mesh import sources
 
     return output_for(path or f"{stem_of(mesh_path)}.json", mesh_path, "", tuple(sources(mesh_path)), text=True)
 
@@ -225,7 +225,7 @@ def plane(asked: Asked) -> Cloth:
 def mesh(path: str, asked: Asked, console: Console) -> Cloth:
     """The mesh of a file, welded where that is asked for. Raises InvalidInput where no cloth can be made of it."""
     asked.distance  # noqa: B018  a wrong distance is refused before the file is read
-    from clothfit.meshes.mesh_file import read_mesh
+    from clothfit.meshes.mesh import read_mesh
     from clothfit.meshes.problems import problems, weld
 
     found, notes = read_mesh(path, asked.up, asked.handedness, asked.scale)
@@ -258,7 +258,7 @@ def more(count: int) -> str:
 
 def placed(mesh: Mesh, asked: Asked) -> Any:
     """The positions, turned and moved."""
-    from clothfit.meshes.mesh_file import turned
+    from clothfit.meshes.mesh import turned
 
     found = mesh.positions
     if asked.rotate is not None:

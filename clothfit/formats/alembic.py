@@ -1,28 +1,38 @@
 """Motions in Alembic files (.abc): meshes whose points have samples over time, below transforms.
 
 Alembic is right-handed and usually y up, as Blender and Maya write it; it names no unit. No Python library that reads
-it is maintained on PyPI, so this module reads its container itself (`ogawa`): meshes (PolyMesh, SubD) with points,
-faces, texture coordinates, and the transforms above them. Of several meshes those whose points move are the cloth;
-where none does, the times are those of the transforms. Faces go clockwise there, so their corners are reversed. Files
-in the older HDF5 container are refused.
+it is maintained on PyPI, so this module reads its container itself: meshes (PolyMesh, SubD) with points, faces, texture
+coordinates, and the transforms above them. Of several meshes those whose points move are the cloth; where none does,
+the times are those of the transforms. Faces go clockwise there, so their corners are reversed. Files in the older HDF5
+container are refused.
+
+The container, Ogawa, is a tree of groups and data; numbers are little-endian. A file begins with `Ogawa`, a byte that
+is 0xff once it is complete, a version of two bytes, and the place of the root group. A group is the number of its
+children and their places; the highest bit marks data, which are a length and the bytes. Children of the root: two
+versions, the top object, its metadata, the samplings of time, and the metadata that headers name by index. An object is
+a group of its properties, its child objects, and their headers; a compound property is a group of properties and their
+headers; an array property has two children for each sample that differs from the one before, values (after a digest of
+16 bytes) and dimensions; a scalar property has one.
+
+Each place and count is checked against the file before it is used. Format: the sources of Alembic 1.8, AbcCoreOgawa.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+import struct
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import named
-from clothfit.formats.animation import Animation, fans, increasing, known, parts_of
+from clothfit.formats import animation
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
-from clothfit.formats.ogawa import Object, Ogawa, Property
 
 MESH_SCHEMAS = ("AbcGeom_PolyMesh_v1", "AbcGeom_SubD_v1")
 XFORM_SCHEMA = "AbcGeom_Xform_v3"
@@ -32,6 +42,189 @@ LEVELS, MOST_OBJECTS = 100, 100_000
 
 CHANNELS = {0: 3, 1: 3, 2: 4, 3: 16, 4: 1, 5: 1, 6: 1}
 """Numbers of each operation of a transform: scale, translate, rotate about an axis, matrix, rotate about x, y, z."""
+
+
+DATA, DAMAGED = 1 << 63, "it is cut off or damaged; export it again"
+"""What marks the place of data; what a file that contradicts itself is."""
+
+DTYPES = ("?", "<u1", "<i1", "<u2", "<i2", "<u4", "<i4", "<u8", "<i8", "<f2", "<f4", "<f8")
+"""Types of numbers, by their code; those after them are strings."""
+
+ARRAY_PAIR = 2
+"""Children for each sample of an array property; a scalar has one. Codes from this on are arrays."""
+
+DIGEST, HASHES = 16, 32
+"""Bytes before each sample, and after the headers of child objects."""
+
+ACYCLIC = 1e300
+"""s: a time per cycle that large means that all times are listed."""
+
+OWN_METADATA = 0xFF
+"""The index of metadata that follow the header."""
+
+
+class Property(NamedTuple):
+    """A property of an object, by its header."""
+
+    place: int  # of its group
+    width: int  # children for each sample; 0: it has properties of its own
+    dtype: str | None  # of a number; None: text
+    extent: int  # numbers of an item
+    samples: int
+    first: int  # the first sample that differs from the one before
+    last: int  # the last
+    sampling: int  # index of its times
+
+    @property
+    def moves(self) -> bool:
+        """Whether its samples differ."""
+        return self.samples > 1 and not self.first == self.last == 0
+
+
+class Object(NamedTuple):
+    """An object, by its header."""
+
+    name: str
+    schema: str
+    place: int  # of its group
+
+
+class Ogawa:
+    """The bytes of a file. All methods raise ValueError where the file contradicts itself."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        if data[5] != 0xFF:
+            raise ValueError("it was not written to its end; export it again")
+        root = self.children(self._one("<Q", 8))
+        if len(root) < 6:
+            raise ValueError("its root is not that of an Alembic archive")
+        self.top = Object("", "", root[2])
+        self._samplings = list(self._read_samplings(self.block(root[4])))
+        header = _Header(self.block(root[5]))
+        self._metadata = [b""]
+        while header.left:
+            self._metadata.append(header.take(header.number("B")))
+
+    def _one(self, form: str, place: int) -> Any:
+        if place < 0 or place + struct.calcsize(form) > len(self.data):
+            raise ValueError(DAMAGED)
+        return struct.unpack_from(form, self.data, place)[0]
+
+    def children(self, place: int) -> list[int]:
+        """The places of the children of a group; that at 0 has none."""
+        if place == 0 or place & DATA:
+            return []
+        count = self._one("<Q", place)
+        self._one("B", place + 8 * count + 7)
+        return list(struct.unpack_from(f"<{count}Q", self.data, place + 8))
+
+    def block(self, place: int) -> bytes:
+        """The bytes of data."""
+        if not place & DATA:
+            raise ValueError(DAMAGED)
+        place &= DATA - 1
+        if place == 0:
+            return b""
+        size = self._one("<Q", place)
+        if size:
+            self._one("B", place + 8 + size - 1)
+        return self.data[place + 8 : place + 8 + size]
+
+    def objects(self, parent: Object) -> Iterator[Object]:
+        """The children of an object."""
+        places = self.children(parent.place)
+        if not places or not places[-1] & DATA:
+            return
+        header = _Header(self.block(places[-1])[:-HASHES])
+        for place in places[1:-1]:
+            name, index = header.text(header.number("<I")), header.number("B")
+            known = self._metadata[index] if index < len(self._metadata) else b""
+            metadata = header.take(header.number("<I")) if index == OWN_METADATA else known
+            pairs = (each.partition("=") for each in metadata.decode("utf-8", "replace").split(";"))
+            yield Object(name, next((value for key, _, value in pairs if key == "schema"), ""), place)
+
+    def properties(self, group: int) -> dict[str, Property]:
+        """The properties in a group, by their names."""
+        places = self.children(group)
+        if not places or not places[-1] & DATA:
+            return {}
+        header = _Header(self.block(places[-1]))
+        return dict(self._property(header, place) for place in places[:-1])
+
+    @staticmethod
+    def _property(header: _Header, place: int) -> tuple[str, Property]:
+        info = header.number("<I")
+        form, kind, code = ("<B", "<H", "<I", "<I")[info >> 2 & 3], info & 3, info >> 4 & 15
+        count = first = last = sampling = 0
+        if kind:
+            count = header.number(form)
+            if info & 0x200:
+                first, last = header.number(form), header.number(form)
+            elif not info & 0x800:
+                first, last = 1, count - 1
+            sampling = header.number(form) if info & 0x100 else 0
+        name = header.text(header.number(form))
+        if info >> 20 & 255 == OWN_METADATA:
+            header.take(header.number(form))
+        dtype = DTYPES[code] if code < len(DTYPES) else None
+        return name, Property(place, min(kind, ARRAY_PAIR), dtype, info >> 12 & 255, count, first, last, sampling)
+
+    def sample(self, own: Property, index: int) -> Array:
+        """A sample (items, extent) of a property, as float64."""
+        stored = 0 if not own.moves or index < own.first else min(index, own.last) - own.first + 1
+        places = self.children(own.place)
+        if own.dtype is None or not own.width or stored * own.width >= len(places):
+            raise ValueError("a sample is missing; it is cut off or damaged, export it again")
+        values = np.frombuffer(memoryview(self.block(places[stored * own.width]))[DIGEST:], own.dtype)
+        return values.astype(np.float64).reshape(-1, max(own.extent, 1))
+
+    def times(self, own: Property) -> Array:
+        """Times, s, of the samples of a property."""
+        if not own.sampling < len(self._samplings):
+            raise ValueError("the times of a property are missing; it is damaged, export it again")
+        cycle, listed = self._samplings[own.sampling]
+        if own.samples > len(self.data) or (cycle >= ACYCLIC and own.samples > len(listed)):
+            raise ValueError("it has more samples than times; it is damaged, export it again")
+        if cycle >= ACYCLIC:
+            return listed[: own.samples]
+        which = np.arange(own.samples)
+        return np.asarray(listed[which % len(listed)] + cycle * (which // len(listed)))
+
+    @staticmethod
+    def _read_samplings(data: bytes) -> Iterator[tuple[float, Array]]:
+        """Time per cycle and times within it, of each sampling."""
+        header = _Header(data)
+        while header.left:
+            header.number("<I")
+            cycle, count = header.number("<d"), header.number("<I")
+            listed = np.frombuffer(header.take(8 * count), "<f8")
+            if not count or not np.isfinite(listed).all():
+                raise ValueError("its times are no numbers; it is damaged, export it again")
+            yield cycle, listed
+
+
+class _Header:
+    """Takes numbers and texts from bytes, one after another."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self._at = data, 0
+
+    @property
+    def left(self) -> bool:
+        return self._at < len(self._data)
+
+    def take(self, count: int) -> bytes:
+        if count > len(self._data) - self._at:
+            raise ValueError("a header in it ends early; it is damaged, export it again")
+        self._at += count
+        return self._data[self._at - count : self._at]
+
+    def number(self, form: str) -> Any:
+        return struct.unpack(form, self.take(struct.calcsize(form)))[0]
+
+    def text(self, count: int) -> str:
+        return self.take(count).decode("utf-8", "replace")
 
 
 class Shape(NamedTuple):
@@ -47,7 +240,7 @@ class Shape(NamedTuple):
         return self.properties["P"]
 
 
-def read(path: str | os.PathLike[str]) -> Animation:
+def read(path: str | os.PathLike[str]) -> animation.Animation:
     """The meshes of a file; one frame where nothing moves. Raises InvalidMotion."""
     name, data = name_of(path), content(path)
     if data.startswith(b"\x89HDF"):
@@ -64,28 +257,38 @@ def read(path: str | os.PathLike[str]) -> Animation:
         raise InvalidMotion(f"{name}: cannot be read as Alembic: {error}") from None
 
 
-def _animation(file: Ogawa, name: str) -> Animation:
-    shapes = list(_shapes(file))
+def _animation(file: Ogawa, name: str) -> animation.Animation:
+    notes: list[str] = []
+    shapes, moves = animation.moving(list(_shapes(file)), lambda each: each.points.moves, notes)
     if not shapes:
         raise InvalidMotion(f"{name}: there is no mesh in it")
-    notes = []
-    moving = [each for each in shapes if each.points.moves]
-    if moving and len(moving) < len(shapes):
-        notes.append(f"{len(shapes) - len(moving)} of its meshes do not change their shape and are left out")
-    chosen = moving or shapes
-    times = _times(file, chosen, bool(moving), name)
-    positions, mirrored = _positions(file, chosen, times, name)
-    faces = _faces(file, chosen, mirrored, name)
-    if not np.isfinite(positions).all():
-        raise InvalidMotion(f"{name}: some of its positions are not finite numbers")
-    triangles = np.concatenate([each for each, _ in faces])
-    texture = np.concatenate([each for _, each in faces])
-    ends = np.cumsum([0, *(len(each) for each, _ in faces)])
-    own = ((each.name, np.arange(a, b)) for each, a, b in zip(chosen, ends, ends[1:], strict=False))
-    return Animation(
-        positions, RIGHT, times if len(times) > 1 else None, triangles if len(triangles) else None, notes=tuple(notes),
-        texture=known(texture), parts=parts_of(own, triangles),
-    )  # fmt: skip
+    if moves:
+        times = animation.common_times(name, [(each.name, file.times(each.points)) for each in shapes])
+    else:
+        values = (place[".vals"] for shape in shapes for place in shape.above if ".vals" in place)
+        times = np.unique(np.concatenate([np.zeros(0), *(file.times(own) for own in values if own.moves)]))
+        times = times if len(times) else np.zeros(1)
+    animation.check_times(times, name)
+    counts, start, faces = [len(file.sample(shape.points, 0)) for shape in shapes], 0, animation.Faces()
+    check_room(len(times) * sum(counts) * 3 * 8 * 2, name)
+    positions = np.empty((len(times), sum(counts), 3))
+    for shape, count in zip(shapes, counts, strict=True):
+        place, matrices = f"{name}: {named(shape.name)}", _matrices(file, shape, times)
+        for frame, matrix in enumerate(matrices):
+            points = file.sample(shape.points, frame)
+            if points.shape != (count, 3):
+                raise InvalidMotion(f"{place}: its number of points changes over time; it must stay the same")
+            positions[frame, start : start + count] = points @ matrix[:3, :3] + matrix[3, :3]
+        lengths, corners = (_constant(file, shape, key, place) for key in (".faceCounts", ".faceIndices"))
+        animation.check_polygons(lengths, corners, count, place)
+        triangles = start + animation.fans(lengths, corners)
+        texture = _texture(file, shape, len(corners))[animation.fans(lengths, np.arange(len(corners)))]
+        faces.name(shape.name, np.arange(faces.count, faces.count + len(triangles)))
+        faces.add(triangles, texture, turned=not np.linalg.det(matrices[0, :3, :3]) < 0)
+        start += count
+    animation.check_finite(name, positions)
+    own_times = times if len(times) > 1 else None
+    return animation.Animation(positions, RIGHT, own_times, notes=tuple(notes), **faces.found())
 
 
 def _shapes(file: Ogawa) -> Iterator[Shape]:
@@ -109,43 +312,6 @@ def _shapes(file: Ogawa) -> Iterator[Shape]:
         elif own is not file.top:
             inner = (*above, {})
         waiting += [(each, inner) for each in reversed(list(file.objects(own)))]
-
-
-def _times(file: Ogawa, shapes: Sequence[Shape], moving: bool, name: str) -> Array:
-    """The times (frames,), s. Raises InvalidMotion where those of shapes differ."""
-    if moving:
-        each = [file.times(shape.points) for shape in shapes]
-        for shape, own in zip(shapes, each, strict=True):
-            if not np.array_equal(own, each[0]):
-                both = f"{named(shapes[0].name)} and {named(shape.name)}"
-                raise InvalidMotion(f"{name}: {both} have samples at different times; export one of them alone")
-        times = each[0]
-    else:
-        values = (place[".vals"] for shape in shapes for place in shape.above if ".vals" in place)
-        every = [file.times(own) for own in values if own.moves]
-        times = np.unique(np.concatenate(every)) if every else np.zeros(1)
-    if not increasing(times):
-        raise InvalidMotion(f"{name}: times: must be finite and increasing")
-    return times
-
-
-def _positions(file: Ogawa, shapes: Sequence[Shape], times: Array, name: str) -> tuple[Array, list[bool]]:
-    """Positions (frames, n, 3) of all shapes, and which of them are mirrored."""
-    counts = [len(file.sample(shape.points, 0)) for shape in shapes]
-    check_room(len(times) * sum(counts) * 3 * 8 * 2, name)
-    found = np.empty((len(times), sum(counts), 3))
-    mirrored, start = [], 0
-    for shape, count in zip(shapes, counts, strict=True):
-        matrices = _matrices(file, shape, times)
-        mirrored.append(bool(np.linalg.det(matrices[0, :3, :3]) < 0))
-        for frame, matrix in enumerate(matrices):
-            points = file.sample(shape.points, frame)
-            if points.shape != (count, 3):
-                place = f"{name}: {named(shape.name)}"
-                raise InvalidMotion(f"{place}: its number of points changes over time; it must stay the same")
-            found[frame, start : start + count] = points @ matrix[:3, :3] + matrix[3, :3]
-        start += count
-    return found, mirrored
 
 
 def _matrices(file: Ogawa, shape: Shape, times: Array) -> Array:
@@ -173,57 +339,31 @@ def _local(file: Ogawa, ops: Property, values: Property, times: Array) -> Array:
 
 
 def _product(codes: NDArray[np.int_], values: Array) -> Array:
-    """The matrix of operations, of which the first is applied last."""
+    """The matrix of operations for row vectors, of which the first is applied last."""
     product, at = np.eye(4), 0
     for code in codes:
         if code not in CHANNELS or at + CHANNELS[code] > len(values):
             raise ValueError("a transform in it is not understood; it is damaged, export it again")
-        product = _operation(code, values[at : at + CHANNELS[code]]) @ product
+        own, matrix = values[at : at + CHANNELS[code]], np.eye(4)
         at += CHANNELS[code]
+        if code == 0:
+            matrix[[0, 1, 2], [0, 1, 2]] = own
+        elif code == 1:
+            matrix[3, :3] = own
+        elif code == 3:
+            matrix = own.reshape(4, 4)
+        else:  # a turn (Rodrigues' formula) about an axis of any length
+            axis, angle = (own[:3] if code == 2 else np.eye(3)[code - 4]), np.radians(own[-1])
+            length = np.linalg.norm(axis)
+            x, y, z = axis / length if length > 0 else np.zeros(3)
+            cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+            matrix[:3, :3] = turn.T
+        product = matrix @ product
     return product
 
 
-def _operation(code: int, values: Array) -> Array:
-    """The matrix of an operation, for row vectors."""
-    matrix = np.eye(4)
-    if code == 0:
-        matrix[[0, 1, 2], [0, 1, 2]] = values
-    elif code == 1:
-        matrix[3, :3] = values
-    elif code == 3:
-        matrix = values.reshape(4, 4)
-    else:
-        axis, degrees = (values[:3], values[3]) if code == 2 else (np.eye(3)[code - 4], values[0])
-        matrix[:3, :3] = _turn(axis, np.radians(degrees)).T
-    return matrix
-
-
-def _turn(axis: Array, angle: float) -> Array:
-    """The rotation by an angle about an axis of any length (Rodrigues' formula)."""
-    length = np.linalg.norm(axis)
-    x, y, z = axis / length if length > 0 else np.zeros(3)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
-
-
-def _faces(file: Ogawa, shapes: Sequence[Shape], mirrored: Sequence[bool], name: str) -> list[tuple[Indices, Array]]:
-    """Triangles (T, 3) of each shape, numbered through, and texture coordinates (T, 3, 2) of their corners."""
-    made, start = [], 0
-    for shape, mirror in zip(shapes, mirrored, strict=True):
-        count = len(file.sample(shape.points, 0))
-        lengths, corners = (_constant(file, shape, key, name) for key in (".faceCounts", ".faceIndices"))
-        if (lengths < 0).any() or lengths.sum() != len(corners):
-            raise ValueError(f"its faces need {lengths.sum()} corners and have {len(corners)}")
-        if len(corners) and not 0 <= corners.min() <= corners.max() < count:
-            raise ValueError(f"a face names a vertex beyond the {count} of its mesh")
-        triangles = start + fans(lengths, corners)
-        texture = _texture(file, shape, len(corners))[fans(lengths, np.arange(len(corners)))]
-        made.append((triangles, texture) if mirror else (triangles[:, ::-1], texture[:, ::-1]))
-        start += count
-    return made
-
-
-def _constant(file: Ogawa, shape: Shape, key: str, name: str) -> NDArray[np.int64]:
+def _constant(file: Ogawa, shape: Shape, key: str, place: str) -> NDArray[np.int64]:
     """Whole numbers that must not change. Raises InvalidMotion where they do."""
     own = shape.properties.get(key)
     if own is None or not own.samples:
@@ -231,7 +371,6 @@ def _constant(file: Ogawa, shape: Shape, key: str, name: str) -> NDArray[np.int6
     first = file.sample(own, 0).reshape(-1)
     changing = range(own.first, own.last + 1) if own.moves else ()
     if any(not np.array_equal(file.sample(own, index).reshape(-1), first) for index in changing):
-        place = f"{name}: {named(shape.name)}"
         raise InvalidMotion(f"{place}: its faces change over time; export it without triangulating each frame")
     return first.astype(np.int64)
 

@@ -11,17 +11,20 @@ refusal: what cannot be understood is left out.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
+from clothfit.base.messages import named
 from clothfit.formats.axes import Axes
 from clothfit.formats.files import name_of
+
+Shape = TypeVar("Shape")  # a mesh, as the library or the reader of a format has it
 
 Parts: TypeAlias = tuple[tuple[str, Indices], ...]
 """Names and vertices, rising."""
@@ -58,6 +61,47 @@ class Animation:
 def increasing(times: Array) -> bool:
     """Whether times (frames,) are finite and increase."""
     return bool(np.isfinite(times).all() and (np.diff(times) > 0).all())
+
+
+def check_times(times: Array, place: str) -> None:
+    """Raise InvalidMotion, naming the place, unless times (frames,) are finite and increase."""
+    if not increasing(times):
+        raise InvalidMotion(f"{place}: times: must be finite and increasing")
+
+
+def check_finite(name: str, *arrays: Array | None) -> None:
+    """Raise InvalidMotion where positions or times of a file are not finite."""
+    if not all(each is None or np.isfinite(each).all() for each in arrays):
+        raise InvalidMotion(f"{name}: some of its positions are not finite numbers")
+
+
+def check_polygons(lengths: NDArray[Any], corners: NDArray[Any], count: int, place: str) -> None:
+    """Raise InvalidMotion, naming the place, unless polygons, as in `fans`, are those of a mesh of `count` vertices."""
+    if (lengths < 0).any() or lengths.sum() != len(corners):
+        raise InvalidMotion(f"{place}: its faces need {lengths.sum()} corners and have {len(corners)}")
+    if len(corners) and not 0 <= corners.min() <= corners.max() < count:
+        raise InvalidMotion(f"{place}: a triangle names a vertex beyond the {count} of its mesh")
+
+
+def moving(shapes: Sequence[Shape], moves: Callable[[Shape], bool], notes: list[str]) -> tuple[Sequence[Shape], bool]:
+    """The meshes of a file that change their shape, with a note where others are left out, or all where none does; and
+    whether one does.
+    """
+    found = [each for each in shapes if moves(each)]
+    if found and len(found) < len(shapes):
+        notes.append(f"{len(shapes) - len(found)} of its meshes do not change their shape and are left out")
+    return found or shapes, bool(found)
+
+
+def common_times(name: str, times: Sequence[tuple[str, Any]]) -> Any:
+    """The times of the samples of all meshes of a file, given with their names. Raises InvalidMotion where they differ.
+    """
+    first, common = times[0]
+    for other, own in times:
+        if not np.array_equal(own, common):
+            both = f"{named(first)} and {named(other)}"
+            raise InvalidMotion(f"{name}: {both} have samples at different times; export one of them alone")
+    return common
 
 
 def fans(lengths: NDArray[Any], corners: NDArray[Any]) -> Indices:
@@ -135,3 +179,33 @@ def unused(name: str, taken: Iterable[str]) -> str:
 def known(texture: Array) -> Array | None:
     """Texture coordinates (T, 3, 2), None where there are none at all."""
     return texture if np.isfinite(texture).any() else None
+
+
+class Faces:
+    """The triangles of all meshes of a file, one after another, with their texture and the names of parts."""
+
+    def __init__(self) -> None:
+        self._triangles: list[Indices] = [np.zeros((0, 3), np.int32)]
+        self._texture: list[Array] = [np.zeros((0, 3, 2))]
+        self._parts: dict[tuple[int, Hashable], tuple[str, list[NDArray[np.intp]]]] = {}
+        self.count = 0
+
+    def add(self, triangles: Indices, texture: Array, turned: bool) -> None:
+        """Add triangles (T, 3) and texture coordinates (T, 3, 2) of their corners, in the other order if `turned`."""
+        self._triangles.append(triangles[:, ::-1] if turned else triangles)
+        self._texture.append(texture[:, ::-1] if turned else texture)
+        self.count += len(triangles)
+
+    def name(self, name: str, own: NDArray[np.intp], rank: int = 0, key: Hashable = None) -> None:
+        """Name a part of these triangles; those of the same `key` are one, those of a higher `rank` come later."""
+        self._parts.setdefault((rank, len(self._parts) if key is None else key), (name, []))[1].append(own)
+
+    def found(self) -> dict[str, Any]:
+        """The fields of an animation that have them."""
+        triangles, ranked = np.concatenate(self._triangles), sorted(self._parts, key=lambda key: key[0])
+        parts = ((name, np.concatenate(own)) for name, own in map(self._parts.__getitem__, ranked))
+        return {
+            "triangles": triangles if len(triangles) else None,
+            "texture": known(np.concatenate(self._texture)),
+            "parts": parts_of(parts, triangles),
+        }

@@ -73,7 +73,7 @@ def _positions(found: Parameters, path: str | os.PathLike[str], notes: list[str]
     these are fewer than the file promises.
     """
     points, scale = int(found.value("USED", found.word(2))), found.value("SCALE", found.real(7))
-    width = 4 if scale < 0 else 2  # bytes of a number
+    width = REAL if scale < 0 else INTEGER  # bytes of a number
     row = 4 * points + found.word(3)
     start = (found.word(9) - 1) * BLOCK_BYTES
     there = max(len(found.data) - start, 0) // (width * row) if row and start > 0 else 0
@@ -84,12 +84,9 @@ def _positions(found: Parameters, path: str | os.PathLike[str], notes: list[str]
     if not points or frames < 1 or start <= 0:
         raise InvalidMotion(f"{name_of(path)}: there are no markers in it")
     check_room(frames * row * 8 * 4, path)
-    if width == 4:
-        table: NDArray[np.float64] = found.reals(start, frames * row).astype(np.float64)
-    else:
-        table = np.frombuffer(found.data, f"{found.order}i2", frames * row, start).astype(np.float64)
-    table = table.reshape(frames, row)[:, : 4 * points].reshape(frames, points, 4)
-    return np.where(table[..., 3:] < 0, np.nan, table[..., :3] * (1.0 if width == 4 else scale))
+    numbers = (found.reals if scale < 0 else found.integers)(start, frames * row).astype(np.float64)
+    table = numbers.reshape(frames, row)[:, : 4 * points].reshape(frames, points, 4)
+    return np.where(table[..., 3:] < 0, np.nan, table[..., :3] * (1.0 if scale < 0 else scale))
 
 
 def _frames(found: Parameters, there: int) -> int:
@@ -128,55 +125,41 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
 def _parameters(animation: Animation, rate: float, unit: str, data_start: int) -> bytes:
     """The section of parameters, in whole blocks."""
     frames, points = animation.positions.shape[:2]
-    records = [
-        _group(1, "POINT"),
-        _integers(1, "USED", points),
-        _reals(1, "SCALE", -1.0),
-        _reals(1, "RATE", rate),
-        _integers(1, "DATA_START", data_start),
-        _integers(1, "FRAMES", min(frames, LARGEST_WORD)),
-        _strings(1, "UNITS", [unit], plain=True),
-        _strings(1, "X_SCREEN", ["+X"], plain=True),
-        _strings(1, "Y_SCREEN", [f"+{animation.axes.up.upper()}"], plain=True),
-    ]
-    names = labels_of(animation)
-    for part, first in enumerate(range(0, max(points, 1), 255)):
-        more = "" if part == 0 else str(part + 1)
-        records.append(_strings(1, f"LABELS{more}", names[first : first + 255]))
-        records.append(_strings(1, f"DESCRIPTIONS{more}", [""] * len(names[first : first + 255])))
-    records += [_group(2, "ANALOG"), _integers(2, "USED", 0), _reals(2, "RATE", rate), _reals(2, "GEN_SCALE", 1.0)]
-    records += [_group(3, "TRIAL"), _integers(3, "ACTUAL_START_FIELD", 1, 0)]
-    records += [_integers(3, "ACTUAL_END_FIELD", frames % 65536, frames // 65536)]
-    body = b"".join(records) + b"\0\0"
+    names, labels = labels_of(animation), dict[str, list[str]]()
+    for first in range(0, max(points, 1), 255):
+        more, own = "" if first == 0 else str(first // 255 + 1), names[first : first + 255]
+        labels |= {f"LABELS{more}": own, f"DESCRIPTIONS{more}": [""] * len(own)}
+    groups: dict[str, dict[str, Any]] = {
+        "POINT": {
+            "USED": points, "SCALE": -1.0, "RATE": rate, "DATA_START": data_start, "FRAMES": min(frames, LARGEST_WORD),
+            "UNITS": unit, "X_SCREEN": "+X", "Y_SCREEN": f"+{animation.axes.up.upper()}", **labels,
+        },
+        "ANALOG": {"USED": 0, "RATE": rate, "GEN_SCALE": 1.0},
+        "TRIAL": {"ACTUAL_START_FIELD": (1, 0), "ACTUAL_END_FIELD": (frames % 65536, frames // 65536)},
+    }  # fmt: skip
+    body = b""
+    for number, (group, parameters) in enumerate(groups.items(), 1):
+        body += struct.pack("bb", len(group), -number) + group.encode() + struct.pack("<HB", 3, 0)
+        for name, value in parameters.items():
+            rest = _value(value) + b"\0"  # the distance to the next one counts from the place of that distance
+            body += struct.pack("bb", len(name), number) + name.encode() + struct.pack("<H", len(rest) + 2) + rest
+    body += b"\0\0"
     blocks = -(-(len(body) + 4) // BLOCK_BYTES)
     return _padded(bytes([1, KEY, min(blocks, 255), INTEL]) + body)
 
 
-def _group(number: int, name: str) -> bytes:
-    return struct.pack("bb", len(name), -number) + name.encode() + struct.pack("<HB", 3, 0)
-
-
-def _record(number: int, name: str, kind: int, sizes: list[int], data: bytes) -> bytes:
-    """A parameter; the distance to the next one counts from the place of that distance."""
-    rest = struct.pack("bB", kind, len(sizes)) + bytes(sizes) + data + b"\0"
-    return struct.pack("bb", len(name), number) + name.encode() + struct.pack("<H", len(rest) + 2) + rest
-
-
-def _integers(number: int, name: str, *values: int) -> bytes:
-    sizes = [len(values)] if len(values) > 1 else []
-    return _record(number, name, INTEGER, sizes, struct.pack(f"<{len(values)}H", *values))
-
-
-def _reals(number: int, name: str, value: float) -> bytes:
-    return _record(number, name, REAL, [], struct.pack("<f", value))
-
-
-def _strings(number: int, name: str, texts: list[str], plain: bool = False) -> bytes:
-    """Strings of one width, filled with spaces; `plain`: a single string, not a list."""
-    coded = [text.encode()[:127] for text in texts]
+def _value(value: float | str | tuple[int, ...] | list[str]) -> bytes:
+    """The type, sizes and value of a parameter; strings of a list have one width and are filled with spaces."""
+    if isinstance(value, float):
+        return struct.pack("<bBf", REAL, 0, value)
+    if isinstance(value, int):
+        return struct.pack("<bBH", INTEGER, 0, value)
+    if isinstance(value, tuple):
+        return struct.pack(f"<bBB{len(value)}H", INTEGER, 1, len(value), *value)
+    coded = [text.encode()[:127] for text in (value if isinstance(value, list) else [value])]
     width = max(1, *map(len, coded)) if coded else 1
-    sizes = [width] if plain else [width, len(coded)]
-    return _record(number, name, TEXT, sizes, b"".join(each.ljust(width) for each in coded))
+    sizes = [width, len(coded)] if isinstance(value, list) else [width]
+    return struct.pack("bB", TEXT, len(sizes)) + bytes(sizes) + b"".join(each.ljust(width) for each in coded)
 
 
 def _padded(data: bytes) -> bytes:
@@ -206,8 +189,7 @@ class Parameters:
     def word(self, number: int) -> int:
         """A 16-bit word of the header, counted from 1."""
         self.insist(2 * number <= len(self.data))
-        found: int = struct.unpack_from(f"{self.order}H", self.data, 2 * (number - 1))[0]
-        return found
+        return int(struct.unpack_from(f"{self.order}H", self.data, 2 * (number - 1))[0])
 
     def real(self, number: int) -> float:
         """The float of the header that begins at a word."""
@@ -221,6 +203,10 @@ class Parameters:
         halves = np.frombuffer(self.data, "<u2", 2 * count, start).reshape(-1, 2).astype(np.uint32)
         bits = (halves[:, 0] << 16) | halves[:, 1]  # the first half has the exponent, whose bias is larger by 2
         return np.where(bits & 0x7F800000, bits.view(np.float32) / 4, np.float32(0.0)).astype(np.float32)
+
+    def integers(self, start: int, count: int) -> NDArray[np.int16]:
+        """`count` integers of 16 bits from a place of the file."""
+        return np.frombuffer(self.data, f"{self.order}i2", count, start)
 
     def texts(self, group: str, name: str) -> list[str]:
         """The strings of a parameter; none when it is missing."""
@@ -246,8 +232,8 @@ class Parameters:
         found: dict[tuple[int, str], Values] = {}
         data = self.data
         while place + 2 <= len(data) and data[place]:
-            length, number = abs(struct.unpack_from("b", data, place)[0]), struct.unpack_from("b", data, place + 1)[0]
-            after = place + 2 + length
+            length, number = struct.unpack_from("bb", data, place)
+            after = place + 2 + abs(length)
             self.insist(after + 3 <= len(data))
             name = data[place + 2 : after].decode("latin-1").upper()
             distance: int = struct.unpack_from(f"{self.order}H", data, after)[0]

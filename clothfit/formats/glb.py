@@ -35,11 +35,10 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.memory import human
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation, times_of
+from clothfit.formats.animation import Animation, check_finite, moving, times_of
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, name_of
-from clothfit.formats.gltf import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
-from clothfit.formats.gltf_scene import animated, meshes_at, placed
+from clothfit.formats.gltf import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document, animated, meshes_at, placed
 
 TOLERANCE = 1e-5
 """The largest error of a position: in m, and as a share of the diagonal of the box around the motion."""
@@ -65,23 +64,16 @@ def read(path: str | os.PathLike[str]) -> Animation:
     doc = Document(path)
     nodes = list(placed(doc))
     tracks, notes = animated(doc, nodes)
-    moving = [node for node in nodes if (node.node, "weights") in tracks]
-    if moving and len(moving) < len(nodes):
-        notes = (*notes, f"{len(nodes) - len(moving)} of its meshes have no animated shape and are left out")
-    used = {each for node in moving or nodes for each in (*node.above, node.node)}
+    chosen, _ = moving(nodes, lambda node: (node.node, "weights") in tracks, notes)
+    used = {each for node in chosen for each in (*node.above, node.node)}
     tracks = {key: track for key, track in tracks.items() if key[0] in used}
     if any(track.kind != "LINEAR" for track in tracks.values()):
-        notes = (*notes, "between the keys of its animation the motion is not straight; the keys are the frames")
+        notes.append("between the keys of its animation the motion is not straight; the keys are the frames")
     times = np.unique(np.concatenate([np.zeros(0), *(track.times for track in tracks.values())]))
     with np.errstate(all="ignore"):  # what overflows is reported below
-        found = meshes_at(doc, moving or nodes, tracks, times if len(times) else np.zeros(1))
-    if not np.isfinite(found.positions).all():
-        raise InvalidMotion(f"{doc.name}: some of its positions are not finite numbers")
-    faces = found.triangles if len(found.triangles) else None
-    return Animation(
-        found.positions, RIGHT, times if len(times) else None, faces, notes=notes,
-        texture=found.texture, parts=found.parts,
-    )  # fmt: skip
+        positions, faces = meshes_at(doc, chosen, tracks, times if len(times) else np.zeros(1))
+    check_finite(doc.name, positions)
+    return Animation(positions, RIGHT, times if len(times) else None, notes=tuple(notes), **faces.found())
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:

@@ -18,8 +18,7 @@ from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import named
 from clothfit.formats.axes import RIGHT, Axes, to_scene
 from clothfit.formats.files import check_room, name_of
-from clothfit.formats.gltf import Document
-from clothfit.formats.gltf_scene import LEVELS, Placed, Tracks, matrix_of, tracks_of
+from clothfit.formats.gltf import LEVELS, Document, Placed, Tracks, matrix_of, tracks_of
 from clothfit.formats.registry import foreign, module_of, suffix_of
 
 FINEST = 1.0 / 60.0
@@ -74,36 +73,6 @@ def of_gltf(doc: Document, name: str) -> Joint:
     check_room(len(times) * 16 * 8 * 4, doc.path)
     matrices = np.broadcast_to(matrix_of(doc, node, tracks, times), (len(times), 4, 4))
     return Joint(times, matrices, RIGHT)
-
-
-def of_stage(stage: Any, rate: float, file: str, wanted: str) -> tuple[Array, Array]:
-    """Times (K,), s, from the start of a USD stage with so many time codes per second, and matrices (K, 4, 4) of a
-    joint of a skeleton. Its name is its path below the skeleton, such as hips/leg, or the last part of it. Raises
-    InvalidMotion.
-    """
-    from pxr import Usd, UsdGeom, UsdSkel
-
-    cache = UsdSkel.Cache()
-    names: list[str] = []
-    found: list[tuple[Any, int]] = []
-    for prim in stage.Traverse():
-        if prim.IsA(UsdSkel.Skeleton):
-            query = cache.GetSkelQuery(UsdSkel.Skeleton(prim))
-            own = [str(each) for each in query.GetJointOrder()]
-            names += own
-            found += [(query, k) for k, each in enumerate(own) if wanted in (each, each.rpartition("/")[2])]
-    if len(found) != 1:
-        raise InvalidMotion(absent(file, wanted, len(found), list(names)))
-    query, index = found[0]
-    animation = query.GetAnimQuery()
-    codes = np.array(animation.GetJointTransformTimeSamples() if animation else [], float)
-    begin = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() or not len(codes) else codes.min()
-    times = sampled(np.unique(codes - begin) / rate) if len(codes) else np.zeros(1)
-    matrices = np.empty((len(times), 4, 4))
-    for k, time in enumerate(times):
-        place = UsdGeom.XformCache(Usd.TimeCode(float(begin + time * rate)))
-        matrices[k] = np.array(query.ComputeJointWorldTransforms(place)[index]).T  # USD multiplies rows
-    return times, matrices
 
 
 def sampled(keys: Array) -> Array:

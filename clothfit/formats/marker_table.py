@@ -1,5 +1,4 @@
-"""Markers in CSV files: tables with a line of names, wide or long, and those that Motive and Nexus
-export.
+"""Markers in text files: CSV tables with a line of names, wide or long, and those that Motive and Nexus export; TRC.
 
     wide    time,hem_x,hem_y,hem_z,…      a line for each frame
     long    time,marker,x,y,z             a line for each marker and frame, in any order
@@ -20,6 +19,13 @@ Outputs, Trajectories. Each has a line with its title, the rate, the names (each
 subject:marker), the kinds of columns (Frame, Sub Frame, X, Y, Z, …), their units, and then a line for each frame. Only
 Trajectories are read, and of them positions only: X', mm/s, is a velocity. Nexus has z up and right-handed axes, unless
 a laboratory has set others.
+
+In TRC files, the text format of Motion Analysis and OpenSim, tabs separate the cells, or, as some programs write it,
+commas. The lines are: the file's type, the names of its facts (rate, unit, counts), the facts, the markers' names,
+X1 Y1 Z1 …, mostly an empty one, and then one for each frame: its number, its time in s, and the coordinates, which are
+empty where a marker was not seen. y is up and the axes are right-handed, as in OpenSim; the unit is among the facts.
+Numbers are written in full. Of a file that ends early, as one whose recording was cut, the frames that are there are
+read, with a note; a last line without its end is none.
 """
 
 from __future__ import annotations
@@ -39,19 +45,10 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation, times_of, with_gaps
+from clothfit.formats import markers
+from clothfit.formats.animation import Animation, rate_of, times_of, with_gaps
 from clothfit.formats.axes import HANDS, RIGHT, UPS, Axes
 from clothfit.formats.files import check_room, name_of
-from clothfit.formats.markers import (
-    METRES_PER_UNIT,
-    labels_of,
-    marker_animation,
-    number,
-    number_table,
-    scale_of,
-    text_of,
-    unit_of,
-)
 
 MOTIVE_FIRST_CELL = "Format Version"
 MARKER_KINDS = ("marker", "unlabeled marker")
@@ -66,6 +63,11 @@ TITLE = re.compile(r'^"?(Trajectories|Devices|Joints|Segments|Model Outputs)"?[,
 
 WANTED = "Trajectories"
 
+TRC = "PathFileType"
+TRC_FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
+             "OrigNumFrames")  # fmt: skip
+"""How a TRC file begins, and the names of its facts."""
+
 Lines: TypeAlias = Iterator[tuple[int, list[str]]]
 """Number and cells of each line."""
 
@@ -75,7 +77,9 @@ COORDINATE = re.compile(r"(.*?)[\s_.:\-]?([xyzXYZ])\s*(?:[(\[]\s*([A-Za-z]+)\s*[
 
 def read(path: str | os.PathLike[str]) -> Animation:
     """The markers of a file, NaN where they were not seen. Raises InvalidMotion, with the line."""
-    name, text = name_of(path), text_of(path)
+    name, text = name_of(path), markers.text_of(path)
+    if _is_trc(path):
+        return _trc(text, name)
     if text.startswith(MOTIVE_FIRST_CELL):
         return _motive(text, name)
     if TITLE.match(text) is not None:
@@ -97,7 +101,7 @@ def _wide(table: Table, time: int | None, frame: int | None) -> Animation:
     leading = [i for i in (time, frame) if i is not None]
     order = leading + [axes[axis] for axes in columns.values() for axis in "xyz"]
     rows = ((table.number(cells[i], line) for i in order) for line, cells in table.rows)
-    numbers = number_table(rows, len(order))
+    numbers = markers.number_table(rows, len(order))
     positions = numbers[:, len(leading) :].reshape(len(numbers), len(columns), 3)
     times, frames = (None if i is None else numbers[:, leading.index(i)] for i in (time, frame))
     return animation_of(table, times, frames, positions, list(columns), unit)
@@ -118,7 +122,7 @@ def _columns(table: Table, others: tuple[int | None, ...]) -> tuple[dict[str, di
                 f"{table.name}: column {i + 1}, {shown(each)}, is not time, frame or a coordinate such as hem_x"
             )
         columns.setdefault(match[1], {})[match[2].lower()] = i
-        if (match[3] or "").lower() in METRES_PER_UNIT:
+        if (match[3] or "").lower() in markers.METRES_PER_UNIT:
             unit = unit or match[3].lower()
     if not columns:
         raise InvalidMotion(f"{table.name}: its first line names no markers, as in time,hem_x,hem_y,hem_z")
@@ -151,18 +155,71 @@ def _long(table: Table, key: int, timed: bool, marker: int, coordinates: list[in
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
-    """The file, a wide table; comments before it name what is not metres, y up and right-handed."""
-    unit, factor = unit_of(animation.axes)
-    positions, times = factor * with_gaps(animation), times_of(animation)
+    """The file: TRC, or a wide table with comments before it on what is not metres, y up and right-handed. Each frame
+    has its time; the rate in a TRC file is the mean where it is not even.
+    """
+    unit, factor = markers.unit_of(animation.axes)
+    positions, times, names = factor * with_gaps(animation), times_of(animation), markers.labels_of(animation)
+    rows = zip(times.tolist(), positions.reshape(len(positions), -1).tolist(), strict=True)
+    cells = ([repr(time), *("" if each != each else repr(each) for each in row)] for time, row in rows)
+    if _is_trc(path):
+        frames, rate = len(positions), rate_of(animation) or (len(positions) - 1) / float(times[-1] - times[0])
+        facts = (repr(rate), repr(rate), frames, len(names), unit, repr(rate), 1, frames)
+        head = [
+            [TRC, "4", "(X/Y/Z)", name_of(path)],
+            TRC_FACTS,
+            map(str, facts),
+            ["Frame#", "Time", *(cell for each in names for cell in (each, "", ""))],
+            ["", "", *(f"{axis}{i}" for i in range(1, len(names) + 1) for axis in "XYZ")],
+            [],
+        ]
+        lines = [*head, *([str(frame), *row] for frame, row in enumerate(cells, 1))]
+        return {os.fspath(path): "".join("\t".join(line) + "\n" for line in lines).encode()}
     text = io.StringIO()
     own = {"unit": unit, "up": animation.axes.up, "handedness": animation.axes.handedness}
     usual = {"unit": "m", "up": RIGHT.up, "handedness": RIGHT.handedness}
     text.writelines(f"# {key}: {value}\n" for key, value in own.items() if value != usual[key])
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time", *(f"{each}_{axis}" for each in labels_of(animation) for axis in "xyz")])
-    for time, row in zip(times.tolist(), positions.reshape(len(positions), -1).tolist(), strict=True):
-        writer.writerow([repr(time), *("" if each != each else repr(each) for each in row)])
+    writer.writerow(["time", *(f"{each}_{axis}" for each in names for axis in "xyz")])
+    writer.writerows(cells)
     return {os.fspath(path): text.getvalue().encode()}
+
+
+def _is_trc(path: str | os.PathLike[str]) -> bool:
+    return os.fspath(path).lower().endswith(".trc")
+
+
+def _trc(text: str, name: str) -> Animation:
+    """The markers of a TRC file. Raises InvalidMotion, with the line."""
+    lines = io.StringIO(text)
+    first = next(lines, "")
+    separator = "," if first.strip().startswith(f"{TRC},") else "\t"
+    head = [line.rstrip("\r\n").split(separator) for line in [first, *(next(lines, "") for _ in range(4))]]
+    if not head[0][0].strip().startswith(TRC) or len(head[3]) < 3:
+        raise InvalidMotion(f"{name}: it is not a TRC file, which begins with {TRC} and has the names in line 4")
+    facts = {key.strip().lower(): value.strip() for key, value in zip(head[1], head[2], strict=False)}
+    names = [each.strip() for each in head[3][2:] if each.strip()]
+    width = 2 + 3 * len(names)
+    split = ((f"{name}: line {i}", line.rstrip("\r\n").split(separator)) for i, line in enumerate(lines, 6))
+    rows = (_trc_row(cells, place, width) for place, cells in split if any(map(str.strip, cells)))
+    table = markers.number_table(rows, width - 1)
+    promised, notes = markers.number(facts.get("numframes", ""), f"{name}: line 3"), list[str]()
+    if len(table) < promised:  # never true for NaN, where the file promises nothing
+        table = table if text.endswith("\n") else table[:-1]  # its last number may be cut as well
+        notes.append(markers.ends_early(promised, len(table)))
+    frames = len(table)
+    axes = Axes("y", "right", markers.scale_of(facts.get("units", ""), notes))
+    return markers.marker_animation(table[:, 1:].reshape(frames, len(names), 3), axes, table[:, 0], names, notes, name)
+
+
+def _trc_row(cells: list[str], place: str, width: int) -> list[float]:
+    """The numbers of a line but the first, NaN for missing cells. Raises InvalidMotion where there are too many."""
+    while len(cells) > width and not cells[-1].strip():
+        cells.pop()
+    if len(cells) > width:
+        raise InvalidMotion(f"{place}: it has {len(cells)} cells, {width} are named")
+    row = [markers.number(cell, place) for cell in cells[1:]]
+    return row + [np.nan] * (width - 1 - len(row))
 
 
 def _motive(text: str, name: str) -> Animation:
@@ -177,17 +234,12 @@ def _motive(text: str, name: str) -> Animation:
             above.append([each.strip() for each in cells])
     triples = _motive_triples(above)
     wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
-    rows = (
-        [number(cells[i] if i < len(cells) else "", f"{name}: line {line}") for i in wanted]
-        for line, cells in lines
-        if any(cells)
-    )
-    table = number_table(rows, len(wanted))
-    notes: list[str] = []
+    rows = _wanted(((line, cells) for line, cells in lines if any(cells)), wanted, False, name)
+    table, notes = markers.number_table(rows, len(wanted)), list[str]()
     unit = dict(zip(facts[::2], facts[1::2], strict=False)).get("Length Units", "")
-    axes = Axes("y", "right", scale_of(unit, notes, "m"))
+    axes = Axes("y", "right", markers.scale_of(unit, notes, "m"))
     positions = table[:, 1:].reshape(len(table), len(triples), 3)
-    return marker_animation(positions, axes, table[:, 0], list(triples), notes, name)
+    return markers.marker_animation(positions, axes, table[:, 0], list(triples), notes, name)
 
 
 def _motive_triples(above: list[list[str]]) -> dict[str, int]:
@@ -213,20 +265,28 @@ def _vicon(text: str, name: str) -> Animation:
     next(stream)
     rate_line, names, kinds, units = (next(stream, "").rstrip("\n") for _ in range(4))
     separator = next((each for each in "\t;" if each in kinds), ",")
-    rate = number(_cells(rate_line, separator)[0], f"{name}: line {above + 2}")
+    rate = markers.number(_cells(rate_line, separator)[0], f"{name}: line {above + 2}")
     if not rate > 0:
         raise InvalidMotion(f"{name}: line {above + 2}: the rate must be above 0; {rate:g} was given")
     columns = _vicon_triples(_cells(names, separator), _cells(kinds, separator))
     wanted = [0, *(first + axis for first in columns.values() for axis in range(3))]
-    rows = _section(_lines(stream, name, separator, above + 5), separator != ",", wanted, name)
-    table = number_table(rows, len(wanted))
+
+    def section() -> Lines:
+        for line, cells in _lines(stream, name, separator, above + 5):
+            if not any(cells):
+                return
+            if cells[0].strip().lower() in markers.EMPTY:
+                raise InvalidMotion(f"{name}: line {line}: {shown(cells[0])} is no frame number")
+            yield line, cells
+
+    table = markers.number_table(_wanted(section(), wanted, separator != ",", name), len(wanted))
     times = (table[:, 0] - table[:1, 0]) / rate  # frame numbers begin at any
     notes: list[str] = []
     unit = _cells(units, separator)
     first = next(iter(columns.values()), 0)
-    axes = Axes("z", "right", scale_of(unit[first] if first < len(unit) else "", notes))
+    axes = Axes("z", "right", markers.scale_of(unit[first] if first < len(unit) else "", notes))
     positions = table[:, 1:].reshape(len(table), len(columns), 3)
-    return marker_animation(positions, axes, times, list(columns), notes, name)
+    return markers.marker_animation(positions, axes, times, list(columns), notes, name)
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -244,16 +304,11 @@ def _vicon_triples(names: list[str], kinds: list[str]) -> dict[str, int]:
     return found
 
 
-def _section(lines: Lines, commas: bool, wanted: list[int], name: str) -> Iterator[list[float]]:
-    """The wanted numbers of each line up to the end of the section; decimal `commas`. Raises InvalidMotion."""
+def _wanted(lines: Lines, wanted: list[int], commas: bool, name: str) -> Iterator[list[float]]:
+    """The wanted numbers of each line; decimal `commas`. Raises InvalidMotion."""
     for line, cells in lines:
-        if not any(cells):
-            return
         texts = [cells[i] if i < len(cells) else "" for i in wanted]
-        row = [number(text.replace(",", ".") if commas else text, f"{name}: line {line}") for text in texts]
-        if row[0] != row[0]:
-            raise InvalidMotion(f"{name}: line {line}: {shown(cells[0])} is no frame number")
-        yield row
+        yield [markers.number(text.replace(",", ".") if commas else text, f"{name}: line {line}") for text in texts]
 
 
 def _lines(stream: io.StringIO, name: str, separator: str = ",", above: int = 0) -> Lines:
@@ -287,7 +342,7 @@ class Table(NamedTuple):
     def number(self, cell: str, line: int) -> float:
         """A cell as a number, NaN for a gap. Raises InvalidMotion."""
         text = cell.replace(",", ".") if self.decimal_comma else cell
-        return number(text, f"{self.name}: line {line}")
+        return markers.number(text, f"{self.name}: line {line}")
 
     def column(self, names: Sequence[str]) -> int | None:
         """The first column with one of the names (in lower case), whatever its unit; None when there is none."""
@@ -335,11 +390,11 @@ def animation_of(
     if times is None and frames is not None:
         positions = _in_place(table, frames, positions)
     if times is None and "rate" in table.comments:
-        rate = number(table.comments["rate"], f"{table.name}: rate")
+        rate = markers.number(table.comments["rate"], f"{table.name}: rate")
         if not rate > 0:
             raise InvalidMotion(f"{table.name}: rate must be above 0 and finite; {rate:g} was given")
         times = np.arange(len(positions)) / rate
-    return marker_animation(positions, _axes(table, unit, notes), times, names, notes, table.name)
+    return markers.marker_animation(positions, _axes(table, unit, notes), times, names, notes, table.name)
 
 
 def _in_place(table: Table, frames: Array, positions: Array) -> Array:
@@ -365,6 +420,6 @@ def _axes(table: Table, unit: str | None, notes: list[str]) -> Axes:
     if missing:
         notes.append(f"it does not say, so these are assumed: {missing}")
     for key, (default, known) in choices.items():
-        if given.get(key, default) not in (*known, *(METRES_PER_UNIT if key == "unit" else ())):
+        if given.get(key, default) not in (*known, *(markers.METRES_PER_UNIT if key == "unit" else ())):
             raise InvalidMotion(f"{table.name}: {key}: {shown(given[key])} is not one of {', '.join(known)}")
-    return Axes(given.get("up", "y"), given.get("handedness", "right"), METRES_PER_UNIT[given.get("unit", "m")])
+    return Axes(given.get("up", "y"), given.get("handedness", "right"), markers.METRES_PER_UNIT[given.get("unit", "m")])

@@ -14,7 +14,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
 from clothfit.base.reading import MOST_TEXT
-from clothfit.formats.animation import Animation, increasing
+from clothfit.formats.animation import Animation, check_times
 from clothfit.formats.axes import Axes
 from clothfit.formats.files import check_room, content
 
@@ -98,12 +98,12 @@ def marker_animation(
     """
     if not positions.size:
         raise InvalidMotion(f"{name}: there are no markers in it")
-    if times is not None and not increasing(times):
-        raise InvalidMotion(f"{name}: times: must be finite and increasing")
+    if times is not None:
+        check_times(times, name)
     observed: Flags = np.asarray(np.isfinite(positions).all(axis=2))
     positions[~observed] = np.nan
-    gaps = not observed.all()
-    return Animation(positions, axes, times, None, observed if gaps else None, tuple(map(label, names)), tuple(notes))
+    seen = None if observed.all() else observed
+    return Animation(positions, axes, times, None, seen, tuple(map(label, names)), tuple(notes))
 
 
 def ends_early(promised: float, there: int) -> str:

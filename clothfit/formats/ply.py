@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,21 +42,19 @@ PROPERTY_BYTES = 500
 """Bytes that a property of a row takes, roughly, when rows are read one by one."""
 
 
-@dataclass(frozen=True)
-class Property:
+class Property(NamedTuple):
     """A property of an element."""
 
     name: str
     number: str  # of a value, as in NumPy
-    count: str | None  # of the length, where it is a list
+    length: str | None  # the type of its length, where it is a list
 
 
-@dataclass(frozen=True)
-class Element:
+class Element(NamedTuple):
     """One kind of element, as the header declares it."""
 
     name: str
-    count: int
+    rows: int  # how many there are
     properties: list[Property]
 
 
@@ -102,15 +99,14 @@ def _header(data: bytes) -> tuple[list[Element], str, int]:
 def _body(data: bytes, elements: list[Element], order: str) -> dict[tuple[str, str], Any]:
     """The columns by names of element and property; for a list a pair (lengths, values)."""
     sizes = {each: np.dtype(each).itemsize if order else 2 for each in NUMBER_DTYPES.values()}  # in text two at least
-    least = sum(each.count * sum(sizes[item.count or item.number] for item in each.properties) for each in elements)
+    least = sum(each.rows * sum(sizes[item.length or item.number] for item in each.properties) for each in elements)
     if least > len(data) + 1:  # text may lack its last space
         raise ValueError(f"it has {len(data)} bytes where its header asks for {least} or more")
     cursor = _Cursor(data, order)
     found: dict[tuple[str, str], Any] = {}
     for each in elements:
-        if each.count and each.properties:
-            columns = _uniform(cursor, each)
-            columns = _walked(cursor, each) if columns is None else columns
+        if each.rows and each.properties:
+            columns = _uniform(cursor, each) or _walked(cursor, each)
             found.update({(each.name, name): column for name, column in columns.items()})
     return found
 
@@ -153,18 +149,18 @@ def _uniform(cursor: _Cursor, each: Element) -> dict[str, Any] | None:
     begin, fields = cursor.at, []
     for item in each.properties:
         length = 1
-        if item.count is not None:
-            length = int(cursor.take(cursor.type(item.count), 1)[0])
-            fields.append((f"{item.name} count", cursor.type(item.count)))
+        if item.length is not None:
+            length = int(cursor.take(cursor.type(item.length), 1)[0])
+            fields.append((f"{item.name} count", cursor.type(item.length)))
         cursor.take(cursor.type(item.number), length)
         fields.append((item.name, cursor.type(item.number), (length,)))  # type: ignore[arg-type]  # a shape may follow
     cursor.at, row = begin, np.dtype(fields)
-    if not cursor.has(row, each.count):
+    if not cursor.has(row, each.rows):
         return None
-    rows, found = cursor.take(row, each.count), {}
+    rows, found = cursor.take(row, each.rows), {}
     for item in each.properties:
         found[item.name] = values = rows[item.name].reshape(-1)
-        if item.count is not None:
+        if item.length is not None:
             lengths = rows[f"{item.name} count"]
             if (lengths != lengths[0]).any():
                 cursor.at = begin
@@ -175,17 +171,17 @@ def _uniform(cursor: _Cursor, each: Element) -> dict[str, Any] | None:
 
 def _walked(cursor: _Cursor, each: Element) -> dict[str, Any]:
     """The columns, read row by row."""
-    if memory.missing(PROPERTY_BYTES * each.count * len(each.properties)) is not None:
+    if memory.missing(PROPERTY_BYTES * each.rows * len(each.properties)) is not None:
         raise ValueError("so many lists of different lengths take more memory than is free")
     columns: dict[str, list[Any]] = {item.name: [] for item in each.properties}
-    for _ in range(each.count):
+    for _ in range(each.rows):
         for item in each.properties:
-            length = 1 if item.count is None else int(cursor.take(cursor.type(item.count), 1)[0])
+            length = 1 if item.length is None else int(cursor.take(cursor.type(item.length), 1)[0])
             columns[item.name].append(cursor.take(cursor.type(item.number), length))
     found: dict[str, Any] = {}
     for item in each.properties:
         lengths, values = [len(row) for row in columns[item.name]], np.concatenate(columns[item.name])
-        found[item.name] = values if item.count is None else (np.array(lengths, np.int64), values)
+        found[item.name] = values if item.length is None else (np.array(lengths, np.int64), values)
     return found
 
 

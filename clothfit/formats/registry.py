@@ -58,6 +58,7 @@ class Format(NamedTuple):
 
 USD = ((b"PXR-USDC", ".usdc"), (b"#usda", ".usda"))
 PLY = ((b"ply\n", ".ply"), (b"ply\r", ".ply"))
+TRC = ((b"PathFileType", ".trc"),)
 
 FORMATS = (
     Format("OBJ sequence", (".obj",), "obj", RIGHT, kind=MESH, times=False),
@@ -69,7 +70,7 @@ FORMATS = (
     Format("PLY mesh", (".ply",), "ply", RIGHT, PLY, MESH, writes=False, times=False),
     Format("STL mesh", (".stl",), "stl", Z_UP, ((b"solid ", ".stl"),), MESH, writes=False, times=False),
     Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, single=True),
-    Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), ((b"PathFileType", ".trc"),), markers=True),
+    Format("TRC markers", (".trc",), "marker_table", Axes("y", "right", 0.001), TRC, markers=True),
     Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True),
 )
 """The formats of other programs. This program's own, `.npz` and `.npy`, are in `motion`, in the scene's axes."""

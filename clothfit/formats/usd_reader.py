@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import named, shown
-from clothfit.formats.animation import Animation, Parts, fans, known, parts_of
+from clothfit.formats import animation
 from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.files import check_room
-from clothfit.formats.joints import of_stage
+from clothfit.formats.joints import absent, sampled
 
 CUT = ("clips", "clipSets")
 """Fields of a prim, beside its references, that name other files: those that hold values of attributes."""
@@ -46,7 +46,7 @@ OPENING_BYTES, OPENING_RATIO = 1 << 29, 100
 """Bytes that opening a file may take: a fixed number, and some for each byte of the file, whose arrays are packed."""
 
 
-def parsed(path: str, name: str) -> Animation:
+def parsed(path: str, name: str) -> animation.Animation:
     """The meshes of a file, or its points where it has none. Raises InvalidMotion, and what the library raises."""
     from pxr import Usd, UsdGeom
 
@@ -57,28 +57,47 @@ def parsed(path: str, name: str) -> Animation:
         others = ", only the names of other files; flatten it first" if notes else ""
         raise InvalidMotion(f"{name}: there is no mesh in it{others}")
     _check_bones(every, shapes, name)
-    moving = [prim for prim in shapes if UsdGeom.PointBased(prim).GetPointsAttr().GetNumTimeSamples() > 1]
-    if moving and len(moving) < len(shapes):
-        notes.append(f"{len(shapes) - len(moving)} of its meshes do not change their shape and are left out")
-    chosen = moving or shapes
-    codes = _codes(chosen, name) if moving else _codes_of_places(chosen)
+    samples = {prim: UsdGeom.PointBased(prim).GetPointsAttr().GetTimeSamples() for prim in shapes}
+    chosen, moves = animation.moving(shapes, lambda prim: len(samples[prim]) > 1, notes)
+    if moves:
+        times = animation.common_times(name, [(str(prim.GetPath()), samples[prim]) for prim in chosen])
+    else:
+        times = sorted({time for prim in chosen for time in _transform_times(prim)})
+    codes = [Usd.TimeCode(time) for time in times] or [Usd.TimeCode.EarliestTime()]
     positions, mirrored = _positions(chosen, codes, name)
-    triangles = _all_triangles(chosen, codes, mirrored, name, notes)
+    faces = _faces(chosen, codes, mirrored, name, notes)
     axes, rate = units(stage, len(codes) > 1, name, notes)
-    times = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
-    if not np.isfinite(positions).all() or not (times is None or np.isfinite(times).all()):
-        raise InvalidMotion(f"{name}: some of its positions are not finite numbers")
-    texture, parts = labels(chosen, mirrored, codes[0], triangles)
-    return Animation(
-        positions, axes, times, triangles if len(triangles) else None, notes=tuple(notes), texture=texture, parts=parts
-    )
+    seconds = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
+    animation.check_finite(name, positions, seconds)
+    return animation.Animation(positions, axes, seconds, notes=tuple(notes), **faces.found())
 
 
 def joint(path: str, name: str, wanted: str) -> dict[str, Any]:
-    """Times, matrices and axes, as text, of a joint of a skeleton, as `joints` has them. Raises InvalidMotion."""
+    """Times (K,), s, from the start of a file, matrices (K, 4, 4) and axes, as text, of a joint of a skeleton. Its name
+    is its path below the skeleton, such as hips/leg, or the last part of it. Raises InvalidMotion.
+    """
+    from pxr import Usd, UsdGeom, UsdSkel
+
     stage, notes = _opened(path)
     axes, rate = units(stage, True, name, notes)
-    times, matrices = of_stage(stage, rate, name, wanted)
+    cache, names, found = UsdSkel.Cache(), list[str](), list[tuple[Any, int]]()
+    for prim in stage.Traverse():
+        if prim.IsA(UsdSkel.Skeleton):
+            query = cache.GetSkelQuery(UsdSkel.Skeleton(prim))
+            own = [str(each) for each in query.GetJointOrder()]
+            names += own
+            found += [(query, k) for k, each in enumerate(own) if wanted in (each, each.rpartition("/")[2])]
+    if len(found) != 1:
+        raise InvalidMotion(absent(name, wanted, len(found), list(names)))
+    query, index = found[0]
+    motion = query.GetAnimQuery()
+    codes = np.array(motion.GetJointTransformTimeSamples() if motion else [], float)
+    begin = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() or not len(codes) else codes.min()
+    times = sampled(np.unique(codes - begin) / rate) if len(codes) else np.zeros(1)
+    matrices = np.empty((len(times), 4, 4))
+    for k, time in enumerate(times):
+        place = UsdGeom.XformCache(Usd.TimeCode(float(begin + time * rate)))
+        matrices[k] = np.array(query.ComputeJointWorldTransforms(place)[index]).T  # USD multiplies rows
     return {"times": times, "matrices": matrices, "axes": np.array([*map(str, axes)])}
 
 
@@ -120,29 +139,14 @@ def _check_bones(every: Sequence[Any], shapes: Sequence[Any], name: str) -> None
         )
 
 
-def _codes(shapes: Sequence[Any], name: str) -> list[Any]:
-    """The time codes at which shapes have samples. Raises InvalidMotion where they differ."""
-    from pxr import Usd, UsdGeom
+def _transform_times(prim: Any) -> Iterator[float]:
+    """The time codes at which the transforms of a shape and of what is above it have samples."""
+    from pxr import UsdGeom
 
-    each = [UsdGeom.PointBased(prim).GetPointsAttr().GetTimeSamples() for prim in shapes]
-    for prim, codes in zip(shapes, each, strict=True):
-        if codes != each[0]:
-            both = f"{named(str(shapes[0].GetPath()))} and {named(str(prim.GetPath()))}"
-            raise InvalidMotion(f"{name}: {both} have samples at different times; export one of them alone")
-    return [Usd.TimeCode(code) for code in each[0]]
-
-
-def _codes_of_places(shapes: Sequence[Any]) -> list[Any]:
-    """The time codes at which the transforms of shapes have samples; the earliest time where nothing moves."""
-    from pxr import Usd, UsdGeom
-
-    found: set[float] = set()
-    for prim in shapes:
-        while prim:
-            if own := UsdGeom.Xformable(prim):
-                found.update(own.GetTimeSamples())
-            prim = prim.GetParent()
-    return [Usd.TimeCode(code) for code in sorted(found)] or [Usd.TimeCode.EarliestTime()]
+    while prim:
+        if own := UsdGeom.Xformable(prim):
+            yield from own.GetTimeSamples()
+        prim = prim.GetParent()
 
 
 def _positions(shapes: Sequence[Any], codes: Sequence[Any], name: str) -> tuple[Array, list[bool]]:
@@ -180,80 +184,48 @@ def _points(prim: Any, code: Any, name: str) -> Array:
     return points
 
 
-def _all_triangles(
+def _faces(
     shapes: Sequence[Any], codes: Sequence[Any], mirrored: Sequence[bool], name: str, notes: list[str]
-) -> Indices:
-    """Triangles of all shapes, with the front that right-handed corners give them."""
+) -> animation.Faces:
+    """The triangles of all shapes, with the front that right-handed corners give them, their texture and parts."""
     from pxr import UsdGeom
 
-    faces: list[Indices] = [np.zeros((0, 3), np.int32)]
-    start = 0
+    faces, start = animation.Faces(), 0
     for prim, mirror in zip(shapes, mirrored, strict=True):
-        count = len(_points(prim, codes[0], name))
+        count, place = len(_points(prim, codes[0], name)), f"{name}: {named(str(prim.GetPath()))}"
         if mesh := UsdGeom.Mesh(prim):
+            attributes = mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()
+            sizes, corners = (_constant(each, codes[0], place) for each in attributes)
+            animation.check_polygons(sizes, corners, count, place)
             left = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
-            triangles = start + _triangles(mesh, codes, count, name)
-            faces.append(triangles[:, ::-1] if left != mirror else triangles)
             if left:
                 notes.append(f"the faces of {named(str(prim.GetPath()))} are left-handed and are turned round")
+            face = np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))  # of each triangle
+            faces.name(prim.GetName(), faces.count + np.arange(len(face)))
+            for subset in UsdGeom.Subset.GetAllGeomSubsets(mesh):
+                if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
+                    own = np.isin(face, np.array(subset.GetIndicesAttr().Get(codes[0]) or [], np.int64))
+                    faces.name(subset.GetPrim().GetName(), faces.count + np.flatnonzero(own), rank=1)
+            triangles = start + animation.fans(sizes, corners)
+            faces.add(triangles, _texture(mesh, sizes, corners, codes[0]), turned=left != mirror)
         start += count
-    return np.concatenate(faces)
+    return faces
 
 
-def _triangles(mesh: Any, codes: Sequence[Any], count: int, name: str) -> Indices:
-    """Triangles (T, 3) of a mesh of `count` points; polygons become fans."""
-    place = f"{name}: {named(str(mesh.GetPath()))}"
-    attributes = mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()
-    sizes, corners = (_whole(each, codes[0]) for each in attributes)
-    for attribute, first in zip(attributes, (sizes, corners), strict=True):
-        for code in attribute.GetTimeSamples()[1:]:
-            if not np.array_equal(_whole(attribute, code), first):
-                raise InvalidMotion(f"{place}: its faces change over time; they must stay the same")
-    if (sizes < 0).any() or sizes.sum() != len(corners):
-        raise InvalidMotion(f"{place}: its faces need {sizes.sum()} corners and have {len(corners)}")
-    if len(corners) and not 0 <= corners.min() <= corners.max() < count:
-        raise InvalidMotion(f"{place}: a triangle names a vertex beyond the {count} of its mesh")
-    return fans(sizes, corners)
-
-
-def _whole(attribute: Any, code: Any) -> NDArray[np.int64]:
-    value = attribute.Get(code)
-    return np.zeros(0, np.int64) if value is None else np.array(value, np.int64)
-
-
-def labels(
-    shapes: Sequence[Any], mirrored: Sequence[bool], code: Any, triangles: Indices
-) -> tuple[Array | None, Parts]:
-    """Texture coordinates (T, 3, 2), NaN where unknown, and parts, of all shapes, whose triangles are these (T, 3)."""
-    from pxr import UsdGeom
-
-    textures: list[Array] = [np.zeros((0, 3, 2))]
-    whole, subsets = list[tuple[str, NDArray[np.intp]]](), list[tuple[str, NDArray[np.intp]]]()
-    begin = 0
-    for prim, mirror in zip(shapes, mirrored, strict=True):
-        mesh = UsdGeom.Mesh(prim)
-        if not mesh:
-            continue
-        sizes, corners = _whole(mesh.GetFaceVertexCountsAttr(), code), _whole(mesh.GetFaceVertexIndicesAttr(), code)
-        texture = _texture(mesh, sizes, corners, code)
-        left = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
-        textures.append(texture[:, ::-1] if left != mirror else texture)
-        face = np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))  # of each triangle
-        whole.append((prim.GetName(), begin + np.arange(len(face))))
-        for subset in UsdGeom.Subset.GetAllGeomSubsets(mesh):
-            if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
-                own = np.isin(face, np.array(subset.GetIndicesAttr().Get(code) or [], np.int64))
-                subsets.append((subset.GetPrim().GetName(), begin + np.flatnonzero(own)))
-        begin += len(face)
-    return known(np.concatenate(textures)), parts_of([*whole, *subsets], triangles)
+def _constant(attribute: Any, code: Any, place: str) -> NDArray[np.int64]:
+    """Whole numbers that must not change. Raises InvalidMotion where they do."""
+    values = [attribute.Get(each) for each in (code, *attribute.GetTimeSamples()[1:])]
+    first, *others = (np.array([] if value is None else value, np.int64) for value in values)
+    if not all(np.array_equal(each, first) for each in others):
+        raise InvalidMotion(f"{place}: its faces change over time; they must stay the same")
+    return first
 
 
 def _texture(mesh: Any, sizes: NDArray[np.int64], corners: NDArray[np.int64], code: Any) -> Array:
     """Texture coordinates (T, 3, 2) of a mesh, NaN where it has none."""
     from pxr import UsdGeom
 
-    count = int(np.maximum(sizes - 2, 0).sum())
-    nothing = np.full((count, 3, 2), np.nan)
+    nothing = np.full((int(np.maximum(sizes - 2, 0).sum()), 3, 2), np.nan)
     every = [each for each in UsdGeom.PrimvarsAPI(mesh).GetPrimvarsWithValues() if str(each.GetTypeName()) in PAIRS]
     if not every:
         return nothing
@@ -262,7 +234,7 @@ def _texture(mesh: Any, sizes: NDArray[np.int64], corners: NDArray[np.int64], co
     if values.ndim != 2 or values.shape[1] != 2:
         return nothing
     at_corners = chosen.GetInterpolation() == UsdGeom.Tokens.faceVarying
-    owner = fans(sizes, np.arange(len(corners)) if at_corners else corners)
+    owner = animation.fans(sizes, np.arange(len(corners)) if at_corners else corners)
     needed = len(corners) if at_corners else int(corners.max(initial=-1)) + 1
     return values[owner] if len(values) >= needed else nothing
 
@@ -316,7 +288,7 @@ def main(path: str, arrays: str, name: str, *wanted: str) -> int:
     return 0
 
 
-def _arrays(found: Animation) -> dict[str, Any]:
+def _arrays(found: animation.Animation) -> dict[str, Any]:
     """What an animation has, for `usd.read`."""
     made = {name: getattr(found, name) for name in ("positions", "times", "triangles", "texture")}
     present: dict[str, Any] = {key: array for key, array in made.items() if array is not None}

@@ -14,7 +14,7 @@ n vertices, T triangles.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeAlias
 
@@ -69,112 +69,59 @@ def problems(mesh: Mesh, distance: float | None = None) -> list[Problem]:
     Vertices within `distance`, m, of each other count as one place (default: `tiny`). Raises InvalidInput when the
     distance joins more than seams.
     """
-    found = [check(mesh) for check in CHECKS]
-    found.append(seams(mesh, tiny(mesh) if distance is None else distance))
-    return sorted((problem for problem in found if problem is not None), key=lambda problem: not problem.fatal)
+    every = _found(mesh, tiny(mesh) if distance is None else distance)
+    return sorted((problem for problem in every if problem is not None), key=lambda problem: not problem.fatal)
 
 
-def empty(mesh: Mesh) -> Problem | None:
-    """No triangle at all."""
-    return None if len(mesh.triangles) else Problem("empty", 0, (), "there is no triangle", True, False)
-
-
-def unused(mesh: Mesh) -> Problem | None:
-    """Vertices in no triangle."""
-    away = np.flatnonzero(np.bincount(mesh.triangles.reshape(-1), minlength=len(mesh.positions)) == 0)
-    sentence = "{} in no triangle{}, so without mass"
-    return _problem("unused", away, ("vertex is", "vertices are"), sentence, "removes them")
-
-
-def collapsed(mesh: Mesh) -> Problem | None:
-    """Triangles that name a vertex twice."""
-    wrong = np.flatnonzero(_collapsed(mesh.triangles))
-    return _problem("collapsed", wrong, ("triangle names", "triangles name"), "{} a vertex twice{}", "removes them")
-
-
-def flat(mesh: Mesh) -> Problem | None:
-    """Triangles of three vertices on a line."""
-    thin = np.flatnonzero(_thin(mesh) & ~_collapsed(mesh.triangles))
-    return _problem("flat", thin, ("triangle has", "triangles have"), "{} no area{}; their sides alone hold nothing")
-
-
-def massless(mesh: Mesh) -> Problem | None:
-    """Vertices whose triangles all have no area."""
-    corners = mesh.triangles.reshape(-1)
-    area = np.bincount(corners, np.repeat(areas(mesh), 3), len(mesh.positions))
-    used = np.bincount(corners, minlength=len(mesh.positions)) > 0
-    sentence = "{} only in triangles without area{}, so without mass; remove them or move them apart"
-    return _problem("massless", np.flatnonzero(used & (area == 0)), ("vertex is", "vertices are"), sentence, fatal=True)
-
-
-def repeated(mesh: Mesh) -> Problem | None:
-    """Triangles with the corners of an earlier one, in any order."""
+def _found(mesh: Mesh, distance: float) -> Iterator[Problem | None]:
+    """Each problem that a mesh may have; None for those that it has not."""
+    n, corners, twice = len(mesh.positions), mesh.triangles.reshape(-1), _collapsed(mesh.triangles)
+    used, area = np.bincount(corners, minlength=n) > 0, np.bincount(corners, np.repeat(areas(mesh), 3), n)
+    vertices = ("vertex is", "vertices are")
+    if not len(mesh.triangles):
+        yield Problem("empty", 0, (), "there is no triangle", True, False)
+    said = "{} in no triangle{}, so without mass"
+    yield _problem("unused", np.flatnonzero(~used), vertices, said, "removes them")
+    said, named = "{} a vertex twice{}", ("triangle names", "triangles name")
+    yield _problem("collapsed", np.flatnonzero(twice), named, said, "removes them")
+    said = "{} only in triangles without area{}, so without mass; remove them or move them apart"
+    yield _problem("massless", np.flatnonzero(used & (area == 0)), vertices, said, fatal=True)
+    said, have = "{} the corners of one before{}", ("triangle has", "triangles have")
     again = np.flatnonzero(~first_of_each(np.sort(mesh.triangles, axis=1)))
-    sentence = "{} the corners of one before{}"
-    return _problem("repeated", again, ("triangle has", "triangles have"), sentence, "removes them")
+    yield _problem("repeated", again, have, said, "removes them")
 
-
-def crowded(mesh: Mesh) -> Problem | None:
-    """Edges that more than two triangles share."""
-    met = edges_of(_distinct(mesh.triangles))
-    wrong = np.flatnonzero(met.uses > 2)
-    sentence = "more than two triangles share {}{}; at most 2 can: cut the mesh there"
-    return _problem("non-manifold", met.ends[wrong, 0], ("edge", "edges"), sentence, fatal=True, of="at vertices ")
-
-
-def shrunk(mesh: Mesh) -> Problem | None:
-    """Springs between two vertices at the same place: along an edge, or between the two opposite it."""
-    met = edges_of(mesh.triangles)
-    pairs = np.concatenate([met.ends, np.sort(opposite(mesh.triangles, pairs_of(met)), axis=1)])
+    kept = mesh.triangles[~twice]
+    kept = kept[first_of_each(np.sort(kept, axis=1))]  # that no check above reports
+    met, edge = edges_of(kept), ("edge", "edges")
+    said = "more than two triangles share {}{}; at most 2 can: cut the mesh there"
+    yield _problem("non-manifold", met.ends[met.uses > 2, 0], edge, said, fatal=True, of="at vertices ")
+    # springs along an edge, or between the two vertices opposite it
+    every = edges_of(mesh.triangles)
+    pairs = np.concatenate([every.ends, np.sort(opposite(mesh.triangles, pairs_of(every)), axis=1)])
     away = mesh.positions[pairs[:, 0]] - mesh.positions[pairs[:, 1]]
     wrong = pairs[((away * away).sum(axis=1) == 0) & (pairs[:, 0] != pairs[:, 1])]
-    sentence = "{} have no length{}: two vertices that need one are at the same place"
-    return _problem("no-length", wrong[:, 0], ("spring would", "springs would"), sentence, "joins them", of="vertices ")
-
-
-def turned(mesh: Mesh) -> Problem | None:
-    """Edges whose two triangles face opposite ways: they walk it in the same direction."""
-    triangles = _distinct(mesh.triangles)
-    met = edges_of(triangles)
-    once = np.bincount(met.of.reshape(-1), along(triangles).reshape(-1), len(met.ends)) == 1
-    wrong = np.flatnonzero((met.uses == 2) & ~once)
-    sentence = "at {} two triangles face opposite ways{}; that changes how the cloth looks, not how it moves"
-    return _problem("orientation", met.ends[wrong, 0], ("edge", "edges"), sentence, of="vertices ")
-
-
-def parts(mesh: Mesh) -> Problem | None:
-    """Parts that no spring connects."""
-    sizes, first = components(mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2), len(mesh.positions))
-    if len(sizes) < 2:
-        return None
-    more = ", …" if len(sizes) > INDICES_SHOWN else ""
-    shown = ", ".join(map(str, sizes[:INDICES_SHOWN])) + more
-    sentence = f"it is in {len(sizes)} parts, of {shown} vertices, that nothing holds together"
-    return Problem("parts", len(sizes), tuple(first[:INDICES_SHOWN].tolist()), sentence, False, False)
-
-
-def seams(mesh: Mesh, distance: float) -> Problem | None:
-    """Vertices at the place of another."""
-    doubled = np.flatnonzero(together(mesh.positions, distance) != np.arange(len(mesh.positions)))
-    sentence = f"{{}} at the place of another, within {metres(distance)}{{}}: the cloth is torn there"
-    found = _problem("seam", doubled, ("vertex is", "vertices are"), sentence, "joins them")
-    return found and replace(found, fatal=False)
-
-
-CHECKS: tuple[Callable[[Mesh], Problem | None], ...] = (
-    empty, unused, collapsed, massless, repeated, crowded, shrunk, flat, turned, parts,
-)  # fmt: skip
+    said = "{} have no length{}: two vertices that need one are at the same place"
+    yield _problem("no-length", wrong[:, 0], ("spring would", "springs would"), said, "joins them", of="vertices ")
+    said = "{} no area{}; their sides alone hold nothing"
+    yield _problem("flat", np.flatnonzero(_thin(mesh) & ~twice), have, said)
+    once = np.bincount(met.of.reshape(-1), along(kept).reshape(-1), len(met.ends)) == 1
+    said = "at {} two triangles face opposite ways{}; that changes how the cloth looks, not how it moves"
+    # two triangles that walk their edge in the same direction
+    yield _problem("orientation", met.ends[(met.uses == 2) & ~once, 0], edge, said, of="vertices ")
+    sizes, first = components(mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2), n)
+    if len(sizes) > 1:
+        shown = ", ".join(map(str, sizes[:INDICES_SHOWN])) + (", …" if len(sizes) > INDICES_SHOWN else "")
+        said = f"it is in {len(sizes)} parts, of {shown} vertices, that nothing holds together"
+        yield Problem("parts", len(sizes), tuple(first[:INDICES_SHOWN].tolist()), said, False, False)
+    doubled = np.flatnonzero(together(mesh.positions, distance) != np.arange(n))
+    said = f"{{}} at the place of another, within {metres(distance)}{{}}: the cloth is torn there"
+    seam = _problem("seam", doubled, vertices, said, "joins them")
+    yield seam and replace(seam, fatal=False)
 
 
 def _collapsed(triangles: Indices) -> Flags:
     a, b, c = triangles.T
     return np.asarray((a == b) | (b == c) | (a == c))
-
-
-def _distinct(triangles: Indices) -> Indices:
-    """The triangles that no other check reports."""
-    kept = triangles[~_collapsed(triangles)]
-    return kept[first_of_each(np.sort(kept, axis=1))]
 
 
 def _thin(mesh: Mesh) -> Flags:

@@ -12,7 +12,7 @@ from clothfit.base.messages import metres
 from clothfit.control.control import Course
 from clothfit.motion.energy import Energy
 from clothfit.pictures.camera import Camera
-from clothfit.pictures.palette import BLUE, GREEN, GROUND, INK, ORANGE, PURPLE, QUIET, RED, SKY
+from clothfit.pictures.picture_file import BLUE, GREEN, GROUND, INK, ORANGE, PURPLE, QUIET, RED, SKY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

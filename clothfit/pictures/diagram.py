@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from clothfit.base.messages import counted, metres
 from clothfit.evaluation.work_precision import Row, WorkPrecision
 from clothfit.pictures.charts import logarithmic_ticks
-from clothfit.pictures.palette import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, RED, SKY
-from clothfit.pictures.picture_file import save
+from clothfit.pictures.picture_file import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, RED, SKY, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.pictures.marks import ARROW, LEGEND, Marks, arrows, dots
-from clothfit.pictures.palette import CLOTHS, FIXED_VERTEX, GROUND, TARGET_COLOUR, Colour
-from clothfit.pictures.stage import Stage, bare, drawn, good_part, pins, sightings, stage, wind
+from clothfit.pictures import stage as scenery
+from clothfit.pictures.picture_file import CLOTHS, FIXED_VERTEX, GROUND, TARGET_COLOUR, Colour
+from clothfit.pictures.stage import ARROW, LEGEND, Marks, Stage, in_pixels
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -88,9 +88,9 @@ def animation(
     """
     from PIL import Image
 
-    times, x, over = good_part(times, x, over)
+    times, x, over = scenery.good_part(times, x, over)
     beside = marks.seen(x) if marks is not None else [] if over is None else [over]
-    on = stage(scene, [x, *beside], GIF_FACES, GIF_ASPECT, times)
+    on = scenery.stage(scene, [x, *beside], GIF_FACES, GIF_ASPECT, times)
     cut = film(times, () if marks is None else marks.held)
     pictures = [picture(on, times, frame, x, over, width, cut.speed, marks) for frame in cut.frames]
     colours = palette(pictures)
@@ -127,30 +127,25 @@ def picture(
     from PIL import Image, ImageDraw
 
     fine = OVERSAMPLING * width
-    image = Image.fromarray(drawn(on, frame, x[frame], None if over is None else over[frame], fine))
+    image = Image.fromarray(scenery.drawn(on, frame, x[frame], None if over is None else over[frame], fine))
     draw = ImageDraw.Draw(image)
-    alone, colours = bare(on, frame, x[frame])
-    for (u, v), colour in zip(pixels(on, alone, fine).tolist(), np.round(255 * colours).tolist(), strict=True):
+    alone, colours = scenery.bare(on, frame, x[frame])
+    for (u, v), colour in zip(in_pixels(on, alone, fine).tolist(), np.round(255 * colours).tolist(), strict=True):
         draw.ellipse((u - 6, v - 6, u + 6, v + 6), fill=tuple(map(int, colour)))
-    spots = [(pins(on, frame, x[frame]), FIXED_VERTEX, 5.0)]
+    spots = [(scenery.pins(on, frame, x[frame]), FIXED_VERTEX, 5.0)]
     if over is not None:
-        spots.insert(0, (sightings(on, frame, over[frame]), SEEN_TARGET, 3.5))
+        spots.insert(0, (scenery.sightings(on, frame, over[frame]), SEEN_TARGET, 3.5))
     if marks is not None:
-        spots.append((dots(on, frame, marks), SEEN_TARGET, 12.0))
-        for tail, tip in zip(*(pixels(on, ends, fine) for ends in arrows(on, frame, x[frame], marks)), strict=True):
+        spots.append((scenery.dots(on, frame, marks), SEEN_TARGET, 12.0))
+        ends = (in_pixels(on, each, fine) for each in scenery.arrows(on, frame, x[frame], marks))
+        for tail, tip in zip(*ends, strict=True):
             arrow(draw, 0.5 * (tail + tip), 0.5 * (tip - tail), ARROW, 3)
     for places, mark, radius in spots:
-        for u, v in pixels(on, places, fine).tolist():
+        for u, v in in_pixels(on, places, fine).tolist():
             draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=mark)
     legend = () if over is None else LEGEND_NAMES if marks is None else marks.legend
     write(draw, image.size, on, times, frame, legend, speed, [] if marks is None else marks.held.tolist())
     return image.resize((width, round(width * on.camera.aspect)), Image.Resampling.BOX)
-
-
-def pixels(on: Stage, flat: Array, width: int) -> Array:
-    """Pixels (…, 2), counted downwards, of places in the picture (…, 2), m."""
-    scale = width / float(on.camera.high[0] - on.camera.low[0])
-    return np.asarray(scale * (flat - (on.camera.low[0], on.camera.high[1])) * (1.0, -1.0))
 
 
 def write(
@@ -173,7 +168,7 @@ def write(
     share = (times[frame] - times[0]) / max(times[-1] - times[0], 1e-300)
     draw.rectangle((0, height - 5, width, height), fill="#e2e5ea")
     draw.rectangle((0, height - 5, float(share) * width, height), fill=GIF_QUIET)
-    found = wind(on, frame)
+    found = scenery.wind(on, frame)
     if found is not None:
         way, wind_speed = found
         arrow(draw, np.array([0.075 * width, height - 0.085 * width]), 0.05 * width * way * (1.0, -1.0))

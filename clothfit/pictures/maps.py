@@ -11,7 +11,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.objective.identifiability import identifiable
 from clothfit.pictures.camera import Camera, facing, project, shaped
 from clothfit.pictures.charts import blank, logarithmic_ticks
-from clothfit.pictures.palette import INK, NOT_IDENTIFIABLE, QUIET
+from clothfit.pictures.picture_file import INK, NOT_IDENTIFIABLE, QUIET
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.kinds import KIND, Kind
 from clothfit.scene.scene import Scene

@@ -18,9 +18,9 @@ from clothfit.control.control import Course
 from clothfit.evaluation.evaluate import Overlay
 from clothfit.motion.energy import Energy
 from clothfit.pictures import charts, maps
-from clothfit.pictures.marks import ARROW, Marks, arrows, dots, marks
-from clothfit.pictures.palette import BLUE, FIXED_VERTEX, GROUND, INK, ORANGE, PURPLE, QUIET, TARGET_COLOUR
-from clothfit.pictures.stage import Stage, bare, drawn, good_part, pins, sightings, stage, wind
+from clothfit.pictures import stage as scenery
+from clothfit.pictures.picture_file import BLUE, FIXED_VERTEX, GROUND, INK, ORANGE, PURPLE, QUIET, TARGET_COLOUR
+from clothfit.pictures.stage import ARROW, Marks, Stage
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -94,31 +94,32 @@ def chosen(frames: int, due: Sequence[int] = ()) -> Sequence[int]:
 
 def mark(axes: Axes, on: Stage, frame: int, x: Array, marks: Marks) -> None:
     """Draw forces as arrows, and the places that means are to be at."""
-    tails, tips = arrows(on, frame, x, marks)
+    tails, tips = scenery.arrows(on, frame, x, marks)
     if len(tails):
         way: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "headwidth": 4.0, "headlength": 4.5}
         axes.quiver(*tails.T, *(tips - tails).T, **way, width=0.006, minlength=0.0, color=ARROW, zorder=3)
-    axes.plot(*dots(on, frame, marks).T, "o", color=TARGET_COLOUR, markersize=6.0, markeredgecolor=INK, zorder=4)
+    means = scenery.dots(on, frame, marks)
+    axes.plot(*means.T, "o", color=TARGET_COLOUR, markersize=6.0, markeredgecolor=INK, zorder=4)
 
 
 def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
     """Draw a frame with positions x (n, 3) into its axes."""
     (left, bottom), (right, top) = on.camera.low.tolist(), on.camera.high.tolist()
-    picture = drawn(on, frame, x, over, STILL_WIDTH)
+    picture = scenery.drawn(on, frame, x, over, STILL_WIDTH)
     axes.imshow(picture, extent=(left, right, bottom, top), interpolation="antialiased", zorder=2)
-    alone, colours = bare(on, frame, x)
+    alone, colours = scenery.bare(on, frame, x)
     axes.scatter(alone[:, 0], alone[:, 1], s=(2.0 * DOT_SIZE) ** 2, c=colours, linewidths=0, zorder=2)
     if over is not None:
-        dots_at = sightings(on, frame, over)
+        dots_at = scenery.sightings(on, frame, over)
         axes.plot(*dots_at.T, "o", color=TARGET_COLOUR, markersize=DOT_SIZE, markeredgewidth=0, zorder=3)
-    fixed_at = pins(on, frame, x)
+    fixed_at = scenery.pins(on, frame, x)
     axes.plot(*fixed_at.T, "o", color=FIXED_VERTEX, markersize=DOT_SIZE + 0.6, markeredgewidth=0, zorder=3)
     charts.blank(axes, on.camera)
 
 
 def draw_wind(axes: Axes, on: Stage, frame: int) -> None:
     """Draw an arrow along the wind in the corner of a picture, with its speed."""
-    found = wind(on, frame)
+    found = scenery.wind(on, frame)
     if found is None:
         return
     way, speed = found
@@ -176,7 +177,7 @@ def controlled(course: Course, summary: str) -> Figure:
     drawn = [Part(partial(charts.distances, course=course), 1.5 * CHART_SHARE)]
     if course.effort.any():
         drawn.append(Part(partial(charts.effort, course=course), 1.5 * CHART_SHARE))
-    title, own = f"{course.scene.name}: controlled", marks(course)
+    title, own = f"{course.scene.name}: controlled", scenery.marks(course)
     return composed(course.scene, course.times, course.own, own.keys, title, summary, [drawn], own)
 
 
@@ -202,9 +203,9 @@ def composed(
     """
     from matplotlib.figure import Figure
 
-    times, x, over = good_part(times, x, over)
+    times, x, over = scenery.good_part(times, x, over)
     beside = own.seen(x) if own is not None else [] if over is None else [over]
-    on = stage(scene, [x, *beside], STRIP_FACES, times=times)
+    on = scenery.stage(scene, [x, *beside], STRIP_FACES, times=times)
     top = HEAD_HEIGHT if over is None else HEAD_HEIGHT + LEGEND_HEIGHT
     height = (PAGE_WIDTH / STRIP_FRAMES - 0.06) * on.camera.aspect + 0.33
     sizes = [top, height, *[ROW_HEIGHT] * len(rows)]

@@ -1,14 +1,18 @@
 """A scene before the camera, and one frame of it as pixels, shaded smoothly: `kernels.raster` fills them, here is what
 it fills them with. Both `plots` (matplotlib) and `gif` (Pillow) draw on these pictures.
 
+Of a controlled motion a picture shows `Marks` beside the cloths: forces as arrows, the means that keys ask for as dots,
+and the keys in the place of a target.
+
 The camera projects in parallel: a place is a pixel (u, v), v downwards, and a depth, m. K triangles, n vertices,
-H × W pixels.
+F frames, H × W pixels.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,12 +20,18 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.inputs.sampling import centres_at, winds
 from clothfit.kernels.raster import fill, fill_sphere
 from clothfit.pictures.camera import LIGHT, Camera, direction, framed, normals, project, shaped, thinned
-from clothfit.pictures.palette import CLOTHS, GROUND, SPHERE_COLOUR, TARGET_COLOUR
+from clothfit.pictures.picture_file import CLOTHS, GROUND, RED, SPHERE_COLOUR, TARGET_COLOUR, Colour
 from clothfit.pictures.solids import Solid, solids
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
+if TYPE_CHECKING:
+    from clothfit.control.control import Course
+
 TARGET_OPACITY = 0.40
+
+TO_LIGHT, COLOURS = np.array(LIGHT) / np.linalg.norm(LIGHT), np.array(CLOTHS)
+"""The unit vector (3,) towards the light, along right, up and forward; colours of the objects, in turn."""
 
 SPHERE_SIZE = 0.985
 """Size of a sphere as it is drawn: the faces of a cloth on it cut through it between their vertices."""
@@ -45,6 +55,21 @@ a face cuts through it.
 
 FOLLOWED_ABOVE = 5.0
 """The camera follows cloths that travel farther than this many times their own size."""
+
+
+MOST_ARROWS = 200
+"""Of a frame; of more vertices every k-th has one."""
+
+LONGEST, SHORTEST = 0.16, 0.006
+"""Length of the arrow of the largest force, and of the shortest one that is drawn, relative to the cloths' size."""
+
+ARROW = RED
+
+FORCE: Colour = (0xD5 / 255, 0x5E / 255, 0.0)
+"""The same colour for a legend."""
+
+LEGEND = (("key", TARGET_COLOUR), ("cloth", CLOTHS[0]), ("force", FORCE))
+"""Names and colours, from right to left."""
 
 
 @dataclass(frozen=True)
@@ -142,62 +167,58 @@ def drawn(on: Stage, frame: int, x: Array, over: Array | None, width: int) -> Ar
     Colliders hide what is behind them. The target is translucent, and no cloth hides it.
     """
     height = round(width * on.camera.aspect)
-    ground = [int(GROUND[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
-    image = np.broadcast_to(np.array(ground), (height, width, 3)).copy()
+    image = np.tile([int(GROUND[at : at + 2], 16) / 255.0 for at in (1, 3, 5)], (height, width, 1))
     depth = np.full((height, width), BEHIND)
     spheres(on, frame, image, depth)
     bodies(on, frame, image, depth)
     veil, veil_depth = image.copy(), depth.copy()
-    cloths(on, frame, x, cloth_colours(on.cloth), image, depth)
+    cloths(on, frame, x, COLOURS[on.cloth % len(CLOTHS)], image, depth)
     if over is not None:
-        green = np.broadcast_to(np.array(TARGET_COLOUR), (len(on.triangles), 3)).copy()
-        bare = veil_depth.copy()
+        green, before = np.tile(TARGET_COLOUR, (len(on.triangles), 1)), veil_depth.copy()
         cloths(on, frame, over, green, veil, veil_depth)
-        seen = veil_depth < bare
+        seen = veil_depth < before
         image[seen] += TARGET_OPACITY * (veil[seen] - image[seen])
     return np.round(255.0 * image).astype(np.uint8)
 
 
 def cloths(on: Stage, frame: int, x: Array, colours: Array, image: Array, depth: Array) -> None:
     """Draw the faces of positions x (n, 3) in these colours (K, 3) into the image and the depths."""
-    places = project(on.camera, x - on.middle[frame])
-    towards = vertex_normals(places, on.triangles)
-    fill(in_pixels(on, places, image), towards, on.triangles, colours, light(), BACK_BRIGHTNESS, image, depth)
+    surface(on, project(on.camera, x - on.middle[frame]), on.triangles, colours, 0.0, image, depth)
 
 
 def spheres(on: Stage, frame: int, image: Array, depth: Array) -> None:
     """Draw the spheres into the image and the depths."""
-    scale = pixels_per_metre(on, image)
     for centre, sphere in zip(on.centres[frame], on.scene.spheres, strict=True):
-        place = in_pixels(on, project(on.camera, centre - on.middle[frame])[None], image)[0]
-        fill_sphere(place, SPHERE_SIZE * sphere.radius, scale, np.array(SPHERE_COLOUR), light(), image, depth)
+        place = in_pixels(on, project(on.camera, centre - on.middle[frame]), image.shape[1])
+        radius, scale = SPHERE_SIZE * sphere.radius, pixels_per_metre(on, image.shape[1])
+        fill_sphere(place, radius, scale, np.array(SPHERE_COLOUR), TO_LIGHT, image, depth)
 
 
 def bodies(on: Stage, frame: int, image: Array, depth: Array) -> None:
     """Draw the other colliders."""
     for solid in on.solids:
-        places = project(on.camera, solid.at(frame) - on.middle[frame])
-        towards = vertex_normals(places, solid.triangles)
         colours = solid.tone[solid.triangles[:, :1]] * np.array(SPHERE_COLOUR)
-        pixels = in_pixels(on, places + (0.0, 0.0, on.give), image)
-        fill(pixels, towards, solid.triangles, colours, light(), BACK_BRIGHTNESS, image, depth)
+        places = project(on.camera, solid.at(frame) - on.middle[frame])
+        surface(on, places, solid.triangles, colours, on.give, image, depth)
 
 
-def light() -> Array:
-    """The unit vector (3,) towards the light, along right, up and forward."""
-    return np.asarray(np.array(LIGHT) / np.linalg.norm(LIGHT))
+def surface(
+    on: Stage, places: Array, triangles: Indices, colours: Array, back: float, image: Array, depth: Array
+) -> None:
+    """Draw triangles (K, 3) between places (n, 3) along right, up and forward, moved `back` from the camera, m."""
+    towards, pixels = vertex_normals(places, triangles), in_pixels(on, places + (0.0, 0.0, back), image.shape[1])
+    fill(pixels, towards, triangles, colours, TO_LIGHT, BACK_BRIGHTNESS, image, depth)
 
 
-def pixels_per_metre(on: Stage, image: Array) -> float:
-    """The scale of an image (H, W, 3)."""
-    return float(image.shape[1]) / float(on.camera.high[0] - on.camera.low[0])
+def pixels_per_metre(on: Stage, width: int) -> float:
+    """The scale of an image so many pixels wide."""
+    return width / float(on.camera.high[0] - on.camera.low[0])
 
 
-def in_pixels(on: Stage, places: Array, image: Array) -> Array:
-    """Pixels, counted downwards, and depth (n, 3), m, of places (n, 3) along right, up and forward, m."""
-    scale = pixels_per_metre(on, image)
-    u, v = scale * (places[:, 0] - on.camera.low[0]), scale * (on.camera.high[1] - places[:, 1])
-    return np.stack([u, v, places[:, 2]], axis=1)
+def in_pixels(on: Stage, places: Array, width: int) -> Array:
+    """Pixels, counted downwards, of places (…, 2) along right and up, m, in an image so wide; depths stay."""
+    flat = pixels_per_metre(on, width) * (places[..., :2] - (on.camera.low[0], on.camera.high[1])) * (1.0, -1.0)
+    return np.concatenate([flat, places[..., 2:]], axis=-1)
 
 
 def vertex_normals(places: Array, triangles: Indices) -> Array:
@@ -211,15 +232,15 @@ def vertex_normals(places: Array, triangles: Indices) -> Array:
     return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300))
 
 
-def cloth_colours(cloth: Indices) -> Array:
-    """The colours (K, 3) of objects (K,)."""
-    return np.array(CLOTHS)[cloth % len(CLOTHS)]
+def flat(on: Stage, frame: int, x: Array) -> Array:
+    """The places (n, 2), m, of positions x (n, 3) in the picture."""
+    return project(on.camera, x - on.middle[frame])[:, :2]
 
 
 def pins(on: Stage, frame: int, x: Array) -> Array:
     """The places (K, 2), m, of the fixed vertices in the picture, but of those that only fixed ones surround."""
     shown: Flags = np.concatenate([border(cloth) for cloth in on.scene.cloths])
-    return project(on.camera, x[shown] - on.middle[frame])[:, :2]
+    return flat(on, frame, x[shown])
 
 
 def border(cloth: Cloth) -> Flags:
@@ -242,17 +263,64 @@ def bare(on: Stage, frame: int, x: Array) -> tuple[Array, Array]:
     shown = np.flatnonzero(np.repeat(faceless, counts))
     shown = shown[:: max(1, len(shown) // MOST_FRAMED_VERTICES)]
     own = np.repeat(np.arange(len(counts), dtype=np.int32), counts)[shown]
-    return project(on.camera, x[shown] - on.middle[frame])[:, :2], cloth_colours(own)
+    return flat(on, frame, x[shown]), COLOURS[own % len(CLOTHS)]
 
 
 def sightings(on: Stage, frame: int, over: Array) -> Array:
     """The places (K, 2), m, of the observed vertices of a target (n, 3) that is observed in part; else none."""
     known = np.isfinite(over).all(axis=1)
     shown = known & (not known.all())
-    return project(on.camera, over[shown] - on.middle[frame])[:, :2]
+    return flat(on, frame, over[shown])
 
 
 def wind(on: Stage, frame: int) -> tuple[Array, float] | None:
     """The wind's unit vector projected into the picture (2,), and its speed, m/s; None without wind."""
     speed = float(np.linalg.norm(on.wind[frame]))
     return (project(on.camera, on.wind[frame] / speed)[:2], speed) if speed > 0 else None
+
+
+class Marks(NamedTuple):
+    """What is drawn at each frame."""
+
+    keys: Array  # (F, n, 3), m, the key that comes next
+    arrows: Array  # (F, n, 3), m, from each vertex; 0 where there is none
+    dots: tuple[Array, ...]  # of each frame the places (M, 3), m, that means are to be at
+    held: Indices  # frames that a film shows for longer
+    largest: float  # N, of the longest arrow; 0: there are none
+
+    @property
+    def legend(self) -> tuple[tuple[str, Colour], ...]:
+        """Names and colours, from right to left."""
+        return LEGEND if self.largest > 0 else LEGEND[:-1]
+
+    def seen(self, x: Array) -> list[Array]:
+        """What a picture of a motion x (F, n, 3), m, shows beside it: keys and tips of arrows."""
+        return [self.keys, x + self.arrows[: len(x)]]
+
+
+def marks(course: Course) -> Marks:
+    """The marks of a course."""
+    near = [course.next(frame) for frame in range(len(course.times))]
+    size = float(np.linalg.norm(np.ptp(course.own[0], axis=0)))
+    strength = np.linalg.norm(course.forces, axis=2)
+    largest = float(strength.max(initial=0.0))
+    arrows = course.forces * (LONGEST * size / largest if largest > 0 else 0.0)
+    pushed = np.flatnonzero(strength.any(axis=0))
+    kept = np.zeros(arrows.shape[1], bool)
+    kept[pushed[:: max(1, -(-len(pushed) // MOST_ARROWS))]] = True
+    arrows[:, ~kept] = 0.0
+    arrows[np.linalg.norm(arrows, axis=2) < SHORTEST * size] = 0.0
+    return Marks(course.poses[near], arrows, tuple(course.means[k] for k in near), course.due, largest)
+
+
+def arrows(on: Stage, frame: int, x: Array, found: Marks) -> tuple[Array, Array]:
+    """Tails and tips (K, 2), m, in the picture, of the arrows at positions x (n, 3)."""
+    own = found.arrows[frame]
+    drawn = own.any(axis=1)
+    tails = x[drawn] - on.middle[frame]
+    return project(on.camera, tails)[:, :2], project(on.camera, tails + own[drawn])[:, :2]
+
+
+def dots(on: Stage, frame: int, found: Marks) -> Array:
+    """The places (M, 2), m, in the picture, that means are to be at."""
+    return flat(on, frame, found.dots[frame])

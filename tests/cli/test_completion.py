@@ -95,7 +95,7 @@ def test_values_complete(line, found):
 
 def test_the_values_are_those_that_commands_take():
     from clothfit.fit.options import HOLDOUTS, MODELS, OWN_METHODS
-    from clothfit.meshes.mesh_file import MESHES
+    from clothfit.meshes.mesh import MESHES
     from clothfit.meshes.new_scene import SIDES
     from clothfit.objective.comparison import LOSSES, OBJECTIVES
     from clothfit.optimise.scipy_methods import METHODS

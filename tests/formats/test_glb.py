@@ -19,7 +19,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.formats import glb
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.glb import reduced
-from clothfit.formats.gltf_scene import Track
+from clothfit.formats.gltf import Track
 
 CORNERS, FACES = made.CORNERS.astype(float), made.FACES
 HALF = np.sqrt(0.5)
@@ -143,7 +143,7 @@ def test_meshes_that_keep_their_shape_are_left_out_beside_one_that_does_not(read
     document["meshes"].append({"primitives": [{"attributes": {"POSITION": 0}}]})
     found = read(made.container(document, data[28 + size :]))
     np.testing.assert_array_equal(found.positions, [CORNERS, 2 * CORNERS])
-    assert "1 of its meshes have no animated shape" in found.notes[0]
+    assert "1 of its meshes do not change their shape" in found.notes[0]
 
 
 def test_round_trip_to_the_tolerance_that_is_told(read):

@@ -11,7 +11,7 @@ from helpers.paths import TESTS
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.formats.axes import Reading
 from clothfit.formats.registry import FORMATS, foreign, read
-from clothfit.meshes.mesh_file import read_mesh
+from clothfit.meshes.mesh import read_mesh
 from clothfit.motion.foreign import load
 
 BLENDER = TESTS / "formats" / "blender"

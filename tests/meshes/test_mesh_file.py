@@ -7,7 +7,7 @@ import trimesh
 import clothfit
 from clothfit import InvalidInput
 from clothfit.meshes import mesh
-from clothfit.meshes.mesh_file import read_mesh, turned
+from clothfit.meshes.mesh import read_mesh, turned
 
 CORNERS = np.array([[1.0, 2, 3], [2, 2, 3], [1, 4, 3], [1, 2, 7]])
 

@@ -10,8 +10,7 @@ from helpers.paths import EXAMPLES
 import clothfit
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.meshes import mesh
-from clothfit.meshes.mesh import Mesh, plane
-from clothfit.meshes.mesh_file import read_mesh
+from clothfit.meshes.mesh import Mesh, plane, read_mesh
 from clothfit.meshes.new_scene import along, at_side, in_box, listed, new_scene, text
 from clothfit.meshes.problems import weld
 from clothfit.scene.families import spring_groups, vertex_groups

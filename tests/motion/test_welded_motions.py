@@ -10,7 +10,7 @@ from clothfit import InvalidMotion, load, load_motion, save_motion, simulate
 from clothfit.cli.program import run
 from clothfit.formats.registry import foreign, module_of
 from clothfit.meshes import mesh
-from clothfit.meshes.mesh_file import read_mesh
+from clothfit.meshes.mesh import read_mesh
 from clothfit.motion.files import for_tools
 from clothfit.scene.mesh_numbering import numberings
 

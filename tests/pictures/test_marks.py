@@ -11,9 +11,8 @@ from clothfit.control.control import course
 from clothfit.control.keyframes import Key
 from clothfit.motion.simulate import simulate
 from clothfit.pictures import gif
-from clothfit.pictures.marks import LONGEST, MOST_ARROWS, arrows, marks
 from clothfit.pictures.plots import chosen
-from clothfit.pictures.stage import stage
+from clothfit.pictures.stage import LONGEST, MOST_ARROWS, arrows, marks, stage
 from clothfit.scene.forces import Forces
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed; no animation is drawn")

@@ -13,7 +13,7 @@ from clothfit.engine.inputs.sampling import states
 from clothfit.engine.system import build as build_system
 from clothfit.kernels.raster import fill, fill_sphere, lit
 from clothfit.pictures.camera import project
-from clothfit.pictures.palette import CLOTHS, GROUND
+from clothfit.pictures.picture_file import CLOTHS, GROUND
 from clothfit.pictures.solids import box, capsule, solids
 from clothfit.pictures.stage import BEHIND, bare, drawn, good_frames, pins, sightings, stage, vertex_normals, wind
 from clothfit.scene.cloth import CAPSULE

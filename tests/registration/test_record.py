@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.scenes import document, load_text
 
-from clothfit.meshes.mesh_file import turned
+from clothfit.meshes.mesh import turned
 from clothfit.motion.motion import as_motion
 from clothfit.registration.record import Registration, rigid, rotation, rotation_derivative
 

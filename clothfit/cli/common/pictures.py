@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from clothfit.motion.energy import Energy
     from clothfit.motion.motion import Motion
     from clothfit.optimise.progress import Progress
-    from clothfit.pictures.marks import Marks
+    from clothfit.pictures.stage import Marks
     from clothfit.scene.scene import Scene
 
 Goal: TypeAlias = "Motion | tuple[Motion, Scene]"
@@ -67,7 +67,7 @@ class Pictures:
         """Draw a motion that goes through keys; `title` says how it was found."""
         self.drawn("controlled", (course, title), console)
         if self.gif is not None:
-            from clothfit.pictures.marks import marks
+            from clothfit.pictures.stage import marks
 
             own = marks(course)
             self.animated(course.scene, course.times, course.own, own.keys, console, own)

@@ -65,7 +65,7 @@ def travel(positions: Array, seen: Flags) -> float:
 
 def mesh(path: str) -> dict[str, Any]:
     """The facts of a mesh's file. Raises InvalidInput."""
-    from clothfit.meshes.mesh_file import read_mesh
+    from clothfit.meshes.mesh import read_mesh
     from clothfit.meshes.problems import problems
 
     found, notes = read_mesh(path)

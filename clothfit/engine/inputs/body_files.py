@@ -19,8 +19,7 @@ from clothfit.base.messages import counted
 from clothfit.engine.forces.bodies import Surface
 from clothfit.engine.inputs.files import loaded, stamp_of
 from clothfit.engine.inputs.interpolation import growth, resolved
-from clothfit.meshes.mesh import Mesh, areas
-from clothfit.meshes.mesh_file import read_mesh
+from clothfit.meshes.mesh import Mesh, areas, read_mesh
 from clothfit.meshes.problems import THIN, tiny, together
 from clothfit.scene.cloth import Body, Collider
 from clothfit.scene.directions import along, edges_of
