@@ -408,7 +408,7 @@ def search_by(search: Search, options: FitOptions, method: Callable[[], Status])
     """Search by a method until it or the user ends it; returns the status. A fit that had ended is not repeated."""
     state = search.resumed
     if state is not None and state.status in (Status.CONVERGED, Status.STALLED):
-        search.best.attribute(best_prior(search, state, options.prior_width()))
+        search.best.found_with(best_prior(search, state, options.prior_width()))
         return state.status
     try:
         with threads.single(), interrupts.heard():

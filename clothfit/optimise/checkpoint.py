@@ -104,7 +104,7 @@ def decoded(data: bytes, name: str) -> tuple[dict[str, str], State]:
 def understood(values: Mapping[str, Any], name: str) -> State:
     """The state of a fit in a file, called `name` in messages. Raises InvalidInput where no fit can have come to it."""
     try:
-        state = _understood(values)
+        state = State(**{name: read(values[name]) for name, read in READ.items()})
         possible = is_possible(state)
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError):  # not by `encoded`
         possible = False
@@ -113,26 +113,24 @@ def understood(values: Mapping[str, Any], name: str) -> State:
     return state
 
 
-def _understood(values: Mapping[str, Any]) -> State:
-    """A state from a file. Raises one of several errors where the values are of other types."""
-    names = ("start", "best", "gradient", "centre", "y", "before", "best_centre")
-    start, best, gradient, centre, y, before, best_centre = (np.array(values[name], float) for name in names)
-    numbers = (float(values[name]) for name in ("cost", "before_cost", "radius", "seconds"))
-    cost, before_cost, radius, seconds = numbers
-    tau, best_tau, history = (tuple(map(float, values[name])) for name in ("tau", "best_tau", "history"))
-    window, beside = (int(values[name]) for name in ("window", "beside"))
-    warnings, status = [str(text) for text in values["warnings"]], values["status"]
-    rungs = [Rung(str(m), int(n), float(e), np.array(p, float), float(s)) for m, n, e, p, s in values["rungs"]]
-    return State(
-        start, best, cost, gradient, centre, tau, y, radius, window, before, before_cost, history, beside, seconds,
-        warnings, None if status is None else Status(status), str(values["model"]), int(values["substeps"]), rungs,
-        best_centre, best_tau,
-    )  # fmt: skip
+ARRAYS = ("start", "best", "gradient", "centre", "y", "before", "best_centre")
+
+READ: dict[str, Callable[[Any], Any]] = {
+    **dict.fromkeys(ARRAYS, lambda values: np.array(values, float)),
+    **dict.fromkeys(("cost", "before_cost", "radius", "seconds"), float),
+    **dict.fromkeys(("tau", "best_tau", "history"), lambda values: tuple(map(float, values))),
+    **dict.fromkeys(("window", "beside", "substeps"), int),
+    "warnings": lambda texts: [str(text) for text in texts],
+    "status": lambda status: None if status is None else Status(status),
+    "model": str,
+    "rungs": lambda rows: [Rung(str(m), int(n), float(e), np.array(p, float), float(s)) for m, n, e, p, s in rows],
+}
+"""Each field of a state from what a file has. Raises one of several errors where that is of another type."""
 
 
 def is_possible(state: State) -> bool:
     """Whether a fit can have come to a state."""
-    arrays = (state.start, state.best, state.gradient, state.centre, state.y, state.before, state.best_centre)
+    arrays: list[Array] = [getattr(state, name) for name in ARRAYS]
     return (
         all(array.ndim == 1 and bool(np.isfinite(array).all()) for array in arrays)
         and len(state.start) == len(state.best) == len(state.gradient)

@@ -354,8 +354,7 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         y, cost = new, found
         if prior.learns:
             prior = prior.rescaled(y - prior.centre, list(sampling.samples.T), 1.0 / WIDER, WIDER)
-        best = part.search.best
-        best.follow(best.descent and best.descent._replace(prior=prior, y=y.copy()))  # a resumed fit begins there
+        part.search.best.go_on(prior=prior, y=y.copy())  # a resumed fit begins there
         part.search.report()
         if slow and not part.is_noise(y):
             return y, prior, Status.STALLED

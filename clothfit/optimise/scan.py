@@ -13,15 +13,13 @@ frames are looked at, around the start.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import pairwise, product
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.engine.rollout import Rollout
 from clothfit.engine.tape import Plan, Tape
-from clothfit.objective.comparison import Comparison
 from clothfit.objective.objective import Objective
 from clothfit.objective.running_cost import running_cost
 from clothfit.scene.block import Block
@@ -184,12 +182,12 @@ class Course:
     """The cost of one cloth of an objective on its way through the frames."""
 
     def __init__(self, objective: Objective, cloth: int) -> None:
+        length = max(1, -(-objective.steps // LOOKS))
         adds = "spectrum" not in objective.weights  # a spectrum's cost is not a sum over frames
-        ends = {round(objective.steps * (i + 1) / LOOKS) for i in range(LOOKS)} if adds else set()
-        parts = [objective.until(end + 1) for end in sorted(ends | {objective.steps})]
-        self.objective, self.plan = objective, Plan(max(1, -(-objective.steps // LOOKS)))
+        parts = {end: objective.until(end + 1).runs for end in range(length, objective.steps, length) if adds}
+        self.plan = Plan(length)
         self.legs = [
-            (run, {part.runs[i].comparison.last_step: part.runs[i].comparison for part in parts})
+            (run, {end: shorter[i].comparison for end, shorter in parts.items()})
             for i, run in enumerate(objective.runs)
             if run.cloth == cloth
         ]
@@ -199,7 +197,7 @@ class Course:
         total = 0.0
         for run, shorter in self.legs:
             tape, cost = Tape(run.changed(p), run.steps, LOOSE, self.plan), running_cost(run.comparison)
-            for part in pieces(tape, shorter):
+            for part in tape.forward():
                 cost.update(part)
                 step = part.first + part.steps
                 if step < run.steps and step in shorter and cost.value_over(shorter[step]) > most - total:
@@ -208,15 +206,6 @@ class Course:
                 return np.inf
             total += cost.value
         return total
-
-
-def pieces(tape: Tape, ends: Mapping[int, Comparison]) -> Iterator[Rollout]:
-    """The parts of a motion, none reaching beyond one of the steps in `ends`."""
-    for part in tape.forward():
-        last = part.first + part.steps
-        cuts = [part.first, *(end for end in sorted(ends) if part.first < end < last), last]
-        for begin, end in pairwise(cuts):
-            yield part.part(begin - part.first, end - part.first)
 
 
 def is_minimum(costs: Mapping[Point, float], point: Point, step: int = 1) -> bool:

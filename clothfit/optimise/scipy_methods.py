@@ -14,19 +14,21 @@ from clothfit.base.arrays import Array
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 
-METHODS = {
-    "l-bfgs-b": {"gradient": True, "bounds": True},
-    "tnc": {"gradient": True, "bounds": True},
-    "slsqp": {"gradient": True, "bounds": True},
-    "trust-constr": {"gradient": True, "bounds": True},
-    "bfgs": {"gradient": True, "bounds": False},
-    "cg": {"gradient": True, "bounds": False},
-    "nelder-mead": {"gradient": False, "bounds": True},
-    "powell": {"gradient": False, "bounds": True},
-    "cobyla": {"gradient": False, "bounds": True},
+METHODS: dict[str, dict[str, Any]] = {
+    "l-bfgs-b": {},
+    "tnc": {"ftol": 0.0, "gtol": 0.0, "xtol": 0.0},
+    "slsqp": {"ftol": 1e-30},
+    "trust-constr": {"gtol": 1e-30, "xtol": 1e-12},
+    "bfgs": {"gtol": 0.0},
+    "cg": {"gtol": 0.0},
+    "nelder-mead": {"xatol": 1e-10, "fatol": 1e-16, "adaptive": True},
+    "powell": {"xtol": 1e-10, "ftol": 1e-16},
+    "cobyla": {"tol": 1e-10},
 }
-"""SciPy's minimisers that can fit, and what they take. Without bounds of their own, values are clipped to the bounds.
-"""
+"""SciPy's minimisers that can fit, with options that leave the end to the search: no tolerance of their own."""
+
+FREE, WITHOUT_GRADIENT = ("bfgs", "cg"), ("nelder-mead", "powell", "cobyla")
+"""Those that know no bounds, so that values are clipped to them; and those that ask for no gradient."""
 
 RECENT = 30  # steps that L-BFGS remembers; SciPy's 10 converge about half as fast on per-vertex fits
 
@@ -54,32 +56,14 @@ def minimise(search: Search, method: str) -> Status:
 
     search.enter(method)
     minimizer: Any = optimize.minimize  # its stubs know methods by literal names only
+    limit = 10 * search.budget.limit + 1000  # of what ends the search by its own count
     with python_warnings.catch_warnings():
         python_warnings.simplefilter("ignore")  # the status says what SciPy's warnings would
         if method == "l-bfgs-b":
-            lbfgs(search, search.y, search.bounds, limit=10 * search.budget.limit + 1000)
+            lbfgs(search, search.y, search.bounds, limit=limit)
             return search.verdict()
-        takes = METHODS[method]
-        arguments: dict[str, Any] = {"method": method, "options": options(method, search.budget.limit)}
-        if takes["bounds"]:
-            arguments["bounds"] = search.bounds
-        minimizer(search if takes["gradient"] else search.cost, search.y, jac=takes["gradient"], **arguments)
+        gradient, bounds = method not in WITHOUT_GRADIENT, None if method in FREE else search.bounds
+        options = {"maxfun" if method == "tnc" else "maxiter": limit, **METHODS[method]}
+        cost = search if gradient else lambda y: search(y)[0]
+        minimizer(cost, search.y, jac=gradient, method=method, bounds=bounds, options=options)
     return search.verdict()
-
-
-def options(method: str, budget: int) -> dict[str, Any]:
-    """Options that leave the end to the search: no tolerance of SciPy's own, more iterations than the budget holds."""
-    common: dict[str, Any] = {"maxiter": 10 * budget + 1000}
-    own: dict[str, dict[str, Any]] = {
-        "tnc": {"maxfun": 10 * budget + 1000, "ftol": 0.0, "gtol": 0.0, "xtol": 0.0},
-        "slsqp": {"ftol": 1e-30},
-        "trust-constr": {"gtol": 1e-30, "xtol": 1e-12},
-        "bfgs": {"gtol": 0.0},
-        "cg": {"gtol": 0.0},
-        "nelder-mead": {"xatol": 1e-10, "fatol": 1e-16, "adaptive": True},
-        "powell": {"xtol": 1e-10, "ftol": 1e-16},
-        "cobyla": {"tol": 1e-10},
-    }
-    if method == "tnc":
-        common = {}
-    return common | own[method]

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -87,70 +87,58 @@ class BestSoFar:
 
     def __init__(self, p: Array) -> None:
         """`p` (P,): where the search starts."""
-        self._point = Point(p, np.inf, np.zeros(len(p)), None)  # replaced as a whole: a signal may come at any time
-        self._belief: Belief | None = None
+        self.point = Point(p, np.inf, np.zeros(len(p)), None)  # replaced as a whole: a signal may come at any time
+        self.belief: Belief | None = None  # by which points are compared; None: by their cost alone
         self.descent: Descent | None = None  # that is under way
 
     @property
     def p(self) -> Array:
         """The parameters (P,)."""
-        return self._point.p
+        return self.point.p
 
     @property
     def cost(self) -> float:
         """Their cost."""
-        return self._point.cost
+        return self.point.cost
 
     @property
     def gradient(self) -> Array:
         """Its gradient (P,), of the last best point that was evaluated with one."""
-        return self._point.gradient
+        return self.point.gradient
 
     @property
     def prior(self) -> Prior | None:
         """The prior that the point was found with."""
-        return self._point.prior
+        return self.point.prior
 
     def offer(self, p: Array, cost: float, gradient: Array | None = None) -> bool:
         """Take parameters (P,) of that cost, and gradient (P,) where it is known, if they are better."""
         better = self.is_better(p, cost)
         if better:
             interrupts.hold()
-            prior = self._belief.prior if self._belief else None
-            self._point = Point(p, cost, self.gradient if gradient is None else gradient, prior)
+            prior = self.belief.prior if self.belief else None
+            self.point = Point(p, cost, self.gradient if gradient is None else gradient, prior)
         return better
 
     def is_better(self, p: Array, cost: float) -> bool:
         """Whether parameters (P,) of that cost are better than the best so far."""
-        if self._belief is None:
+        if self.belief is None:
             return cost < self.cost
-        penalty, ceiling = self._belief.penalty, self._belief.ceiling
+        _, penalty, ceiling = self.belief
         return cost <= ceiling and (cost + penalty(p) < self.cost + penalty(self.p))
-
-    def restore(self, point: Point) -> None:
-        """Begin with a point that is known: the start, or the best one of a search that is resumed."""
-        self._point = point
-
-    def learn(self, gradient: Array) -> None:
-        """Take the gradient (P,) at the best point, which was found without it."""
-        self._point = self._point._replace(gradient=gradient)
 
     def believe(self, prior: Prior, penalty: Callable[[Array], float]) -> None:
         """Compare points by cost and penalty from now on, with this prior."""
         before = self.descent.before_cost if self.descent else self.cost
-        self._belief = Belief(prior, penalty, before)
+        self.belief = Belief(prior, penalty, before)
 
-    def forget(self) -> None:
-        """Compare points by their cost alone from now on."""
-        self._belief = None
-
-    def attribute(self, prior: Prior | None) -> None:
+    def found_with(self, prior: Prior | None) -> None:
         """Name the prior that the best point was found with."""
-        self._point = self._point._replace(prior=prior)
+        self.point = self.point._replace(prior=prior)
 
-    def follow(self, descent: Descent | None) -> None:
-        """Name the descent that is under way from now on, if any."""
-        self.descent = descent
+    def go_on(self, **changes: Any) -> None:
+        """Change what is known of the descent that is under way, if any."""
+        self.descent = self.descent and self.descent._replace(**changes)
 
 
 class Search:
@@ -194,7 +182,7 @@ class Search:
         if state is not None:
             self._restore(state)
         elif np.array_equal(self.start, start):  # it lies within the bounds
-            self.best.restore(Point(self.start, start_cost, self.best.gradient, None))
+            self.best.point = self.best.point._replace(cost=start_cost)
 
     @property
     def y(self) -> Array:
@@ -237,10 +225,6 @@ class Search:
     def has_time(self, seconds: float) -> bool:
         """Whether so many more seconds of computing end before it is late."""
         return self.progress.computing + seconds <= self.longest
-
-    def cost(self, y: Array) -> float:
-        """Scaled cost alone, for methods without a gradient."""
-        return self(y)[0]
 
     def visit(self, p: Array) -> float:
         """The cost at parameters (P,), which become the best point where it is the lowest; infinite where the
@@ -307,9 +291,9 @@ class Search:
 
     def finish(self, status: Status) -> Status:
         """Keep how the search ended; "diverged" where there is no result."""
-        self.best.forget()
+        self.best.belief = None
         if status in (Status.CONVERGED, Status.STALLED):
-            self.best.follow(None)
+            self.best.descent = None
         if not np.isfinite(self.best.cost):
             return Status.DIVERGED
         if self.checkpoint is not None:
@@ -337,7 +321,7 @@ class Search:
 
     def _restore(self, state: State) -> None:
         best = np.where(self.fitted, self.coordinates.clipped(state.best), self.start)
-        self.best.restore(Point(best, state.cost, state.gradient, None))
+        self.best.point = Point(best, state.cost, state.gradient, None)
         self.budget.history, self.budget.beside = list(state.history), state.beside
         self.progress.began -= state.seconds
         self.warnings, self.rungs = list(state.warnings), list(state.rungs)
@@ -369,7 +353,7 @@ class Search:
         if self.best.offer(p, cost, gradient):
             self.advance(p)
         elif np.allclose(p, self.best.p, rtol=SAME_POINT, atol=0.0):
-            self.best.learn(gradient)  # the cost was known, the gradient was not
+            self.best.point = self.best.point._replace(gradient=gradient)  # the cost was known, the gradient was not
 
     def _bowl(self, y: Array) -> tuple[float, Array]:
         away = y - self.y

@@ -167,8 +167,7 @@ class Trajectory:
 
     def accepted(self, prior: Prior, model: gauss_newton.Model, radius: float) -> None:
         """Go on from the point of a model, and report it."""
-        best = self.search.best
-        best.follow(best.descent and best.descent._replace(prior=prior, y=model.y, radius=radius))
+        self.search.best.go_on(prior=prior, y=model.y, radius=radius)
         self.search.advance(self.parameters(model.y))
         self.search.report()
 

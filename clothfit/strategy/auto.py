@@ -139,8 +139,7 @@ def by_ladder(
     Single values are tried at once after the models of few: by a prior they may reproduce a target that windows from a
     far start have not come to, where those of the ladder, without one, would follow its noise.
     """
-    search.best.forget()
-    search.best.follow(None)
+    search.best.belief = search.best.descent = None
     search.visit(search.start)
     models = ladder.models(search.objective.scene)
     left = models if wanted is None else wanted

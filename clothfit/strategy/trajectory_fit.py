@@ -122,7 +122,7 @@ def go_on(search: Search, state: State, tau: float | None, watched: bool = False
     ModelDiffers where it is `watched`.
     """
     prior = resumed_prior(search, state, tau)
-    search.best.attribute(best_prior(search, state, tau))
+    search.best.found_with(best_prior(search, state, tau))
     *found, last = stages(search, False, windows=True)
     last = last._replace(patience=last.patience._replace(flat=SMALL))  # it may begin where no step lowers the cost
     left = [stage for stage in found if stage.objective.frames >= state.window and not state.radius] + [last]
@@ -186,7 +186,7 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
             cost = search.measure(search.parameters(y))  # two routes may have come to one minimum
             if (np.isfinite(cost) and np.isclose(cost, known, rtol=SAME_COST, atol=0.0)) or is_explained(search):
                 break
-    search.best.follow(None)
+    search.best.descent = None
     return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
 
 
@@ -205,11 +205,11 @@ def along(
         resumed = descent.radius or descent.window == stage.objective.frames  # it began before its best point was found
         prior = prior if resumed or route.learned else prior.reopened()
         search.enter("gauss-newton", stage.objective)
-        best.follow(descent._replace(prior=prior, y=y, window=stage.objective.frames))
+        best.descent = descent._replace(prior=prior, y=y, window=stage.objective.frames)
         if not np.isfinite(part.cost(y)):
             break
-        if best.descent and not resumed:
-            best.follow(best.descent._replace(before=best.p, before_cost=best.cost))
+        if not resumed:
+            best.go_on(before=best.p, before_cost=best.cost)
         found, learned, status = fitted(part, stage, y, prior, descent.radius or None)
         descent = descent._replace(radius=0.0, window=0)
         better = whole or is_better(search, found, y, route.stages[number + 1].objective)
@@ -220,12 +220,13 @@ def along(
             break
         late = len(route.stages) < 2 or stage is route.stages[-2]
         other = watched and not whole and has_model(part) and differs(stage, search.parameters(found), status, late)
-        best.forget()
+        best.belief = None
         if may_turn and (other or not better or (whole and not is_near(search) and not is_explained(search))):
             return status, y, Route(list(route.stages[number + 1 :]), y, prior, differs=other or whole)
         if other:
             raise ModelDiffers
-    best.attribute(prior if np.allclose(search.y, y, rtol=SAME_POINT) else best.prior)
+    if np.allclose(search.y, y, rtol=SAME_POINT):
+        best.found_with(prior)
     return status, y, None
 
 

@@ -99,7 +99,7 @@ def test_a_spectrum_is_not_a_sum_over_frames():
     made = flag(frames=30)
     aim = Objective(made, simulate(flag(frames=30, stiffness=60.0), tolerance=1e-10), 1e-6, objective="spectrum")
     course = Course(aim, 0)
-    assert [sorted(shorter) for _, shorter in course.legs] == [[29]]
+    assert [shorter for _, shorter in course.legs] == [{}]
     assert course.cost(np.array([60.0]), np.inf) < 1e-6 < course.cost(np.array([3.0]), np.inf)
 
 

@@ -157,7 +157,7 @@ def test_with_a_prior_the_best_point_has_the_least_cost_and_penalty_and_costs_no
     part.believe(first(y - 2.0, [np.arange(part.size)], tau=1.0), 1e6 * start)
     assert part.cost(y - 1.9) > start  # nearer to the centre, but worse than before
     np.testing.assert_allclose(part.search.y, y + 0.25, rtol=1e-12)
-    best.forget()
+    best.belief = None
     lowest = part.cost(y + 0.7)
     assert (best.cost, best.prior) == (lowest, None)
 
