@@ -174,13 +174,12 @@ def test_boxes_that_overlap_are_those_of_brute_force():
     rng = np.random.default_rng(8)
     low, other = rng.uniform(size=(300, 3)), rng.uniform(size=(200, 3))
     high, top = low + 0.2 * rng.uniform(size=low.shape) ** 3, other + 0.3 * rng.uniform(size=other.shape) ** 4
-    found = candidates.overlapping(low, high, other, top)
+    boxes, others = np.hstack([low, high]), np.hstack([other, top])
     meet = (low[:, None] <= top).all(axis=2) & (other <= high[:, None]).all(axis=2)
-    assert sorted(map(tuple, found.tolist())) == sorted(map(tuple, np.argwhere(meet).tolist()))
-    assert not len(candidates.overlapping(low[:0], high[:0], other, top))
-    found = candidates.overlapping_each_other(low, high)
-    meet = np.triu((low[:, None] <= high).all(axis=2) & (low <= high[:, None]).all(axis=2), 1)
-    assert sorted(map(tuple, found.tolist())) == sorted(map(tuple, np.argwhere(meet).tolist()))
+    each_other = np.triu((low[:, None] <= high).all(axis=2) & (low <= high[:, None]).all(axis=2), 1)
+    for given, expected in (((boxes, others), meet), ((boxes,), each_other), ((boxes[:0], others), meet[:0])):
+        found = candidates.overlapping(*given).tolist()
+        assert sorted(map(tuple, found)) == sorted(map(tuple, np.argwhere(expected).tolist()))
 
 
 def crumpled(n=6, seed=9, **law):
@@ -423,13 +422,6 @@ def test_check_names_what_switches():
     assert first_switch(one, one) is None
     found = first_switch(one, other)
     assert found.at(name_of(made, found.obstacle)).endswith("the cloth itself, step 2")
-
-
-def test_a_scene_that_does_not_ask_has_nothing_of_it():
-    points, springs, faces = two_sheets(0.1)
-    made = build(scene(thing(points, springs, faces)), 0)
-    assert made.surface is None
-    assert made.contact is None
 
 
 def test_a_cloth_that_crosses_itself_at_the_start_is_refused(tmp_path):

@@ -49,14 +49,6 @@ def test_multiply_overwrites_and_the_last_slot_does_not_count():
     assert out.tolist() == before.tolist()
 
 
-def test_no_springs_is_a_block_diagonal_matrix():
-    A, slot = made(np.zeros((0, 2), np.int32), np.ones(2, bool))
-    x = RNG.normal(size=(2, 3))
-    assert slot.shape == (0,)
-    # sums of three products of order 1
-    np.testing.assert_allclose(times(A, x).reshape(-1), dense_matrix(A) @ x.reshape(-1), atol=1e-15)
-
-
 def test_inverse_diagonal_blocks():
     A, _ = made(ENDS, np.array([True, True, True, True, False]))
     factors = RNG.normal(size=(5, 3, 3))

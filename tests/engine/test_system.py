@@ -44,6 +44,8 @@ def test_what_does_nothing_has_no_rows():
     still = build(scene(cloth(dragCoefficient=0.0), windVel=xyz((9, 9, 9)), integrationMethod=SYMPLECTIC), 0)
     assert still.method == SYMPLECTIC
     assert (still.faces.corners.shape, still.spheres.radius.shape) == ((0, 3), (0,))
+    for name in ("colliders", "inputs", "surface", "contact", "applied"):
+        assert getattr(still, name) is None
     planes = scene(colliders=[{**ball((0, 0, 0), 1.0), "type": 0}, ball((1, 2, 3), 0.25)])
     spheres = build(planes, 0).spheres
     assert (spheres.centre.tolist(), spheres.radius.tolist()) == ([[1, 2, 3]], [0.25])
