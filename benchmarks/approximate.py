@@ -24,8 +24,7 @@ from collections.abc import Collection
 from clothfit.base.arrays import Array, Elements
 from clothfit.derivative import adjoint
 from clothfit.engine.forces import meeting, total
-from clothfit.engine.inputs.pin_derivatives import pull_pins
-from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradient
+from clothfit.engine.inputs.tables import pull_pins, set_direction, set_inputs, share_gradient
 from clothfit.engine.march import velocities, velocity
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.step import implicit

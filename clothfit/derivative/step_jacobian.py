@@ -168,16 +168,12 @@ def differentiate_globally(system, x, v, w, u, later, work, direction, out):
     y, s, zero = work.y, work.s, work.gy
     zero[:] = 0.0
     at, to = u, w
-    if system.method != IMPLICIT:
+    if system.method == IMPLICIT:
+        implicit.offset(system.h, x, w, u, later, y, s)
+    else:
         copy(x, y)
         s[:] = 0.0
         at, to = v, v
-    elif later:
-        combine(1.0, x, system.h, u, y)
-        combine(system.h, w, -system.h, u, s)
-    else:
-        copy(x, y)
-        combine(system.h, w, 0.0, w, s)
     out[:] = 0.0
     total.add_pushforward(system, y, at, to, s, zero, zero, direction, system.h, out)
     add_mass(direction.mass, 1.0, v, out)

@@ -73,9 +73,8 @@ def run(system, tolerance, work, part, start, stop):
             copy(v, first)
             guess.advance(work.past, before + t, first)
             solves[t] = 0
-        used[t], iterations, direct = implicit.step(system, x[t], v, first, tolerance, work, w[t])
-        solves[t, 0] += iterations
-        solves[t, 1] += direct
+        taken, iterations, direct = implicit.step(system, x[t], v, first, tolerance, work, w[t])
+        count(part, t, taken, iterations, direct)
         meeting.note(system.colliders, part.met, t)
         theta[t], capped[t], part.early[t] = 1.0, safe, False
         if used[t] == 0:

@@ -80,9 +80,7 @@ def fill(
         for begin, end in stretches(part.steps, len(system.x0)):
             t = begin
             while t < end:
-                stop = t
-                while stop < end and plain[stop]:
-                    stop += 1
+                stop = next((step for step in range(t, end) if not plain[step]), end)
                 if stop > t:
                     t, ended = advance(taken.own, tolerance, work, part, t, stop)
                 else:

@@ -253,7 +253,7 @@ def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> Syste
         faces=system.faces._replace(wind=wind.copy()),
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
         colliders=own and touch.copied(own),
-        applied=given and applied.copied(given),
+        applied=given and applied.Applied(*(each.copy() for each in given)),
         inputs=inputs._replace(
             wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy(),
             fitted=fitted_paths.with_values(inputs.fitted, values.path, values.shift),

@@ -172,10 +172,9 @@ def out_of_spheres(balls, x, i, distance):
     """Push one vertex out of the plain spheres; whether it was in any."""
     found = False
     for c in range(len(balls.radius)):
-        depth, _, n0, n1, n2 = spheres.contact(balls, x, i, c)
-        depth += distance
-        if depth > 0.0:
-            x[i, 0], x[i, 1], x[i, 2] = x[i, 0] + depth * n0, x[i, 1] + depth * n1, x[i, 2] + depth * n2
+        depth, _, n = spheres.contact(balls, x, i, c)
+        if depth + distance > 0.0:
+            spheres.add_times(x, i, depth + distance, n)
             found = True
     return found
 

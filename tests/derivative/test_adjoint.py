@@ -3,35 +3,17 @@
 import numpy as np
 import pytest
 from helpers import physics
-from helpers.physics import KINDS, TIGHT, ball, gentle, relative
+from helpers.physics import KINDS, TIGHT, gentle, relative
 
 from clothfit.base.arrays import Elements
 from clothfit.derivative import adjoint
 from clothfit.engine.rollout import rollout
-from clothfit.engine.system import all_elements
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
 STEPS = 6
-PATH = [{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": 0, "z": 0.5}]
-LED = {
-    "pins": [{"vertices": [0], "posKeys": {"times": [0.0, 0.02], "values": PATH}}],
-    "fit": {"posKeys": "L", "pinOffset": "G"},
-}
-GUSTS = {
-    "windVelKeys": {"times": [0.0, 0.02], "values": [{"x": 1, "y": 2, "z": -1}, {"x": -2, "y": 1, "z": 3}]},
-    "fit": {"windVelKeys": "L"},
-    "colliders": [
-        ball((1.0, -0.75, 1.0), 0.8),
-        {**ball((1.0, -0.84, 0.9), 0.9), "friction": 0.5, "posKeys": {"times": [0, 1], "values": PATH}},
-    ],
-}
-"""A wind over time and a collider that rubs as it passes, so that a system has every kind of value."""
-
 LATE = {"times": [0.0, 0.02, 0.05], "values": 3 * [{"x": 1, "y": 2, "z": -1}], "interpolation": "hold"}
 """Keys of a wind, of which the second holds from the time of step 4 on."""
-
-ONE = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("bdf2", 1)]
 
 
 def positions(system, change, t):
@@ -60,30 +42,9 @@ def test_a_later_key_of_the_wind_changes_nothing_before_it_acts(method, lead):
     found = adjoint.tangent(system, memory, change, TIGHT)
     assert not found[: begins + 1].any()
     assert found[begins + 1].any()
-    assert relative(found, measured) < 1e-6  # as above
+    assert relative(found, measured) < 1e-6  # rounding 1e-15 / 1e-5 against relative derivatives of 1e-4 and more
     change.damping[:] = 1.0
     assert adjoint.first_step(system, change) == 0
-
-
-@pytest.mark.parametrize(("method", "newton"), ONE)
-def test_each_entry_of_the_gradient_against_a_central_difference(method, newton):
-    system = gentle(method, newton, nx=2, ny=2, own=LED, **GUSTS)
-    memory, weight = swept(system)
-    gradient = adjoint.gradient(system, memory, weight, TIGHT, KINDS)
-    t, scales = 1e-5, all_elements(system)
-    measured = physics.nothing(system)
-    for name in ("mass", "stiffness", *KINDS):
-        found, scale = getattr(measured, name), np.where(getattr(scales, name) == 0, 1.0, getattr(scales, name))
-        for i in np.ndindex(found.shape):
-            change = physics.nothing(system)
-            getattr(change, name)[i] = scale[i]
-            gap = positions(system, change, t) - positions(system, change, -t)
-            found[i] = np.vdot(weight, gap) / (2 * t * scale[i])
-    # rounding 1e-15 / 1e-5 against relative derivatives of 1e-4 and more
-    for name in ("mass", "stiffness", *KINDS):
-        size = np.abs(getattr(gradient, name)).max()
-        assert size > 0
-        np.testing.assert_allclose(getattr(gradient, name), getattr(measured, name), atol=1e-5 * size)
 
 
 def test_what_nobody_asks_for_is_empty_and_the_rest_is_the_same():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.physics import METHODS, chain, gentle, scene, thing, xyz
+from helpers.physics import METHODS, VARIANTS, chain, scene, thing, xyz
 from helpers.scenes import cloth
 
 from clothfit.derivative import adjoint
@@ -15,7 +15,6 @@ from clothfit.scene.forces import Forces
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
 TIGHT = 1e-13
-VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1), ("bdf2", 3)]
 STEPS = 12
 
 
@@ -115,7 +114,3 @@ def test_energy_counts_the_work_of_the_forces():
     found = energies(pushed, motion)
     np.testing.assert_allclose(found.wind[-1], motion.positions[-1, 0, 0], rtol=1e-12)  # 1 N over the way
     assert found.kinetic[-1] == pytest.approx(0.5 * 0.5 * (0.1 / 0.5) ** 2, rel=1e-12)  # (Σ h u)²/2m
-
-
-def test_a_system_without_forces_has_none():
-    assert gentle().applied is None

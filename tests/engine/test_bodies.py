@@ -1,11 +1,14 @@
-"""Closed meshes as colliders: distances against those of shapes and of all triangles, forces against differences."""
+"""Closed meshes as colliders: distances against those of shapes and of all triangles, and contacts that a step only
+ends in: closed forms, what is left of a surface that turns away, and exact derivatives.
+"""
 
+import numba
 import numpy as np
 import pytest
 from helpers import physics
 from helpers.derivatives import assert_derivatives
 from helpers.obstacles import RUB, ring, with_room
-from helpers.physics import METHODS, full, relative, xyz
+from helpers.physics import METHODS, full, relative, scene, sheet, thing, xyz
 from helpers.surfaces import block, body, sphere, torus
 from scipy.spatial import cKDTree
 
@@ -14,6 +17,7 @@ from clothfit.engine.forces import colliders as forces
 from clothfit.engine.inputs import poses, sampling
 from clothfit.engine.inputs.body_files import body_of
 from clothfit.engine.inputs.tables import later, set_inputs
+from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.motion.simulate import simulate
 from clothfit.scene.keys import Keys
@@ -153,26 +157,6 @@ def test_a_contact_ahead_brakes_a_vertex_and_has_no_friction():
     assert not physics.step_terms(system, forces, own, y, np.tile([0, -0.08 / h, 0], (9, 1)), ahead=True)[1].any()
 
 
-def rich(wobble, method, newton):
-    """A cloth on the torus and on a block, both moving."""
-    fits = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
-    one = physics.sheet("LL", fit=fits, vertIsFixed=[i == 0 for i in range(9)])
-    one["vertVel"] = [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)]
-    still = body(block((1.2, 0.7, 1.4)), pos=xyz((1.9, 0.0, 1.0)), rot=xyz((15, 25, 5)), **RUB)
-    return physics.scene(
-        one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, optimizationIterations=6,
-        colliders=[ring(wobble), still], tolerance=TIGHT, windVel=xyz((4, -2, -3)),
-        fit={"windVel": True, "gravity": True},
-    )  # fmt: skip
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("method", "newton"), [("implicit", 3), ("bdf2", 1)])
-def test_gradient_tangent_and_columns(wobble, method, newton):
-    # systems are solved to 1e-13, and friction makes their condition about 1e4
-    assert_derivatives(rich(wobble, method, newton), TIGHT, 1e-10)
-
-
 # --- motions
 
 
@@ -186,8 +170,84 @@ def test_fast_vertices_do_not_pass_through_a_thin_mesh():
 
 
 def test_a_motion_that_begins_later_finds_its_poses(wobble):
-    made = build(rich(wobble, "implicit", 1), 0)
+    made = full(colliders=[ring(wobble)])
     set_inputs(made.inputs, made, 3)
     expected = made.colliders.bodies.place.copy()
     set_inputs(later(made.inputs, 2), made, 1)
     assert np.array_equal(made.colliders.bodies.place, expected)
+
+
+# --- contacts that a step only ends in
+
+
+def prism(outline):
+    """A closed mesh with this outline in x and y, of five corners, all of which the fourth one sees."""
+    return {
+        "type": 4, "pos": xyz((0, 0, 0)), "scale": xyz((1, 1, 1)), "thickness": 0.01, "friction": 0.3,
+        "mesh": {
+            "vertices": [xyz((x, y, z)) for z in (-1, 1) for x, y in outline],
+            "triangles": [3, 0, 4, 3, 1, 0, 3, 2, 1, 8, 9, 5, 8, 5, 6, 8, 6, 7]
+            + [i for e in range(5) for a, b in [(e, (e + 1) % 5)] for i in (a, b, b + 5, a, b + 5, a + 5)],
+        },
+    }  # fmt: skip
+
+
+FLOOR = prism([(-1, -1), (1, -1), (1, 0), (0, 0), (-1, 0)])
+VALLEY = prism([(-1, -1), (1, -1), (1, 1), (0, 0), (-1, 1)])
+
+
+def flat(height, speed, mass, **fields):
+    """Four vertices that come down on something."""
+    corners = [(a, height, b) for a in (-0.1, 0.1) for b in (-0.1, 0.1)]
+    own = thing(corners, [(0, 1), (1, 3), (3, 2), (2, 0)], mass=mass)
+    own["vertVel"] = [xyz((0, -speed, 0))] * 4
+    made = {"integrationMethod": 2, "delta": 0.02, "gravity": xyz((0, -9.81, 0))}
+    return scene(own, tolerance=TIGHT, **{**made, **fields})
+
+
+def test_a_vertex_that_ends_in_a_mesh_is_held_by_an_implicit_spring():
+    m, h, kappa, y = 0.01, 0.02, 1000.0, 0.012
+    part = rollout(build(flat(y, 0.0, m, colliders=[FLOOR]), 0), 1, TIGHT)[0]
+    assert part.used[0] == 1
+    assert part.met[0, 0].all()
+    expected = (-9.81 * h * m + h * kappa * (0.01 - y)) / (m + h * h * kappa)
+    np.testing.assert_allclose(part.velocity(1)[:, 1], expected, rtol=1e-12)
+
+
+def test_what_the_step_knew_or_does_not_reach_is_not_met():
+    for y, speed in ((0.05, 1.0), (0.05, 3.0), (0.009, 3.0)):
+        assert not rollout(build(flat(y, speed, 0.01, colliders=[FLOOR]), 0), 1, TIGHT)[0].met.any()
+
+
+def over(turning, method="implicit", newton=1, frames=3):
+    """A sheet that falls on a floor, or along one side of a valley and into the other."""
+    one = sheet("LL", vertIsFixed=[False] * 9, damping=0.1)
+    x = np.array([[0.04 * p["x"], 0.0, 0.1 * p["z"]] for p in one["vertPos"]])
+    x -= x.mean(axis=0)
+    x[:, 1] = 0.013 + 2e-4 * np.arange(9)
+    v = np.array([(1.0 + 0.1 * i, 0.0, 0.3) for i in range(9)])
+    if turning:
+        x, v = x @ TURN.T + [-0.08, 0.08, 0.0], np.array([(4.0 + 0.02 * i, -4.1, 0.3) for i in range(9)])
+    one["vertPos"], one["vertVel"] = [xyz(p) for p in x], [xyz(p) for p in v]
+    one.pop("springRestLength", None)
+    return scene(
+        one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.02, optimizationIterations=frames,
+        colliders=[VALLEY if turning else FLOOR], tolerance=TIGHT, fit={"gravity": True},
+        gravity=xyz((0, -9.81, 0) if turning else (0, -40, 0)),
+    )  # fmt: skip
+
+
+TURN = np.array([[1, 1, 0], [-1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2)
+TURNS = [("implicit", 1, False), ("implicit", 1, True), ("implicit", 3, True), ("bdf2", 1, True)]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow without compilation")
+@pytest.mark.parametrize(("method", "newton", "turning"), TURNS)
+def test_gradient_and_tangent_of_contacts_that_a_step_ends_in(method, newton, turning):
+    made = over(turning, method, newton)
+    part = rollout(build(made, 0), 2, TIGHT)[0]
+    assert part.met.any() or turning
+    assert (part.used > newton).any() == turning  # the other side is no part of what the first solution knows
+    # systems are solved to 1e-13, and friction makes their condition about 1e4
+    assert_derivatives(made, TIGHT, 1e-10, 1e-9)

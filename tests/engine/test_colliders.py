@@ -1,24 +1,23 @@
 """Colliders with friction: their surfaces and forces against formulas and differences, motions against closed forms."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import physics
-from helpers.derivatives import assert_derivatives
 from helpers.obstacles import SHAPES, box, capsule, plane, ring, touching, with_room
-from helpers.physics import GRAVITY, METHODS, STATES, VARIANTS, full, keys, relative, scene, sheet, state, thing, xyz
+from helpers.physics import GRAVITY, METHODS, STATES, full, keys, relative, scene, state, thing, xyz
 from helpers.scenes import document, problems
 from helpers.surfaces import block, body
 
+from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces import colliders, touch
 from clothfit.engine.inputs import sampling
+from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.step import guard
 from clothfit.engine.system import build
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
-from clothfit.objective.objective import Objective
-from clothfit.scene.fit_vector import parameters
+from clothfit.pictures.solids import solids
 
 TIGHT = 1e-13
 
@@ -194,72 +193,6 @@ def test_what_lies_on_a_collider_that_moves_goes_with_it(method):
     np.testing.assert_allclose(w[[0, 2]], [0.3 + spin * z, -spin * x], atol=touch.CREEP)
 
 
-def thrown(settings="LL", **fields):
-    """A sheet with velocities, held at a corner."""
-    one = sheet(settings, vertIsFixed=[i == 0 for i in range(9)], **fields)
-    return {**one, "vertVel": [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)]}
-
-
-def still_cloth():
-    """The same, of which nothing is fitted."""
-    return scene(thrown("nn")).cloths[0]
-
-
-def rich(method="implicit", newton=1):
-    """A cloth on colliders of each shape, some of which move."""
-    one = thrown(fit={"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"})
-    return scene(
-        one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, optimizationIterations=5,
-        colliders=[SHAPES["plane"], physics.ball((1.0, -0.74, 1.0), 0.8), SHAPES["capsule"], SHAPES["box"]],
-        planes="solid", tolerance=TIGHT, windVel=xyz((4, -2, -3)),
-        fit={"windVel": True, "gravity": True, "friction": "L", "contact": "L", "colliderOffset": "G"},
-        colliderOffset=xyz((1e-3, -2e-3, 1e-3)),  # small: steps as long as it is do not change contacts
-    )  # fmt: skip
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("method", "newton"), VARIANTS)
-def test_gradient_tangent_and_columns(method, newton):
-    made = rich(method, newton)
-    # the longest steps along the contacts' stiffness switch one of them
-    made = replace(made, fits={name: mode for name, mode in made.fits.items() if name != "contact"})
-    # systems are solved to 1e-13, and friction makes their condition about 1e4
-    assert_derivatives(made, TIGHT, 1e-10)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("method", "newton"), [("symplectic", 1), ("implicit", 3)])
-def test_the_gradient_by_each_law_and_by_the_offset(method, newton):
-    made = replace(rich(method, newton), fits={"friction": "L", "contact": "L", "offset": "G"}, cloths=(still_cloth(),))
-    target = simulate(made.with_values([made.cloths[0].mass * 1.1], [made.cloths[0].stiffness * 0.9]))
-    objective, p = Objective(made, target, TIGHT), parameters(made)
-    gradient = objective.cost_and_gradient(p)[1]
-    assert len(p) == 9
-    assert np.all(gradient != 0)
-    step, e = 1e-4 * np.maximum(np.abs(p), 1e-2), np.eye(9)
-
-    def slope(i):
-        """By a central difference of fourth order."""
-        one, two = (objective.cost(p + k * step[i] * e[i]) - objective.cost(p - k * step[i] * e[i]) for k in (1, 2))
-        return (8 * one - two) / (12 * step[i])
-
-    # rounding of positions, 1e-16 m, of moves of 1e-6 m by steps of 1e-4, ten times as much where iterations converge
-    np.testing.assert_allclose(gradient, [slope(i) for i in range(9)], rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_without_friction_its_gradient_is_the_limit_from_above():
-    made = replace(rich("bdf2"), fits={"friction": "L"}, cloths=(still_cloth(),))
-    smooth = made.with_values([made.cloths[0].mass], [made.cloths[0].stiffness], friction=np.zeros(3))
-    objective, t = Objective(smooth, simulate(made), TIGHT), 1e-6
-    gradient = objective.cost_and_gradient(np.zeros(3))[1]
-    # a one-sided difference of second order
-    start = objective.cost(np.zeros(3))
-    far = [(4 * objective.cost(t * e) - objective.cost(2 * t * e) - 3 * start) / (2 * t) for e in np.eye(3)]
-    assert np.all(gradient != 0)
-    np.testing.assert_allclose(gradient, far, rtol=1e-5)
-
-
 @pytest.mark.slow
 def test_friction_is_what_the_account_of_energy_says_it_takes():
     angle, mu = 0.6, 0.4
@@ -273,6 +206,100 @@ def test_friction_is_what_the_account_of_energy_says_it_takes():
     # but for the start, when the vertex sinks in by 2 mm and jumps
     assert found.damping[-1] == pytest.approx(mu * 0.2 * GRAVITY * np.cos(angle) * way, rel=0.02)
     assert abs(found.numerical[-1]) < 0.02 * found.damping[-1]
+
+
+# --- sizes that change
+
+
+def shape(kind, lengths=(1, 1, 1), at=(0, 0, 0), **fields):
+    """A collider of a type of the file."""
+    return {**body(block()), "type": kind, "pos": xyz(at), "scale": xyz(lengths), **fields}
+
+
+GROWS = keys([0, 0.04, 0.1], [(2, 2, 2), (2.6, 2.4, 2.2), (2.2, 3, 2.6)])
+DROP = {"delta": 0.005, "optimizationIterations": 41, "tolerance": TIGHT}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "interpolation"),
+    # a mesh that jumps throws the vertex off, and then meets it earlier in a step than a box does
+    [(3, "linear"), (3, "smooth"), (3, "hold"), (4, "linear"), (4, "smooth")],
+)
+def test_a_vertex_on_a_box_that_grows_is_one_on_a_box_that_is_lifted(kind, interpolation):
+    one = thing([(0.1, 0.5, 0.05)], mass=0.05, vertVel=[xyz((0, 0, 0))])
+    grows = {**GROWS, "interpolation": interpolation}
+    top = [0.5 * (value["y"] / 2 - 1) for value in GROWS["values"]]
+    lifted = keys(GROWS["times"], [(0, y, 0) for y in top], interpolation=interpolation)
+    wide = shape(3, (4, 1, 4), posKeys=lifted, stiffness=100)
+    a = simulate(scene(one, colliders=[shape(kind, scaleKeys=grows, stiffness=100)], **DROP))
+    b = simulate(scene(one, colliders=[wide], **DROP))
+    assert np.ptp(a.positions[:, 0, 1]) > 0.05
+    np.testing.assert_allclose(a.positions, b.positions, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_a_ball_that_grows_is_an_ellipse_of_none_and_the_same_for_capsules_without_height():
+    one = thing([(0.2, 0.5, 0.1)], mass=0.05)
+    balls = [shape(1, scaleKeys=GROWS), shape(2, (1, 0.5, 1), scaleKeys=GROWS, friction=0.0)]
+    a, b = (simulate(scene(one, colliders=[each], **DROP)) for each in balls)
+    np.testing.assert_allclose(a.positions, b.positions, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", [2, 3])  # a ball moves its points along its normals
+def test_its_surface_has_the_velocity_of_its_points(kind, method):
+    # what is at p in the axes is at f p there: of a capsule in the radial directions by x, along its axis by y
+    turned = {"rot": xyz((20, 30, 40)), "scaleKeys": GROWS, "thickness": 10.0, "friction": 0.3}
+    one = thing([(0.4, 0.3, -0.2)])
+    made = scene(one, colliders=[shape(kind, **turned)], integrationMethod=METHODS[method], **DROP)
+    system, h = build(made, 0), made.delta
+    which = {2: [0, 1, 0], 3: [0, 1, 2]}[kind]
+    values = np.array([[value[axis] for axis in "xyz"] for value in GROWS["values"]])[:, which]
+    axes = sampling.states(made.colliders, np.zeros(1), h, 0)[0, 0, touch.AXES : touch.SIZE]
+    for t in (0, 5, 9, 15):
+        set_inputs(system.inputs, system, t)
+        begins, now, ends = (
+            np.array([np.interp(h * (t + k), GROWS["times"], column) for column in values.T])
+            for k in (0, system.inputs.lead, 1)
+        )
+        p = axes @ system.x0[0]
+        expected = axes.T @ (p * (ends - begins) / (h * now))
+        depth, normal = touch.depths(system.colliders, system.x0)
+        along, still = np.zeros((1, 3)), np.zeros((1, 3))
+        colliders.add_force(system.colliders, system.x0, expected[None], along)  # which does not slide
+        colliders.add_force(system.colliders, system.x0, np.zeros((1, 3)), still)
+        np.testing.assert_allclose(along[0], 1000.0 * depth[0, 0] * normal[0, 0], rtol=1e-10, atol=1e-9)
+        assert np.abs(still - along).max() > 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [1, 2, 3, 4])
+def test_pictures_show_its_size(kind):
+    made = scene(thing([(0.1, 0.6, 0)]), colliders=[shape(kind, (1, 0.8, 1), scaleKeys=GROWS)], **DROP)
+    (found,) = solids(made, np.array([0.0, 0.04, 0.1]), made.cloths[0].positions[None])
+    assert found.moves
+    sizes = np.array([np.ptp(found.at(frame), axis=0) for frame in range(3)])
+    along_x = np.array([1.0, 1.3, 1.1])
+    np.testing.assert_allclose(sizes[:, 0], along_x * sizes[0, 0], rtol=1e-12)
+    assert sizes[0, 0] == pytest.approx(1.0, rel=1e-2)
+
+
+def test_a_smooth_scale_that_swings_below_0_is_refused_with_its_place(tmp_path):
+    swing = keys([0, 0.02, 0.04, 0.06], [(5, 5, 5), (0.01, 0.01, 0.01), (0.01, 0.01, 0.01), (5, 5, 5)])
+    (tmp_path / "zero.csv").write_text("0,1,1,1\n1,1,1,0\n")
+    zero = {"file": str(tmp_path / "zero.csv")}
+    for own, kind in (({**swing, "interpolation": "smooth"}, 3), ({**swing, "interpolation": "smooth"}, 4), (zero, 1)):
+        made = scene(thing([(0, 0, 0)]), colliders=[shape(kind, scaleKeys=own)], delta=0.005)
+        with pytest.raises(InvalidScene, match=r"colliders\[0\]\.scaleKeys.*: at .* s the scale is not above 0"):
+            build(made, 0, steps=300)
+
+
+def test_a_plane_has_no_size():
+    made = scene(thing([(0, 0, 0)]), colliders=[shape(0, scaleKeys=GROWS)], planes="solid")
+    assert made.warnings == ("colliders[0].scaleKeys: a plane has no size, so they change nothing",)
+    assert not made.moves
 
 
 # --- scenes
@@ -324,18 +351,16 @@ BAD = [
     (box(scaleKeys={"file": "a.glb", "joint": "arm"}), "scaleKeys: a joint has no scale; give times and values"),
     (body(block(), scaleKeys=keys([0], [(1, 1, 1)]), motion={"file": "walk.pc2"}),
      "scaleKeys: a mesh with a motion has its size from that"),
+    ({"thickness": 0}, "thickness: 0 is too small; it must be above 0"),
+    ({"stiffness": -1}, "stiffness: -1 is too small; it must be above 0"),
+    ({"friction": -0.5}, "friction: -0.5 is too small; it must be at least 0"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("item", "said"), BAD)
 def test_faults_are_named_with_their_place(item, said):
-    found = problems(document(thing([(0, 0, 0)]), colliders=[item], planes="solid"))
-    assert any(problem.startswith(f"colliders[0].{said}") for problem in found), found
-
-
-@pytest.mark.parametrize(("field", "value", "least"), [
-    ("thickness", 0, "above 0"), ("stiffness", -1, "above 0"), ("friction", -0.5, "at least 0"),
-])  # fmt: skip
-def test_faults_of_self_contact_are_named_with_their_place(field, value, least):
-    said = [f"selfCollision.{field}: {value} is too small; it must be {least}"]
-    assert problems(document(selfCollision={field: value})) == said
+    fields, place = {"colliders": [item], "planes": "solid"}, "colliders[0]"
+    if "type" not in item:
+        fields, place = {"selfCollision": item}, "selfCollision"
+    found = problems(document(thing([(0, 0, 0)]), **fields))
+    assert any(problem.startswith(f"{place}.{said}") for problem in found), found

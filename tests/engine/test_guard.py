@@ -116,14 +116,9 @@ def test_a_cloth_that_falls_on_a_sphere_has_never_more_energy_than_it_fell_with(
     found, fell = sum(energies(system, memory)), guard.energy(system, system.x0, system.v0)
     assert found.max() - found[0] <= guard.CONTACT_SLACK * fell
     assert found[-1] < found[0] - 0.9 * fell  # the sphere stops it: what it fell with is gone
-
-
-@BOTH
-def test_without_early_contacts_it_would_have(method):
-    system = FALLS["from 50 m"]._replace(method=method, guarded=False)
-    memory, good = rollout(system, STEPS, 1e-8)
-    found = sum(energies(system, memory.part(0, good)))
-    assert found.max() > 10 * guard.energy(system, system.x0, system.v0)
+    if name == "from 50 m":  # without early contacts it would have
+        free, good = rollout(system._replace(guarded=False), STEPS, 1e-8)
+        assert sum(energies(system, free.part(0, good))).max() > 10 * fell
 
 
 def points(method, heights, speed, mass=0.1):

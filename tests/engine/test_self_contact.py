@@ -13,7 +13,7 @@ from helpers.physics import METHODS, keys, relative, rotation, scene, thing, xyz
 
 from clothfit.base.errors import InvalidScene
 from clothfit.cli.validate import judge
-from clothfit.engine.forces.selfcontact import candidates, force, nearest, pairs, zones
+from clothfit.engine.forces.selfcontact import force, nearest, pairs, zones
 from clothfit.engine.rollout import rollout
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import implicit
@@ -106,26 +106,20 @@ def push(contact, y, u):
     return f
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_push_is_the_slope_of_its_energy(kind):
-    rng, t = np.random.default_rng(5), 1e-6
-    for x, d in rng.normal(size=(60, 2, 4, 3)):
-        made = law_of(x, kind)
-        slope = (force.energy(made, x + t * d) - force.energy(made, x - t * d)) / (2 * t)
-        # a kink, where another feature becomes the nearest, is met by none of these
-        share = nearest.share(kind, OWN, x)
-        if share == 1.0:
-            assert -np.vdot(push(made, x, 0 * x), d) == pytest.approx(slope, rel=1e-6, abs=1e-5)
-
-
 @pytest.mark.parametrize("friction", [0.0, 0.7])
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_forces_of_a_pair_have_no_sum_and_no_moment(kind, friction):
-    for x, u in np.random.default_rng(6).normal(size=(50, 2, 4, 3)):
-        f = push(law_of(x, kind, friction), x, u)
+def test_the_forces_of_a_pair_are_the_slope_of_its_energy_and_have_no_sum_and_no_moment(kind, friction):
+    t = 1e-6
+    for x, u, d in np.random.default_rng(6).normal(size=(60, 3, 4, 3)):
+        made = law_of(x, kind, friction)
+        f = push(made, x, u)
         np.testing.assert_allclose(f.sum(axis=0), 0, atol=1e-12 * np.abs(f).max())
-        if not friction:  # what rubs acts at both of two points, which are apart
-            np.testing.assert_allclose(np.cross(x, f).sum(axis=0), 0, atol=1e-11 * np.abs(f).max())
+        if friction:  # what rubs acts at both of two points, which are apart
+            continue
+        np.testing.assert_allclose(np.cross(x, f).sum(axis=0), 0, atol=1e-11 * np.abs(f).max())
+        slope = (force.energy(made, x + t * d) - force.energy(made, x - t * d)) / (2 * t)
+        if nearest.share(kind, OWN, x) == 1.0:  # no kink, where another feature becomes the nearest, is met
+            assert -np.vdot(f, d) == pytest.approx(slope, rel=1e-6, abs=1e-5)
 
 
 def parallel(rng):
@@ -174,13 +168,12 @@ def test_boxes_that_overlap_are_those_of_brute_force():
     rng = np.random.default_rng(8)
     low, other = rng.uniform(size=(300, 3)), rng.uniform(size=(200, 3))
     high, top = low + 0.2 * rng.uniform(size=low.shape) ** 3, other + 0.3 * rng.uniform(size=other.shape) ** 4
-    found = candidates.overlapping(low, high, other, top)
+    boxes, others = np.hstack([low, high]), np.hstack([other, top])
     meet = (low[:, None] <= top).all(axis=2) & (other <= high[:, None]).all(axis=2)
-    assert sorted(map(tuple, found.tolist())) == sorted(map(tuple, np.argwhere(meet).tolist()))
-    assert not len(candidates.overlapping(low[:0], high[:0], other, top))
-    found = candidates.overlapping_each_other(low, high)
-    meet = np.triu((low[:, None] <= high).all(axis=2) & (low <= high[:, None]).all(axis=2), 1)
-    assert sorted(map(tuple, found.tolist())) == sorted(map(tuple, np.argwhere(meet).tolist()))
+    each_other = np.triu((low[:, None] <= high).all(axis=2) & (low <= high[:, None]).all(axis=2), 1)
+    for given, expected in (((boxes, others), meet), ((boxes,), each_other), ((boxes[:0], others), meet[:0])):
+        found = pairs.overlapping(*given).tolist()
+        assert sorted(map(tuple, found)) == sorted(map(tuple, np.argwhere(expected).tolist()))
 
 
 def crumpled(n=6, seed=9, **law):
@@ -236,22 +229,14 @@ def test_pairs_that_pass_through_each_other_are_found():
 # --- motions
 
 
-def resting():
-    """Two rigid-ish sheets in weightlessness but for a weight on the upper one, the lower one fixed."""
-    points, springs, faces = two_sheets(0.02)
-    half = len(points) // 2
-    return touching(
-        points, springs, faces, {"thickness": 0.02, "stiffness": 50.0}, mass=0.01, stiffness=20.0,
-        damping=4.0, fixed=range(half), delta=0.01, optimizationIterations=60, tolerance=1e-10,
-    )  # fmt: skip
-
-
 @pytest.mark.slow
 def test_a_sheet_on_a_sheet_rests_where_the_push_carries_its_weight():
-    made = resting()  # long before it slides off, for it stands on points
-    motion = simulate(made)
-    system, x = build(made, 0), motion.positions[-1]
-    half = len(x) // 2
+    made = touching(
+        *two_sheets(0.02), {"thickness": 0.02, "stiffness": 50.0}, mass=0.01, stiffness=20.0, damping=4.0,
+        fixed=range(9), delta=0.01, optimizationIterations=60, tolerance=1e-10,
+    )  # fmt: skip
+    motion = simulate(made)  # long before it slides off, for it stands on points
+    system, x, half = build(made, 0), motion.positions[-1], 9
     contact = pairs.touching(system.surface, x)
     up = push(contact, x, 0 * x)[half:, 1].sum()
     assert up == pytest.approx(half * 0.01 * G, rel=1e-6)
@@ -423,13 +408,6 @@ def test_check_names_what_switches():
     assert first_switch(one, one) is None
     found = first_switch(one, other)
     assert found.at(name_of(made, found.obstacle)).endswith("the cloth itself, step 2")
-
-
-def test_a_scene_that_does_not_ask_has_nothing_of_it():
-    points, springs, faces = two_sheets(0.1)
-    made = build(scene(thing(points, springs, faces)), 0)
-    assert made.surface is None
-    assert made.contact is None
 
 
 def test_a_cloth_that_crosses_itself_at_the_start_is_refused(tmp_path):

@@ -1,15 +1,35 @@
-"""One step of each scheme against the scene format written down with dense matrices, and its derivatives."""
+"""One step of each scheme against the scene format written down with dense matrices; of BDF2 also how fast it
+converges, and where it is an Euler step instead.
+"""
 
+import numba
 import numpy as np
 import pytest
 from helpers import physics
-from helpers.physics import METHODS, STATES, TIGHT, dense_forces, full, relative
+from helpers.hard import crushed, energies
+from helpers.physics import METHODS, STATES, TIGHT, ball, cloth, dense_forces, full, relative
 
 from clothfit.base.arrays import Elements
-from clothfit.engine.step import explicit, implicit
-from clothfit.engine.system import IMPLICIT, clamped, with_elements
+from clothfit.engine.rollout import rollout
+from clothfit.engine.step import bdf2, explicit, guard, implicit
+from clothfit.engine.system import BDF2, IMPLICIT, clamped, with_elements
 
 FIXED = [0, 2]
+
+
+def solved(system, x, v, y=None, u=None):
+    """The velocity w of (M − h D − h² K) w = M v + h [f(y, u) + K (x − y) − D u], dense, K and D at (y, u), by default
+    at (x, v), or 0 for explicit methods; and the least eigenvalue of the matrix.
+    """
+    y, u = (x, v) if y is None else (y, u)
+    f, *both = dense_forces(system, y, u)
+    h, (K, D) = system.h, (float(system.method == IMPLICIT) * each for each in both)
+    M, free = np.kron(np.diag(system.vertex.mass), np.eye(3)), np.repeat(system.vertex.free, 3)
+    A = (M - h * D - h * h * K)[np.ix_(free, free)]
+    b = M @ v.ravel() + h * (f.ravel() + K @ (x - y).ravel() - D @ u.ravel())
+    w = np.zeros(x.size)
+    w[free] = np.linalg.solve(A, b[free])
+    return w.reshape(x.shape), np.linalg.eigvalsh(A).min()
 
 
 def system(method="implicit", newton=1, delta=0.02):
@@ -39,18 +59,6 @@ def as_taken(system, at):
     return system if len(taken(system, at.y, at.u)[0]) else clamped(system)
 
 
-def dense_step(system, x, v):
-    """The velocity after the step of the scene format: for implicit ones, linearised."""
-    h, implicitly = system.h, float(system.method == IMPLICIT)
-    f, K, D = dense_forces(system, x, v)
-    M, unknown = np.kron(np.diag(system.vertex.mass), np.eye(3)), np.repeat(system.vertex.free, 3)
-    A = M - implicitly * (h * D + h * h * K)
-    right = (M - implicitly * h * D) @ v.reshape(-1) + h * f.reshape(-1)
-    w = np.zeros(x.size)
-    w[unknown] = np.linalg.solve(A[np.ix_(unknown, unknown)], right[unknown])
-    return w.reshape(x.shape), np.linalg.eigvalsh(A[np.ix_(unknown, unknown)]).min()
-
-
 @pytest.mark.parametrize("name", STATES)
 @pytest.mark.parametrize("method", ["explicit", "symplectic", "implicit"])
 def test_the_step_is_that_of_the_scene_format(method, name):
@@ -60,7 +68,7 @@ def test_the_step_is_that_of_the_scene_format(method, name):
     assert (one.springs.cap == 1.0) == (name == "compressed" and method == "implicit")
     w = taken(one, at.y, at.u)[0][-1]
     # explicit: sums of some tens of terms; implicit: condition number below 1e3, residual 1e-14
-    assert relative(w, dense_step(one, at.y, at.u)[0]) < (1e-10 if method == "implicit" else 1e-13)
+    assert relative(w, solved(one, at.y, at.u)[0]) < (1e-10 if method == "implicit" else 1e-13)
     assert np.abs(w[FIXED]).max() == 0.0
 
 
@@ -68,8 +76,8 @@ def test_a_compressed_cloth_has_an_indefinite_matrix_and_is_stepped_in_the_clamp
     one = system()
     one = with_elements(one, Elements(one.vertex.mass, 40 * one.springs.stiffness))
     at, safe = start(one, "compressed"), clamped(one)
-    expected, least = dense_step(safe, at.y, at.u)
-    assert dense_step(one, at.y, at.u)[1] < 0 < 0.99 * one.vertex.mass.min() < least
+    expected, least = solved(safe, at.y, at.u)
+    assert solved(one, at.y, at.u)[1] < 0 < 0.99 * one.vertex.mass.min() < least
     assert len(taken(one, at.y, at.u)[0]) == 0  # refused
     w, _, direct = taken(safe, at.y, at.u)
     assert (len(w), direct) == (1, 0)
@@ -99,3 +107,77 @@ def test_newton_starts_from_the_linearised_step_and_solves_backward_euler(name):
 def test_a_step_with_nothing_left_to_improve_stops_early():
     still = physics.system(physics.thing([(0, 0, 0)]), forwardSubSteps=5)  # free fall is linear
     assert len(taken(still, still.x0, np.zeros((1, 3)))[0]) == 1
+
+
+# --- BDF2
+
+
+def run(system, steps, tolerance=TIGHT):
+    """The memory of a motion that stays finite."""
+    memory, good = rollout(system, steps, tolerance)
+    assert good == steps
+    return memory
+
+
+def written_down(system, steps):
+    """The motion (steps + 1, n, 3), by its definition."""
+    euler, inner = bdf2.forms(system)
+    w, _ = solved(euler, system.x0, system.v0)
+    x, v = [system.x0, system.x0 + euler.h * w], [system.v0, w]
+    for t in range(1, steps):
+        base, u = (4 * x[t] - x[t - 1]) / 3, 2 * v[t] - v[t - 1]
+        w, _ = solved(inner, base, (4 * v[t] - v[t - 1]) / 3, base + inner.h * u, u)
+        x.append(base + inner.h * w)
+        v.append(w)
+    return np.array(x)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fixed", [(), (0, 2)])
+def test_the_motion_is_that_of_the_definition(fixed):
+    system = full(fixed=fixed, integrationMethod=BDF2, delta=0.004)
+    memory = run(system, 8)
+    np.testing.assert_allclose(memory.x, written_down(system, 8), atol=1e-12)  # solves to 1e-14, of a condition of 100
+    assert memory.euler.tolist() == [True] + [False] * 7
+
+
+def hanging(method, k):
+    """Positions at 61 frames of 0.02 s of a cloth that swings from one side, k steps to a frame."""
+    one = cloth(7, 7, size=1.5, vertIsFixed=[i < 7 for i in range(49)], damping=0.05, dragCoefficient=0.0)
+    one |= {"vertMass": [0.02] * 49, "springStiffness": [60.0] * len(one["springStiffness"])}
+    memory = run(physics.system(one, integrationMethod=method, delta=0.02 / k), 60 * k, 1e-9)
+    assert (memory.euler.sum(), memory.clamped.any()) == (int(method == BDF2), False)
+    return memory.x[::k]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of steps are slow without compilation")
+def test_a_hanging_cloth_is_five_times_nearer_to_the_converged_motion_than_by_euler_steps():
+    finest, finer = (hanging(BDF2, k) for k in (32, 16))
+    exact, by_steps = finest + (finest - finer) / 3, [(IMPLICIT, 1), (BDF2, 1), (BDF2, 2), (BDF2, 4)]
+    euler, one, two, four = (np.sqrt(((hanging(*each) - exact) ** 2).sum(axis=2).mean()) for each in by_steps)
+    assert one < 0.2 * euler
+    assert abs(np.log2(two / four) - 2) < 0.4  # steps of 0.01 s are not yet short beside the cloth's oscillations
+    assert one / two > 2.0
+
+
+@pytest.mark.slow
+def test_euler_steps_are_those_that_would_add_energy_and_the_ones_after_a_shortened_step():
+    system = crushed(delta=0.2, integrationMethod=BDF2)
+    memory = run(system, 60, 1e-8)
+    assert memory.euler[1:].any()
+    assert not memory.euler.all()
+    inner, weight = energies(system, memory)
+    assert (np.diff(inner + weight) <= guard.SLACK * inner[:-1] + guard.LEAST_RISE + 1e-13 * inner.max()).all()
+    short = np.flatnonzero(memory.theta[:-1] < 1)
+    assert len(short)
+    assert memory.euler[short].all()
+    assert memory.euler[short + 1].all()
+
+
+@pytest.mark.slow
+def test_the_sudden_stop_on_a_sphere_is_survived():
+    one = cloth(5, 5, size=1.0, vertIsFixed=[False] * 25, vertMass=[0.05] * 25, dragCoefficient=0.0)
+    ground = {"delta": 0.02, "colliders": [ball((0.5, -1.5, 0.5), 0.9)]}
+    memory = run(physics.system(one, integrationMethod=BDF2, **ground), 100, 1e-6)
+    assert np.abs(memory.w).max() < 20.0  # m/s; it falls from 0.6 m, and rolls off

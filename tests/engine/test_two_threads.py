@@ -9,7 +9,7 @@ import pytest
 from helpers.scenes import needs_compiler
 
 from clothfit.engine.solve import two_threads
-from clothfit.engine.solve.two_threads import CLAIMED, DONE, POSTED, SERVES, STOP
+from clothfit.engine.solve.two_threads import SERVES, STOP
 
 
 @numba.njit(nogil=True)
@@ -62,20 +62,6 @@ def use(worker, phases=1000):
 def two(monkeypatch):
     """As if there were two processors."""
     monkeypatch.setattr(two_threads, "processors", lambda: 2)
-
-
-def test_a_share_is_given_to_one():
-    worker = two_threads.worker()
-    assert not two_threads.claim(worker)  # nothing is posted
-    two_threads.post(worker, 3.0)
-    assert two_threads.claim(worker)
-    assert not two_threads.claim(worker)
-    two_threads.done(worker)
-    two_threads.wait(worker)  # which returns
-    two_threads.post(worker, 5.0)
-    assert two_threads.next_phase(worker) == 5.0
-    assert not two_threads.claim(worker)
-    assert worker.flags[[POSTED, CLAIMED, DONE]].tolist() == [2, 2, 1]
 
 
 def test_with_one_processor_all_is_done_alone(monkeypatch):

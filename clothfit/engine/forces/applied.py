@@ -32,11 +32,6 @@ def build(pushed: int, pulled: int) -> Applied:
     return Applied(force, change, bar, np.zeros(pulled), np.zeros((pulled, 3)))
 
 
-def copied(applied: Applied) -> Applied:
-    """The same in memory of its own."""
-    return Applied(*(each.copy() for each in applied))
-
-
 @kernel
 def add_force(applied, y, u, f):
     add_times(applied, y, 1.0, f)

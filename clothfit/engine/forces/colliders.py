@@ -26,19 +26,10 @@ friction and with d < 0: so that none is deep in a body before it is pushed.
 
 from __future__ import annotations
 
+from clothfit.engine.forces import touch
 from clothfit.engine.forces.meeting import counts
 from clothfit.engine.forces.spheres import offset_of
-from clothfit.engine.forces.touch import (
-    FRICTION,
-    LAW,
-    STIFFNESS,
-    across,
-    contact,
-    gamma_slope,
-    slide,
-    surface_change,
-    surface_gradient,
-)
+from clothfit.engine.forces.touch import FRICTION, LAW, STIFFNESS, across, contact, gamma_slope, slide
 from clothfit.engine.forces.wind import add_along
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
@@ -129,41 +120,28 @@ def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
                 by_n = fma(splat(-kappa * nu), s_i, mul(splat(push + gamma * dot(n, z)), lam_i))
                 by_n = fma(splat(gamma * nu), z, fma(splat(-dot(n, v)), by_u, by_n))
                 by_y = fma(splat(k), across(n, by_n), mul(splat(j * dot(t, by_n)), t))
-                by_y = add(by_y, surface_gradient(colliders.bodies, own, spot, by_v))
+                by_y = add(by_y, touch.surface_gradient(colliders.bodies, own, spot, by_v))
                 by_y = fma(splat(gamma_slope(gamma, depth) * pi - kappa * nu), n, by_y)
                 add_along(gy, i, h, by_y)
                 add_along(gu, i, h, by_u)
-                add_to_law(grad, c, h, own[LAW], max(depth, 0.0) / q * pi, push / kappa * nu)
+                rub = max(depth, 0.0) / q * pi
+                if len(grad.friction) > 0:
+                    grad.friction[c] -= h * kappa * rub
+                if len(grad.contact) > 0:
+                    grad.contact[c] += h * (push / kappa * nu - own[LAW, FRICTION] * rub)
                 if len(grad.offset) > 0:
                     grad.offset[0] -= h * lane0(by_y)
                     grad.offset[1] -= h * lane1(by_y)
                     grad.offset[2] -= h * lane2(by_y)
 
 
-@kernel
-def add_to_law(grad, c, h, law, rub, push):
-    """Add to the gradient by μ and κ of collider c, with `rub` d π/q and `push` (d − σ) ν of a vertex."""
-    if len(grad.friction) > 0:
-        grad.friction[c] -= h * law[STIFFNESS] * rub
-    if len(grad.contact) > 0:
-        grad.contact[c] += h * (push - law[FRICTION] * rub)
-
-
-@kernel
-def change_of_law(direction, c):
-    """The change of μ and κ of collider c."""
-    dmu = direction.friction[c] if len(direction.friction) > 0 else 0.0
-    dkappa = direction.contact[c] if len(direction.contact) > 0 else 0.0
-    return dmu, dkappa
-
-
 @kernel(empty=None, apart=None)
 def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
-    o0, o1, o2 = offset_of(direction)
-    offset = pack(o0, o1, o2, 0.0)
+    offset = offset_of(direction)
     for c in range(len(colliders.rows)):
         own, kappa = colliders.rows[c], colliders.rows[c, LAW, STIFFNESS]
-        dmu, dkappa = change_of_law(direction, c)
+        dmu = direction.friction[c] if len(direction.friction) > 0 else 0.0
+        dkappa = direction.contact[c] if len(direction.contact) > 0 else 0.0
         for i in range(len(y)):
             depth, k, j, n, t, spot = contact(colliders, y, i, c)
             way = fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))  # h u where the step begins at y, else 0
@@ -171,7 +149,7 @@ def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
                 V, v, q, gamma = slide(colliders, y, u, i, c, depth, n, spot)
                 dy_i, s_i, z = sub(load3(dy, i), offset), load3(s, i), sub(load3(w, i), V)
                 dn = fma(splat(k), across(n, dy_i), mul(splat(j * dot(t, dy_i)), t))
-                ddelta, dV = dot(n, dy_i), surface_change(colliders.bodies, own, spot, dy_i)
+                ddelta, dV = dot(n, dy_i), touch.surface_change(colliders.bodies, own, spot, dy_i)
                 change = sub(sub(load3(du, i), dV), mul(splat(dot(n, v)), dn))
                 dq = dot(across(n, v), change) / q
                 dgamma = -gamma_slope(gamma, depth) * ddelta - gamma / q * dq

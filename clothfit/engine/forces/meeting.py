@@ -136,16 +136,11 @@ def strays(colliders, free, at, h, end):
             if own[SHAPE, 0] == MESH and own[LAW, THICKNESS] > 0.0 and free[i]:
                 deep = contact(colliders, end, i, c)[0]
                 most = STRAY * own[LAW, THICKNESS] + h * CREEP
-                if deep > most and deep - max(model_depth(colliders, y, end, i, c), 0.0) > most:
-                    return True
+                if deep > most:
+                    depth, _, _, n, _, _ = contact(colliders, y, i, c)
+                    if deep - max(depth - dot(n, sub(load3(end, i), load3(y, i))), 0.0) > most:
+                        return True
     return False
-
-
-@kernel
-def model_depth(colliders, y, end, i, c):
-    """d − n·s of vertex i at collider c for a step that is linearised at y, (n, 3), and ends at `end`."""
-    depth, _, _, n, _, _ = contact(colliders, y, i, c)
-    return depth - dot(n, sub(load3(end, i), load3(y, i)))
 
 
 @kernel(empty=None, apart=None)

@@ -19,7 +19,8 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import mul, pack, splat
+from clothfit.kernels.lanes.operations import add, div, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
+from clothfit.kernels.vectors import dot, vector
 
 STIFFNESS = 1000.0  # κ, N/m
 
@@ -40,11 +41,11 @@ def build(centres: npt.ArrayLike, radii: npt.ArrayLike) -> Spheres:
 @kernel
 def contact(spheres, y, i, c):
     """Depth r − δ (negative: no contact), distance δ, and normal n of vertex i at sphere c."""
-    p0, p1, p2 = y[i, 0] - spheres.centre[c, 0], y[i, 1] - spheres.centre[c, 1], y[i, 2] - spheres.centre[c, 2]
-    delta = sqrt(p0 * p0 + p1 * p1 + p2 * p2)
+    p = sub(load3(y, i), load3(spheres.centre, c))
+    delta = sqrt(dot(p, p))
     if delta == 0.0:
-        return spheres.radius[c], np.inf, 0.0, 1.0, 0.0  # an infinite δ: the normal does not turn with y
-    return spheres.radius[c] - delta, delta, p0 / delta, p1 / delta, p2 / delta
+        return spheres.radius[c], np.inf, pack(0.0, 1.0, 0.0, 0.0)  # an infinite δ: the normal does not turn with y
+    return spheres.radius[c] - delta, delta, div(p, splat(delta))
 
 
 @kernel
@@ -52,13 +53,19 @@ def begins(spheres, y, u, h, i, c):
     """Whether the way y + t u, 0 < t ≤ h, of vertex i enters sphere c from outside: with `early` steps know such
     contacts too, with the gap as a negative depth.
     """
-    p0, p1, p2 = y[i, 0] - spheres.centre[c, 0], y[i, 1] - spheres.centre[c, 1], y[i, 2] - spheres.centre[c, 2]
-    way = h * (p0 * u[i, 0] + p1 * u[i, 1] + p2 * u[i, 2])
+    p, u_i = sub(load3(y, i), load3(spheres.centre, c)), load3(u, i)
+    way = h * dot(p, u_i)
     if not way < 0.0:
         return False
-    part = min(1.0, -way / (h * h * (u[i, 0] * u[i, 0] + u[i, 1] * u[i, 1] + u[i, 2] * u[i, 2])))  # the nearest point
-    p0, p1, p2 = p0 + part * h * u[i, 0], p1 + part * h * u[i, 1], p2 + part * h * u[i, 2]
-    return p0 * p0 + p1 * p1 + p2 * p2 < spheres.radius[c] * spheres.radius[c]
+    part = min(1.0, -way / (h * h * dot(u_i, u_i)))  # to the nearest point
+    p = add(p, mul(splat(part * h), u_i))
+    return dot(p, p) < spheres.radius[c] * spheres.radius[c]
+
+
+@kernel
+def add_times(out, i, scale, n):
+    """out_i += scale · n, the product rounded: existing scenes move to the last bit as they did."""
+    store3(add(load3(out, i), mul(splat(scale), n)), out, i)
 
 
 @kernel
@@ -82,11 +89,9 @@ def energy_of_contacts(spheres, y, x):
 def add_force(spheres, y, u, f):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
-            depth, _, n0, n1, n2 = contact(spheres, y, i, c)
+            depth, _, n = contact(spheres, y, i, c)
             if depth > 0.0:
-                f[i, 0] += STIFFNESS * depth * n0
-                f[i, 1] += STIFFNESS * depth * n1
-                f[i, 2] += STIFFNESS * depth * n2
+                add_times(f, i, STIFFNESS * depth, n)
 
 
 @kernel(empty=0.0, apart=0.0)
@@ -94,18 +99,15 @@ def add_step(spheres, y, u, h, ahead, A, b):
     stiff, stored = h * h * STIFFNESS, 0.0
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
-            depth, _, n0, n1, n2 = contact(spheres, y, i, c)
+            depth, _, n = contact(spheres, y, i, c)
             if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
-                n = pack(n0, n1, n2, 0.0)
                 low, high = outer(mul(splat(stiff), n), n)
                 add_block(A.diagonal, i, low, high)
                 if len(b) > 0:
                     stored += STIFFNESS * max(depth, 0.0) * depth
-                    outward = u[i, 0] * n0 + u[i, 1] * n1 + u[i, 2] * n2 if ahead else 0.0
+                    outward = dot(load3(u, i), n) if ahead else 0.0
                     push = h * STIFFNESS * (depth + h * outward)
-                    b[i, 0] += push * n0
-                    b[i, 1] += push * n1
-                    b[i, 2] += push * n2
+                    add_times(b, i, push, n)
     return 0.5 * stored
 
 
@@ -114,50 +116,38 @@ def add_pullback(spheres, y, u, w, s, lam, h, grad, gy, gu):
     # φ = h κ [(r − δ) ν − ν σ],  ν = n·λ,  σ = n·s;  ∂ν/∂y = (λ − ν n)/δ,  ∂σ/∂y = (s − σ n)/δ
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
-            depth, delta, n0, n1, n2 = contact(spheres, y, i, c)
+            depth, delta, n = contact(spheres, y, i, c)
             if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
-                nu = n0 * lam[i, 0] + n1 * lam[i, 1] + n2 * lam[i, 2]
-                sigma = n0 * s[i, 0] + n1 * s[i, 1] + n2 * s[i, 2]
-                cl = (depth - sigma) / delta
-                cs = -nu / delta
+                lam_i, s_i = load3(lam, i), load3(s, i)
+                nu, sigma = dot(n, lam_i), dot(n, s_i)
+                cl, cs = (depth - sigma) / delta, -nu / delta
                 cn = -nu - cl * nu - cs * sigma
-                g0 = h * STIFFNESS * (cl * lam[i, 0] + cs * s[i, 0] + cn * n0)
-                g1 = h * STIFFNESS * (cl * lam[i, 1] + cs * s[i, 1] + cn * n1)
-                g2 = h * STIFFNESS * (cl * lam[i, 2] + cs * s[i, 2] + cn * n2)
-                gy[i, 0] += g0
-                gy[i, 1] += g1
-                gy[i, 2] += g2
+                g = add(add(mul(splat(cl), lam_i), mul(splat(cs), s_i)), mul(splat(cn), n))
+                g = mul(splat(h * STIFFNESS), g)
+                store3(add(load3(gy, i), g), gy, i)
                 if len(grad.offset) > 0:  # the force depends on y − c
-                    grad.offset[0] -= g0
-                    grad.offset[1] -= g1
-                    grad.offset[2] -= g2
+                    grad.offset[0] -= lane0(g)
+                    grad.offset[1] -= lane1(g)
+                    grad.offset[2] -= lane2(g)
 
 
 @kernel
 def offset_of(direction):
     """How a change of the elements moves all colliders, m."""
-    if len(direction.offset) > 0:
-        return direction.offset[0], direction.offset[1], direction.offset[2]
-    return 0.0, 0.0, 0.0
+    return vector(direction.offset) if len(direction.offset) > 0 else splat(0.0)
 
 
 @kernel(empty=None, apart=None)
 def add_pushforward(spheres, y, u, w, s, dy, du, direction, h, out):
     # F = κ (r − δ − σ) n, of y − c
-    o0, o1, o2 = offset_of(direction)
+    offset = offset_of(direction)
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
-            depth, delta, n0, n1, n2 = contact(spheres, y, i, c)
+            depth, delta, n = contact(spheres, y, i, c)
             if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
-                d0, d1, d2 = dy[i, 0] - o0, dy[i, 1] - o1, dy[i, 2] - o2
-                ddelta = n0 * d0 + n1 * d1 + n2 * d2
-                m0 = (d0 - ddelta * n0) / delta
-                m1 = (d1 - ddelta * n1) / delta
-                m2 = (d2 - ddelta * n2) / delta
-                sigma = n0 * s[i, 0] + n1 * s[i, 1] + n2 * s[i, 2]
-                dsigma = m0 * s[i, 0] + m1 * s[i, 1] + m2 * s[i, 2]
-                push = h * STIFFNESS * (depth - sigma)
-                change = -h * STIFFNESS * (ddelta + dsigma)
-                out[i, 0] += change * n0 + push * m0
-                out[i, 1] += change * n1 + push * m1
-                out[i, 2] += change * n2 + push * m2
+                d, s_i = sub(load3(dy, i), offset), load3(s, i)
+                ddelta = dot(n, d)
+                m = div(sub(d, mul(splat(ddelta), n)), splat(delta))
+                push = h * STIFFNESS * (depth - dot(n, s_i))
+                change = -h * STIFFNESS * (ddelta + dot(m, s_i))
+                store3(add(load3(out, i), add(mul(splat(change), n), mul(splat(push), m))), out, i)

@@ -125,12 +125,6 @@ def capped(springs, rho):
 
 
 @kernel
-def pointlike(d):
-    """Whether a spring's axis is that of one of zero length, which exerts nothing whatever its rest length."""
-    return dot(d, d) == 0.0
-
-
-@kernel
 def energy(springs, y):
     k, rest, twice = springs.stiffness, springs.rest, splat(0.0)  # k (L − L₀)², also where L = 0, as its limit
     whole = len(rest) - len(rest) % 4
@@ -335,7 +329,7 @@ def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
         cn = hk * turn
         if len(direction.damping) > 0:
             cd += 0.5 * hk * direction.damping[0] * wd
-        if len(direction.rest) > 0 and not pointlike(d):
+        if len(direction.rest) > 0 and dot(d, d) > 0.0:  # else it exerts nothing, whatever its rest length
             change = bent / springs.rest[i]  # ∂ρ̂/∂L₀
             cd += hk * direction.rest[i] * (sd * change - 1.0)
             cs -= hk * direction.rest[i] * change

@@ -107,12 +107,6 @@ def measured(bodies, own, i, y_i):
     p = inward(own, sub(y_i, load3(own, PLACE)))
     if own[SHAPE, 0] == MESH:
         return meshes.distance(bodies, int(own[SHAPE, 1]), i, p)
-    return of_shape(own, p)
-
-
-@kernel
-def of_shape(own, p):
-    """The same for a collider that is no mesh."""
     delta, k, j, n, t = distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))
     return delta, k, j, n, t, (-1, 0, 0.0, 0.0)
 
@@ -147,15 +141,6 @@ def across(n, v):
 
 
 @kernel
-def surface(colliders, y, i, c, spot):
-    """V at vertex i."""
-    own = colliders.rows[c]
-    away = sub(load3(y, i), load3(own, PLACE))
-    V = add(load3(own, VELOCITY), cross(load3(own, SPIN), away))
-    return with_drift(colliders.bodies, own, spot, stretched(own, away, V))
-
-
-@kernel
 def stretched(own, away, V):
     """V, and the velocity with which a collider that grows moves what is `away` from its centre; it is its own
     transpose.
@@ -163,13 +148,6 @@ def stretched(own, away, V):
     if own[RATE, 0] == 0.0 and own[RATE, 1] == 0.0 and own[RATE, 2] == 0.0:
         return V
     return add(V, outward(own, mul(load3(own, RATE), inward(own, away))))
-
-
-@kernel
-def with_drift(bodies, own, spot, V):
-    """V, and the velocity of the place on a mesh in its axes."""
-    f, _, wb, wc = spot
-    return add(V, outward(own, meshes.drift(bodies, f, wb, wc))) if f >= 0 else V
 
 
 @kernel
@@ -191,28 +169,26 @@ def surface_gradient(bodies, own, spot, by_v):
 @kernel
 def slide(colliders, y, u, i, c, depth, n, spot):
     """V, v, q and γ of vertex i."""
-    V = surface(colliders, y, i, c, spot)
+    own, (f, _, wb, wc) = colliders.rows[c], spot
+    away = sub(load3(y, i), load3(own, PLACE))
+    V = stretched(own, away, add(load3(own, VELOCITY), cross(load3(own, SPIN), away)))
+    if f >= 0:
+        V = add(V, outward(own, meshes.drift(colliders.bodies, f, wb, wc)))
     v = sub(load3(u, i), V)
     vt = across(n, v)
     q = sqrt(dot(vt, vt) + CREEP * CREEP)
-    return V, v, q, colliders.rows[c, LAW, FRICTION] * colliders.rows[c, LAW, STIFFNESS] * max(depth, 0.0) / q
-
-
-def depths(colliders: Colliders, y: Array) -> tuple[Array, Array]:
-    """Depth (C, n), m, 0 or less outside, and normal (C, n, 3) of points y (n, 3)."""
-    depth = np.zeros((len(colliders.rows), len(y)))
-    normal = np.zeros((*depth.shape, 3))
-    fill_depths(colliders, y, depth, normal)
-    return depth, normal
+    return V, v, q, own[LAW, FRICTION] * own[LAW, STIFFNESS] * max(depth, 0.0) / q
 
 
 @kernel
-def fill_depths(colliders, y, depth, normal):
-    """The same, written to arrays."""
+def depths(colliders, y):
+    """Depth (C, n), m, 0 or less outside, and normal (C, n, 3) of points y (n, 3)."""
+    depth, normal = np.zeros((len(colliders.rows), len(y))), np.zeros((len(colliders.rows), len(y), 3))
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth[c, i], _, _, n, _, _ = contact(colliders, y, i, c)
             store3(n, normal[c], i)
+    return depth, normal
 
 
 def spots(colliders: Colliders, y: Array) -> Indices:

@@ -154,25 +154,11 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
             grad.wind[1] += h * kappa * total * lane1(n)
             grad.wind[2] += h * kappa * total * lane2(n)
         g = fma(splat(value / size), n, g)  # κ = drag |n| / 6, so ∂κ/∂n = κ n / |n|²
-        add_normal_pullback(faces, y, i, mul(splat(h * kappa), g), gy)
-
-
-@kernel
-def add_normal_pullback(faces, y, i, g, gy):
-    """gy += gᵀ ∂n/∂y of face i: with n = p × q, g·(dp × q) = dp·(q × g) and g·(p × dq) = dq·(g × p)."""
-    p, q = edges(faces, y, i)
-    by_b, by_c = cross(q, g), cross(g, p)
-    add_along(gy, faces.corners[i, 1], 1.0, by_b)
-    add_along(gy, faces.corners[i, 2], 1.0, by_c)
-    add_along(gy, faces.corners[i, 0], -1.0, add(by_b, by_c))
-
-
-@kernel
-def normal_pushforward(faces, y, dy, i):
-    """dn of face i: dp × q + p × dq."""
-    p, q = edges(faces, y, i)
-    dp, dq = edges(faces, dy, i)
-    return add(cross(dp, q), cross(p, dq))
+        g, (p, q) = mul(splat(h * kappa), g), edges(faces, y, i)
+        by_b, by_c = cross(q, g), cross(g, p)  # n = p × q: g·(dp × q) = dp·(q × g) and g·(p × dq) = dq·(g × p)
+        add_along(gy, faces.corners[i, 1], 1.0, by_b)
+        add_along(gy, faces.corners[i, 2], 1.0, by_c)
+        add_along(gy, faces.corners[i, 0], -1.0, add(by_b, by_c))
 
 
 @kernel(empty=None, apart=None)
@@ -183,7 +169,8 @@ def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
         size = dot(n, n)
         if size == 0.0:
             continue
-        dn = normal_pushforward(faces, y, dy, i)
+        (p, q), (dp, dq) = edges(faces, y, i), edges(faces, dy, i)
+        dn = add(cross(dp, q), cross(p, dq))
         dkappa = kappa * dot(n, dn) / size
         if len(direction.drag) > 0:
             dkappa += direction.drag[0] / 6.0 * sqrt(size)

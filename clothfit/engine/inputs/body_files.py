@@ -23,7 +23,6 @@ from clothfit.meshes.mesh import Mesh, areas, read_mesh
 from clothfit.meshes.problems import THIN, tiny, together
 from clothfit.scene.cloth import Body, Collider
 from clothfit.scene.directions import along, edges_of
-from clothfit.scene.keys import Keys
 
 
 class Moving(NamedTuple):
@@ -53,7 +52,9 @@ def body_of(collider: Collider) -> Moving:
     surface = surface._replace(place=surface.place * collider.size)
     first = np.flatnonzero(kept)
     if collider.scaling:
-        return growing(collider.scaling, surface, count)
+        keys = resolved(collider.scaling)  # between two of them its vertices move as the scale changes
+        grown = growth(keys, keys.times)[:, None] * surface.place
+        return Moving(surface, count, keys.times, grown, keys.place)
     if body.motion is None:
         return Moving(surface, count, np.zeros(0), np.zeros((0, *surface.place.shape)))
     own = loaded(body.motion)
@@ -63,13 +64,6 @@ def body_of(collider: Collider) -> Moving:
     frames = own.values[:, first] * collider.size
     check_frames(frames, surface.triangles, body.motion.place)
     return Moving(surface._replace(place=frames[0]), count, own.times, frames, body.motion.place)
-
-
-def growing(scaling: Keys, surface: Surface, count: int) -> Moving:
-    """A mesh of so many vertices whose scale has keys: between two of them its vertices move as the scale changes."""
-    keys = resolved(scaling)
-    frames = growth(keys, keys.times)[:, None] * surface.place
-    return Moving(surface, count, keys.times, frames, keys.place)
 
 
 def inline(body: Body) -> Mesh:

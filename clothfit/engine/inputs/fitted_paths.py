@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import NO_TABLE, NO_VECTORS, Array, Indices
 from clothfit.kernels.kernel import kernel, record
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.keys import Keys
@@ -24,15 +24,15 @@ from clothfit.scene.keys import Keys
 class FittedPaths(NamedTuple):
     """Those of P vertices, by K keys; row r of a table is at time r h. Without rows nothing is fitted."""
 
-    keys: Array  # (K, 3), m, c
-    offset: Array  # (3,), m, d
-    share: Array  # (R, K), s
-    owner: Indices  # (K,), the pin that each key leads
-    pin: Indices  # (P,), the pin that each vertex belongs to, −1 for none
-    turn: Array  # (R, 3, 3); none where axes do not turn
-    base: Array  # (R, P, 3), m, x̂
-    change: Array  # (P, 3), m: how places change that the step leads to, or the gradient by them, per m
-    change_later: Array  # (P, 3), m: the same one step later
+    keys: Array = NO_VECTORS  # (K, 3), m, c
+    offset: Array = np.zeros(3)  # (3,), m, d
+    share: Array = np.zeros((0, 0))  # (R, K), s
+    owner: Indices = np.zeros(0, np.int32)  # (K,), the pin that each key leads
+    pin: Indices = np.zeros(0, np.int32)  # (P,), the pin that each vertex belongs to, −1 for none
+    turn: Array = np.zeros((0, 3, 3))  # (R, 3, 3); none where axes do not turn
+    base: Array = NO_TABLE  # (R, P, 3), m, x̂
+    change: Array = NO_VECTORS  # (P, 3), m: how places change that the step leads to, or the gradient by them, per m
+    change_later: Array = NO_VECTORS  # (P, 3), m: the same one step later
 
     @property
     def path(self) -> Array:
@@ -49,25 +49,18 @@ class FittedPaths(NamedTuple):
         return np.asarray(moved @ self.turn.transpose(0, 2, 1)) if len(self.turn) else moved
 
 
-def none() -> FittedPaths:
-    """Nothing is fitted."""
-    nobody, vectors = np.zeros(0, np.int32), np.zeros((0, 3))
-    turns, rows = np.zeros((0, 3, 3)), np.zeros((0, 0, 3))
-    return FittedPaths(vectors, np.zeros(3), np.zeros((0, 0)), nobody, nobody, turns, rows, vectors, vectors.copy())
-
-
 def build(cloth: Cloth, path: Array, turn: Array, changes: Callable[[Keys], Array]) -> FittedPaths:
     """Those of a cloth whose pins, and after them other vertices that are led, go along `path` (R, P, 3), m; `changes`
     gives the change of keys since time 0 at all rows.
     """
     if cloth.mode("path") == "n" and cloth.mode("shift") == "n":
-        return none()
+        return FittedPaths()
     own = [(i, pin.own) for i, pin in enumerate(cloth.pins) if pin.own and cloth.mode("path") != "n"]
     shares = [changes(replace(keys, values=np.eye(len(keys.times)))) for _, keys in own]
     counts = np.concatenate([[len(pin.vertices) for pin in cloth.pins]]).astype(int)
     pin = np.full(path.shape[1], -1, np.int32)
     pin[: counts.sum()] = np.repeat(np.arange(len(counts)), counts)
-    found = none()._replace(
+    found = FittedPaths(
         keys=np.concatenate([np.zeros((0, 3)), *(keys.values for _, keys in own)]),
         offset=np.array(cloth.shift),
         share=np.ascontiguousarray(np.concatenate([np.zeros((len(path), 0)), *shares], axis=1)),

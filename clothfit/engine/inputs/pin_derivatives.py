@@ -14,7 +14,7 @@ from clothfit.base.arrays import Array, Elements, Flags
 from clothfit.engine.forces import springs
 from clothfit.engine.inputs.fitted_paths import moves, pull_places, push_places
 from clothfit.engine.inputs.tables import Inputs, add_coupling, lead_pins, send
-from clothfit.engine.solve.joined import add_from_fixed, add_to_fixed
+from clothfit.engine.solve.joined import add_across
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, load3, store3
 
@@ -72,7 +72,7 @@ def push_pins(inputs, system, y, dx, du, later, scratch, A, b):
             if later:
                 scratch[i, c] -= du[i, c]
     add_coupling(inputs, system, y, scratch, b)
-    add_from_fixed(A.joined, -1.0, scratch, b)
+    add_across(A.joined, -1.0, scratch, False, b)
 
 
 @kernel(absent=None)
@@ -102,7 +102,7 @@ def pull_pins(inputs, system, y, lam, A, w_bar, x_bar, coupled):
             if not system.vertex.free[pin]:
                 pull = springs.pull_of(system.springs, y, i, system.h, load3(lam, other))
                 store3(add(load3(coupled, pin), pull), coupled, pin)
-    add_to_fixed(A.joined, -1.0, lam, coupled)
+    add_across(A.joined, -1.0, lam, True, coupled)
     for p in range(len(inputs.pins)):
         i = inputs.pins[p]
         for c in range(3):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import NO_VECTORS, Array, Indices
 from clothfit.engine.forces import bodies as meshes
 from clothfit.engine.inputs.interpolation import splined
 from clothfit.kernels.kernel import kernel
@@ -30,15 +30,10 @@ ROWS = 4
 class Poses(NamedTuple):
     """Those of M moving meshes at R times, a step apart. Q rows of frames and slopes, one for each vertex of each."""
 
-    rows: Array  # (Q, 3), m; slopes m/s
-    body: Indices  # (M,), which of the meshes they are
-    first: Numbers  # (R, M, 4), of the rows of each sum the one of the first vertex
-    weight: Array  # (R, M, 4), slopes have s
-
-
-def none() -> Poses:
-    """Those of no mesh."""
-    return Poses(np.zeros((0, 3)), np.zeros(0, np.int32), np.zeros((0, 0, ROWS), np.int64), np.zeros((0, 0, ROWS)))
+    rows: Array = NO_VECTORS  # (Q, 3), m; slopes m/s
+    body: Indices = np.zeros(0, np.int32)  # (M,), which of the meshes they are
+    first: Numbers = np.zeros((0, 0, ROWS), np.int64)  # (R, M, 4), of the rows of each sum the one of the first vertex
+    weight: Array = np.zeros((0, 0, ROWS))  # (R, M, 4), slopes have s
 
 
 def build(moving: Sequence[Moving], interpolations: Sequence[str], times: Array) -> Poses:
@@ -100,12 +95,7 @@ def pose(poses, colliders, row, lead, h):
     """Put the meshes where they are at a row of the table, with the velocity of the step that ends there, with `lead` 0
     of the one that begins there.
     """
-    write(poses, colliders.bodies, row, min(max(row - lead, 0), len(poses.first) - 2), h)
-
-
-@kernel
-def write(poses, bodies, row, step, h):
-    """The same, with the velocity of a step."""
+    bodies, step = colliders.bodies, min(max(row - lead, 0), len(poses.first) - 2)
     for m in range(len(poses.body)):
         b = poses.body[m]
         begin = bodies.vertex[b]

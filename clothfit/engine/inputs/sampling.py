@@ -9,15 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import NO_VECTORS, Array, Indices
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces.touch import AXES, PLACE, RATE, SIZE, SPIN, STATE, VELOCITY
 from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.interpolation import growth, interpolated, resolved
 from clothfit.engine.inputs.poses import Poses
 from clothfit.engine.inputs.poses import build as build_poses
-from clothfit.engine.inputs.poses import none as no_poses
-from clothfit.engine.inputs.tables import Inputs, constant
+from clothfit.engine.inputs.tables import Inputs
 from clothfit.scene.cloth import AXIS_OF_SIZE, CAPSULE, MESH, SPHERE, Cloth, Collider
 from clothfit.scene.keys import Frame, Keys, Pin
 from clothfit.scene.scene import Scene
@@ -76,16 +75,16 @@ def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
 
 def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     """The tables of a cloth with inputs that change."""
-    found = constant(scene.wind, scene.gravity, len(scene.spheres), len(scene.colliders))
-    lead, turns = int(scene.method >= 2), np.zeros((0, 3, 3))
+    lead, turns, drift = int(scene.method >= 2), np.zeros((0, 3, 3)), NO_VECTORS
     times: Array = scene.delta * np.arange(steps + 3, dtype=float)  # explicit steps read two rows
     wind, gravity = (
-        interpolated(resolved(keys), times) if keys else found.wind for keys in (scene.wind_keys, scene.gravity_keys)
+        interpolated(resolved(keys), times) if keys else NO_VECTORS for keys in (scene.wind_keys, scene.gravity_keys)
     )
-    if scene.mode("gusts") != "n" and scene.wind_keys:
-        share = interpolated(replace(scene.wind_keys, values=np.eye(len(scene.gusts))), times)
-        found = found._replace(gusts=np.array(scene.gusts), share=share)
     moving_axes = axes(scene.frame, times) if scene.frame else None
+    own = applied(scene, cloth, times, moving_axes)
+    if scene.mode("gusts") != "n" and scene.wind_keys:
+        own["gusts"] = np.array(scene.gusts)
+        own["share"] = interpolated(replace(scene.wind_keys, values=np.eye(len(scene.gusts))), times)
     pins, path = paths(cloth, times)
     centre = places(scene, times, lead)
     if scene.frame and moving_axes:
@@ -94,15 +93,16 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
         pins, frame = np.concatenate([pins, others]), moving_axes
         path = frame.world(np.concatenate([path if len(path) else still[:, :0], still], axis=1))
         start, first, second = (frame.at(k).world(cloth.positions[None])[0] for k in range(3))
-        found = found._replace(drift=(4.0 * first - second - 3.0 * start) / (2.0 * scene.delta))
+        drift = (4.0 * first - second - 3.0 * start) / (2.0 * scene.delta)
         turns = np.ascontiguousarray(frame.turn) if scene.frame.rotation else turns
     held = np.isin(cloth.springs, pins)
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
     moves = scene.changes or cloth.pins
-    return found._replace(
+    return Inputs(
         energetic=bool(moves or scene.colliders or scene.self_contact or (scene.forces and scene.forces.pulls)),
-        **applied(scene, cloth, times, moving_axes),
-        wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
+        wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled, **own,
+        wind_base=np.array(scene.wind, float), gravity_base=np.array(scene.gravity, float),
+        drift=drift, counted=np.zeros(3),
         fitted=fitted_paths.build(cloth, path, turns, partial(moved, times=times)),
         place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)),
         lead=lead, steps=steps if moves or scene.forces else ANY_NUMBER, poses=poses_of(scene, times),
@@ -131,7 +131,7 @@ def applied(scene: Scene, cloth: Cloth, times: Array, frame: Axes | None) -> dic
 def poses_of(scene: Scene, times: Array) -> Poses:
     """The poses of the meshes among the colliders at times (T,), s."""
     if not any(each.body for each in scene.colliders):
-        return no_poses()
+        return Poses()
     from clothfit.engine.inputs.body_files import bodies_of  # what reads all formats, which few scenes need
 
     moving = [each.motion or collider.scaling for collider in scene.colliders if (each := collider.body)]

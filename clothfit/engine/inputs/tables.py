@@ -13,17 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import NO_TABLE, Array, Elements, Indices
+from clothfit.base.arrays import NO_NUMBERS, NO_TABLE, NO_VECTORS, Array, Elements, Indices
 from clothfit.engine.forces import springs
 from clothfit.engine.forces.touch import PLACE, STATE
 from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.fitted_paths import FittedPaths, pull_places, push_places
 from clothfit.engine.inputs.poses import Poses, pose
-from clothfit.engine.inputs.poses import none as no_poses
-from clothfit.engine.solve.joined import add_from_fixed
+from clothfit.engine.solve.joined import add_across
 from clothfit.kernels.kernel import kernel, record
 from clothfit.kernels.lanes.operations import add, load3, store3
 from clothfit.kernels.vectors import combine, copy
+
+NOBODY, NO_ROWS = np.zeros(0, np.int32), np.zeros((0, 0))
 
 
 @record
@@ -32,41 +33,28 @@ class Inputs(NamedTuple):
     changes, and without colliders, has None in place of it, so that nothing of this module is compiled for it.
     """
 
-    wind: Array  # (R, 3), m/s, what is added to the scene's
-    gravity: Array  # (R, 3), m/s², the same
-    centre: Array  # (R, C + 8 D, 3), m, of C spheres; then the states (8, 3) of D other colliders, one after another
-    path: Array  # (R, P, 3), m, of the pins
-    pins: Indices  # (P,), their vertices
-    coupled: Indices  # the springs of which one end is such a vertex and the other is free
-    wind_base: Array  # (3,), m/s, of the scene
-    gravity_base: Array  # (3,), m/s²
-    fitted: FittedPaths  # pins whose paths are fitted
-    gusts: Array  # (K, 3), m/s, the values of the wind's keys where they are fitted; else none
-    share: Array  # (R, K), of each of them in a row of `wind`
-    counted: Array  # (3,), the gradient by the wind up to the step that was swept last
-    place: Array  # (P, 3), m, where the pins are after the step that is computed
-    later: Array  # (P, 3), m, where they are one step after that
-    drift: Array  # (n, 3), m/s, velocity of the scene's axes where each vertex starts; none where they are still
-    force: Array  # (T, n, 3), N, applied in each step; none where there are none
-    gain: Array  # (T, n), N/m, of springs that pull the vertices; none where there are none
-    target: Array  # (T, n, 3), m, to where, after each step
-    lead: int  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
-    steps: int  # that the tables have rows for
-    poses: Poses  # of the meshes that change
+    wind: Array = NO_VECTORS  # (R, 3), m/s, what is added to the scene's
+    gravity: Array = NO_VECTORS  # (R, 3), m/s², the same
+    centre: Array = NO_TABLE  # (R, C + 8 D, 3), m, of C spheres, then the states (8, 3) of D other colliders
+    path: Array = NO_TABLE  # (R, P, 3), m, of the pins
+    pins: Indices = NOBODY  # (P,), their vertices
+    coupled: Indices = NOBODY  # the springs of which one end is such a vertex and the other is free
+    wind_base: Array = NO_NUMBERS  # (3,), m/s, of the scene
+    gravity_base: Array = NO_NUMBERS  # (3,), m/s²
+    fitted: FittedPaths = FittedPaths()  # pins whose paths are fitted
+    gusts: Array = NO_VECTORS  # (K, 3), m/s, the values of the wind's keys where they are fitted; else none
+    share: Array = NO_ROWS  # (R, K), of each of them in a row of `wind`
+    counted: Array = NO_NUMBERS  # (3,), the gradient by the wind up to the step that was swept last
+    place: Array = NO_VECTORS  # (P, 3), m, where the pins are after the step that is computed
+    later: Array = NO_VECTORS  # (P, 3), m, where they are one step after that
+    drift: Array = NO_VECTORS  # (n, 3), m/s, of the scene's axes where each vertex starts; none where they are still
+    force: Array = NO_TABLE  # (T, n, 3), N, applied in each step; none where there are none
+    gain: Array = NO_ROWS  # (T, n), N/m, of springs that pull the vertices; none where there are none
+    target: Array = NO_TABLE  # (T, n, 3), m, to where, after each step
+    lead: int = 1  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
+    steps: int = 0  # that the tables have rows for
+    poses: Poses = Poses()  # of the meshes that change
     energetic: bool = True  # whether anything else than the applied forces may bring energy
-
-
-def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Inputs:
-    """Inputs that do not change: wind, m/s, and gravity, m/s², (3,) each, so many spheres and other colliders."""
-    none = np.zeros((0, 3))
-    places = np.zeros((0, spheres + STATE * colliders, 3))
-    nobody = np.zeros(0, np.int32)
-    bases = np.array(wind, float), np.array(gravity, float)
-    keyed = none, np.zeros((0, 0)), np.zeros(3)
-    tables = none, none, places, np.zeros((0, 0, 3))
-    applied = NO_TABLE, np.zeros((0, 0)), NO_TABLE
-    fitted, poses = fitted_paths.none(), no_poses()
-    return Inputs(*tables, nobody, nobody, *bases, fitted, *keyed, none, none, none, *applied, 1, 0, poses)
 
 
 def check_steps(inputs: Inputs | None, steps: int) -> None:
@@ -112,7 +100,9 @@ def set_inputs(inputs, system, t):
         add_row(inputs.gravity, late, inputs.gravity_base, system.vertex.gravity)
     if len(inputs.centre) > 0:
         copy(inputs.centre[late], system.spheres.centre)
-        move_colliders(system.colliders, inputs.centre[late, len(system.spheres.centre) :])
+        states = inputs.centre[late, len(system.spheres.centre) :]
+        for c in range(len(system.colliders.rows)):
+            copy(states[c * STATE :], system.colliders.rows[c, :STATE])
     pose(inputs.poses, system.colliders, late, inputs.lead, system.h)
     if len(inputs.path) > 0:
         copy(inputs.path[t + 1], inputs.place)
@@ -123,13 +113,6 @@ def set_inputs(inputs, system, t):
         for i in range(inputs.gain.shape[1]):  # see `copy`
             system.applied.gain[i] = inputs.gain[t, i]
         copy(inputs.target[t], system.applied.place)
-
-
-@kernel(absent=None)
-def move_colliders(colliders, states):
-    """Write states (8 D, 3) to D colliders."""
-    for c in range(len(colliders.rows)):
-        copy(states[c * STATE :], colliders.rows[c, :STATE])
 
 
 @kernel(absent=None, apart=None)
@@ -275,7 +258,7 @@ def couple(inputs, system, x, y, scratch, A, b):
         scratch[:] = 0.0
         set_pins(inputs, system, x, scratch)
         add_coupling(inputs, system, y, scratch, b)
-        add_from_fixed(A.joined, -1.0, scratch, b)
+        add_across(A.joined, -1.0, scratch, False, b)
 
 
 @kernel(absent=None, apart=None)

@@ -7,15 +7,13 @@ numbers are the same to the last bit with one thread or two.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, staggered
-from clothfit.engine.solve import cg, multigrid, ssor, two_threads
+from clothfit.engine.solve import multigrid, ssor, two_threads
 from clothfit.engine.solve.cg import CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.multigrid import AFTER, Hierarchy, rows
 from clothfit.engine.solve.sparse import BlockMatrix, times, times_spread
@@ -54,12 +52,6 @@ class Large(NamedTuple):
     hierarchy: Hierarchy
 
 
-def second(A: BlockMatrix) -> Second:
-    """Memory for the second subdomain of a matrix."""
-    _, far = staggered(2, len(A.diagonal) - 1, 4)  # half a page from where x begins, and away from the others
-    return Second(far, two_threads.worker())
-
-
 NONE = Large(Second(np.zeros((0, 4)), two_threads.worker()), multigrid.nothing())
 """What there is of them for a cloth that is not large."""
 
@@ -70,13 +62,10 @@ def large(A: BlockMatrix) -> Large:
     """
     begin, end = A.subdomains[1]
     hierarchy = multigrid.hierarchy(A) if begin < end else None
-    return Large(second(A), hierarchy) if hierarchy else NONE
-
-
-@kernel
-def is_there(large):
-    """Whether a cloth is large."""
-    return len(large.second.far) > 0
+    if hierarchy is None:
+        return NONE
+    _, far = staggered(2, len(A.diagonal) - 1, 4)  # half a page from where x begins, and away from the others
+    return Large(Second(far, two_threads.worker()), hierarchy)
 
 
 @kernel(apart=(0, 0))
@@ -222,10 +211,3 @@ def serve(A, work, second, hierarchy):
         first, other = worker.message[0, 1], worker.message[0, 2]
         worker.message[0, 3] = act(A, work, second.far, hierarchy, 1, phase, first, other)
         two_threads.done(worker)
-
-
-@contextmanager
-def served(A: BlockMatrix, work: cg.Workspace, second: Second, hierarchy: Hierarchy) -> Iterator[None]:
-    """Within the block a second thread serves the solves with this matrix and memory."""
-    with two_threads.serving(second.worker, lambda: serve(A, work, second, hierarchy)):
-        yield

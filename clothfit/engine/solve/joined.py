@@ -109,32 +109,21 @@ def add_product(joined, scale, x, out):
 
 
 @kernel(absent=None)
-def add_from_fixed(joined, scale, w, out):
-    """out += scale · the blocks that join free vertices to fixed ones, times the w (n, 3) of these."""
+def add_across(joined, scale, x, to_fixed, out):
+    """out += scale · the blocks that join free vertices to fixed ones, times the x (n, 3) of these, or where it goes
+    `to_fixed` the transposed ones times that of the free.
+    """
     vertices, rows, _, free = joined
     for k in range(len(rows)):
         z = splat(0.0)
         for e in range(4):
             i = vertices[k, e]
-            z = fma(splat(rows[k, WEIGHT + e] * (1.0 - free[i])), load3(w, i), z)
+            z = fma(splat(rows[k, FREE + e] if to_fixed else rows[k, WEIGHT + e] * (1.0 - free[i])), load3(x, i), z)
         z = mul(splat(scale), block_product(rows, k, z))
         for e in range(4):
             i = vertices[k, e]
-            store3(fma(splat(rows[k, FREE + e]), z, load3(out, i)), out, i)
-
-
-@kernel(absent=None)
-def add_to_fixed(joined, scale, x, out):
-    """out += scale · the blocks that join fixed vertices to free ones, times the x (n, 3) of these."""
-    vertices, rows, _, free = joined
-    for k in range(len(rows)):
-        z = splat(0.0)
-        for e in range(4):
-            z = fma(splat(rows[k, FREE + e]), load3(x, vertices[k, e]), z)
-        z = mul(splat(scale), block_product(rows, k, z))
-        for e in range(4):
-            i = vertices[k, e]
-            store3(fma(splat(rows[k, WEIGHT + e] * (1.0 - free[i])), z, load3(out, i)), out, i)
+            weight = rows[k, WEIGHT + e] * (1.0 - free[i]) if to_fixed else rows[k, FREE + e]
+            store3(fma(splat(weight), z, load3(out, i)), out, i)
 
 
 def to_scipy(vertices: Indices, rows: Array, order: Indices) -> coo_array:

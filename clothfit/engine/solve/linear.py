@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.engine.solve import cg, cg_multigrid, minres, sparse
+from clothfit.engine.solve import cg, cg_multigrid, minres, sparse, two_threads
 from clothfit.engine.solve.joined import Joined
 from clothfit.engine.solve.sparse import BlockMatrix
 from clothfit.kernels.kernel import kernel, objmode, record
@@ -49,10 +49,11 @@ def workspace(A: BlockMatrix) -> Workspace:
 @contextmanager
 def served(A: BlockMatrix, work: Workspace) -> Iterator[None]:
     """Within the block a second thread, where there is one, serves solves with this matrix and workspace."""
-    if not len(work.large.second.far):
+    large = work.large
+    if not len(large.second.far):
         yield
     else:
-        with cg_multigrid.served(A, work.cg, *work.large):
+        with two_threads.serving(large.second.worker, lambda: cg_multigrid.serve(A, work.cg, *large)):
             yield
 
 
@@ -63,7 +64,8 @@ def solve(A, b, tolerance, work, w, anyhow):
     Returns the CG iterations and the direct solves (0 or 1) used, and whether w is the solution.
     """
     limit = 300 + len(b) // 4  # about the price of a factorisation, from 500 to 10,000 vertices
-    (second, hierarchy), large = work.large, cg_multigrid.is_there(work.large)
+    second, hierarchy = work.large
+    large = len(second.far) > 0
     if large:
         iterations, ended = cg_multigrid.solve(A, b, tolerance, limit, work.cg, second, hierarchy, w)
     else:

@@ -237,14 +237,18 @@ def pull_iteration(system, x, v, w, u, later, tolerance, work, x_bar, v_bar, gra
 def linearise(system, x, w, u, later, A, b, y, s):
     """The point y, A and b (see `assemble`), and the offset s of an iteration from u to w, the first or a `later` one.
     """
-    h = system.h
+    offset(system.h, x, w, u, later, y, s)
+    assemble(system, y, u, later, A, b)
+
+
+@kernel
+def offset(h, x, w, u, later, y, s):
     if later:
         combine(1.0, x, h, u, y)
         combine(h, w, -h, u, s)
     else:
         copy(x, y)
         combine(h, w, 0.0, w, s)
-    assemble(system, y, u, later, A, b)
 
 
 @kernel

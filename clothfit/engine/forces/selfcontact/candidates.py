@@ -19,19 +19,12 @@ ROOM = 32
 """Pairs for each box of the first set that there is room for at first."""
 
 
-def overlapping(low: Array, high: Array, other_low: Array, other_high: Array) -> Indices:
-    """The pairs (M, 2) of boxes (A,) and (B,) that overlap, given by their corners (A, 3) and (B, 3)."""
-    return found_in(np.hstack([low, high]), np.hstack([other_low, other_high]), False)
-
-
-def overlapping_each_other(low: Array, high: Array) -> Indices:
-    """The pairs (M, 2) of boxes (A,) that overlap, the lower number first."""
-    both = np.hstack([low, high])
-    return found_in(both, both, True)
-
-
-def found_in(boxes: Array, others: Array, alike: bool) -> Indices:
-    """The pairs of boxes (A, 6) and (B, 6), lower corners first; of boxes that are `alike` each pair once."""
+def overlapping(boxes: Array, others: Array | None = None) -> Indices:
+    """The pairs (M, 2) of boxes (A, 6) and (B, 6), lower corners first, that overlap; without others those of the
+    boxes among themselves, the lower number first.
+    """
+    alike = others is None
+    others = boxes if others is None else others
     if not len(boxes) or not len(others):
         return np.zeros((0, 2), np.int32)
     corner = others[:, :3].min(axis=0)

@@ -23,17 +23,8 @@ from math import sqrt
 from typing import NamedTuple
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.engine.forces.selfcontact.nearest import (
-    add_moved_back,
-    add_share_back,
-    closest,
-    mixed,
-    moved,
-    share,
-    share_change,
-    side,
-    spread,
-)
+from clothfit.engine.forces.selfcontact import nearest
+from clothfit.engine.forces.selfcontact.nearest import mixed, spread
 from clothfit.engine.forces.touch import CREEP, across
 from clothfit.engine.solve.joined import keep
 from clothfit.engine.solve.sparse import add_block, outer
@@ -58,11 +49,21 @@ class Contact(NamedTuple):
 def touch(contact, y, k):
     """c, which parameters are free, r, n, δ and the share of pair k."""
     own, kind = contact.vertices[k], contact.kind[k]
-    c, free, r = closest(kind, own, y)
+    c, free, r = nearest.closest(kind, own, y)
     delta = sqrt(dot(r, r))
-    if free == 3 and side(kind, own, y) != contact.side[k]:
+    if free == nearest.BOTH and nearest.side(kind, own, y) != contact.side[k]:
         delta = -delta
-    return c, free, r, mul(splat(1.0 / delta), r), delta, share(kind, own, y)
+    return c, free, r, mul(splat(1.0 / delta), r), delta, nearest.share(kind, own, y)
+
+
+@kernel
+def pressing(contact, y, u, k):
+    """The vertices, c, n, push, V and γ of pair k."""
+    own = contact.vertices[k]
+    c, _, _, n, delta, part = touch(contact, y, k)
+    push = contact.stiffness * part * (contact.thickness[k] - delta)
+    V, _, gamma = rubbing(contact, c, own, n, push, u)
+    return own, c, n, push, V, gamma
 
 
 @kernel
@@ -88,10 +89,7 @@ def energy(contact, y):
 def damping_power(contact, y, u, w):
     total = 0.0
     for k in range(len(contact.kind)):
-        own = contact.vertices[k]
-        c, _, _, n, delta, part = touch(contact, y, k)
-        push = contact.stiffness * part * (contact.thickness[k] - delta)
-        V, _, gamma = rubbing(contact, c, own, n, push, u)
+        own, c, n, _, V, gamma = pressing(contact, y, u, k)
         total -= gamma * dot(across(n, V), mixed(c, own, w))
     return total
 
@@ -99,10 +97,7 @@ def damping_power(contact, y, u, w):
 @kernel(empty=None, apart=None)
 def add_force(contact, y, u, f):
     for k in range(len(contact.kind)):
-        own = contact.vertices[k]
-        c, _, _, n, delta, part = touch(contact, y, k)
-        push = contact.stiffness * part * (contact.thickness[k] - delta)
-        V, _, gamma = rubbing(contact, c, own, n, push, u)
+        own, c, n, push, V, gamma = pressing(contact, y, u, k)
         spread(c, own, sub(mul(splat(push), n), mul(splat(gamma), across(n, V))), f)
 
 
@@ -111,10 +106,7 @@ def add_damping(contact, y, u, scale, q, out):
     if contact.friction == 0.0:
         return
     for k in range(len(contact.kind)):
-        own = contact.vertices[k]
-        c, _, _, n, delta, part = touch(contact, y, k)
-        push = contact.stiffness * part * (contact.thickness[k] - delta)
-        gamma = rubbing(contact, c, own, n, push, u)[2]
+        own, c, n, _, _, gamma = pressing(contact, y, u, k)
         spread(c, own, mul(splat(-scale * gamma), across(n, mixed(c, own, q))), out)
 
 
@@ -153,7 +145,7 @@ def pressure(contact, y, s, out):
 def find_parts(contact, y, out):
     """out (P,) = which parameters of each pair's closest points are free (`nearest`)."""
     for k in range(len(contact.kind)):
-        out[k] = closest(contact.kind[k], contact.vertices[k], y)[1]
+        out[k] = nearest.closest(contact.kind[k], contact.vertices[k], y)[1]
 
 
 @kernel(empty=None, apart=None)
@@ -180,10 +172,10 @@ def add_pullback(contact, y, u, w, s, lam, h, grad, gy, gu):
             weight_slope(own[2], by_L, lam, by_S, s, by_Z, w, by_V, u),
             weight_slope(own[3], by_L, lam, by_S, s, by_Z, w, by_V, u),
         )
-        add_moved_back(kind, own, y, free, c, r, delta, n, by_c, by_n, by_delta, h, gy)
+        nearest.add_moved_back(kind, own, y, free, c, r, delta, n, by_c, by_n, by_delta, h, gy)
         if part < 1.0:
             by_share = contact.stiffness * left * nu - (gamma * pi / part if gamma != 0.0 else 0.0)
-            add_share_back(kind, own, y, h * by_share, gy)
+            nearest.add_share_back(kind, own, y, h * by_share, gy)
         spread(c, own, mul(splat(h), by_V), gu)
         if len(grad.friction) > 0:
             grad.friction[-1] -= h * stiff * max(depth, 0.0) / q * pi
@@ -209,9 +201,9 @@ def add_pushforward(contact, y, u, w, s, dy, du, direction, h, out):
         V, q, gamma = rubbing(contact, c, own, n, stiff * depth, u)
         S, Z = mixed(c, own, s), mixed(c, own, w)
         left, rub = depth - dot(n, S), across(n, Z)
-        dc, dn, ddelta = moved(kind, own, y, free, c, r, delta, n, dy)
+        dc, dn, ddelta = nearest.moved(kind, own, y, free, c, r, delta, n, dy)
         dS, dZ, dV = mixed(dc, own, s), mixed(dc, own, w), add(mixed(dc, own, u), mixed(c, own, du))
-        dshare = share_change(kind, own, y, dy) if part < 1.0 else 0.0
+        dshare = nearest.share_change(kind, own, y, dy) if part < 1.0 else 0.0
         dpush = contact.stiffness * dshare * left - stiff * (ddelta + dot(dn, S) + dot(n, dS)) + dkappa * part * left
         dT = fma(splat(dpush), n, mul(splat(stiff * left), dn))
         if gamma != 0.0:

@@ -63,8 +63,7 @@ def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, fl
 
 def none(surface: Surface) -> Contact:
     """A contact without pairs."""
-    nobody, nothing = np.zeros(0, np.int32), np.zeros(0)
-    law = surface.stiffness, surface.friction
+    nobody, nothing, law = np.zeros(0, np.int32), np.zeros(0), (surface.stiffness, surface.friction)
     return Contact(np.zeros((0, 4), np.int32), nobody, nothing, nothing, surface.free, *law)
 
 
@@ -76,21 +75,14 @@ def nowhere() -> Surface:
 
 def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:
     """The contact of these pairs (P,), by their numbers, in a step that begins at x (n, 3)."""
-    count = len(numbers)
-    vertices, kind = np.zeros((count, 4), np.int32), np.zeros(count, np.int32)
-    thickness, sides = np.zeros(count), np.zeros(count)
-    look_up(surface, x, numbers, vertices, kind, thickness, sides)
+    vertices, kind, thickness, sides = look_up(surface, x, numbers)
     return Contact(vertices, kind, thickness, sides, surface.free, surface.stiffness, surface.friction)
 
 
 def some(contact: Contact, which: Flags) -> Contact:
     """The contact of some of its pairs."""
-    return contact._replace(
-        vertices=contact.vertices[which],
-        kind=contact.kind[which],
-        thickness=contact.thickness[which],
-        side=contact.side[which],
-    )
+    of_pairs = ("vertices", "kind", "thickness", "side")
+    return contact._replace(**{name: getattr(contact, name)[which] for name in of_pairs})
 
 
 def touching(surface: Surface, x: Array) -> Contact:
@@ -99,12 +91,16 @@ def touching(surface: Surface, x: Array) -> Contact:
 
 
 @kernel
-def look_up(surface, x, numbers, vertices, kind, thickness, sides):
-    """Write the vertices, kind, thickness and side of pairs."""
+def look_up(surface, x, numbers):
+    """The vertices, kind, thickness and side of pairs."""
+    count = len(numbers)
+    vertices, kind = np.zeros((count, 4), np.int32), np.zeros(count, np.int32)
+    thickness, sides = np.zeros(count), np.zeros(count)
     for k in range(len(numbers)):
         kind[k] = vertices_of(surface, numbers[k], vertices[k])
         thickness[k] = thickness_of(surface, kind[k], vertices[k])
         sides[k] = side(kind[k], vertices[k], x)
+    return vertices, kind, thickness, sides
 
 
 @kernel
@@ -160,9 +156,9 @@ def crossing(surface: Surface, x: Array, after: Array) -> Indices:
 
 def selected(surface: Surface, x: Array, after: Array, margin: float, moving: bool) -> Indices:
     """The numbers of the pairs that `is_near` or `passes` selects, of those whose boxes overlap."""
-    both = np.minimum(x, after) - margin, np.maximum(x, after) + margin
-    corners = candidates.overlapping(*both, *boxes(*both, surface.triangles))
-    edges = candidates.overlapping_each_other(*boxes(*both, surface.edges))
+    low, high = np.minimum(x, after) - margin, np.maximum(x, after) + margin
+    corners = candidates.overlapping(np.hstack([low, high]), boxes(low, high, surface.triangles))
+    edges = candidates.overlapping(boxes(low, high, surface.edges))
     found = []
     for kind, pairs in ((CORNER, corners), (EDGE, edges)):
         numbers = np.empty(len(pairs), np.int64)
@@ -170,9 +166,9 @@ def selected(surface: Surface, x: Array, after: Array, margin: float, moving: bo
     return np.sort(np.concatenate(found))
 
 
-def boxes(low: Array, high: Array, part: Indices) -> tuple[Array, Array]:
-    """The corners (M, 3) of the boxes of what has these vertices (M, …), from those of each vertex (n, 3)."""
-    return low[part].min(axis=1), high[part].max(axis=1)
+def boxes(low: Array, high: Array, part: Indices) -> Array:
+    """The boxes (M, 6) of what has these vertices (M, …), from the corners of those of each vertex (n, 3)."""
+    return np.hstack([low[part].min(axis=1), high[part].max(axis=1)])
 
 
 @kernel
@@ -260,7 +256,7 @@ def check_start(surface: Surface, place: str) -> None:
 def pierced(surface: Surface) -> Indices:
     """The pairs (M, 2) of an edge and a triangle that it passes through at the start."""
     x, edges, triangles = surface.start, surface.edges, surface.triangles
-    found = candidates.overlapping(*boxes(x, x, edges), *boxes(x, x, triangles))
+    found = candidates.overlapping(boxes(x, x, edges), boxes(x, x, triangles))
     ends, corners = edges[found[:, 0]], triangles[found[:, 1]]
     apart = ~(ends[:, :, None] == corners[:, None]).any(axis=(1, 2))
     found, (p, q), (a, b, c) = found[apart], x[ends[apart]].swapaxes(0, 1), x[corners[apart]].swapaxes(0, 1)
