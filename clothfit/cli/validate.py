@@ -10,10 +10,9 @@ import click
 
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.failures import split
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, print_json
-from clothfit.cli.common.scenes import better, one_stream
+from clothfit.cli.common.scenes import better, one_stream, split
 
 
 @dataclass(frozen=True)

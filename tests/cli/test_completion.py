@@ -14,7 +14,7 @@ import pytest
 from click.shell_completion import get_completion_class
 from helpers.scenes import environment
 
-from clothfit.cli.common import values
+from clothfit.cli.common import options as values
 from clothfit.cli.program import COMMANDS, group, run
 
 pytestmark = pytest.mark.slow  # starts processes

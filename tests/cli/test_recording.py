@@ -10,7 +10,7 @@ from helpers.paths import DOCS
 from helpers.scenes import needs_full_disk, trial, write_scene
 
 from clothfit.cli.common.console import Console
-from clothfit.cli.parts.estimate_records import KEYS, FitLog, earlier
+from clothfit.cli.parts.estimate_results import KEYS, FitLog, earlier
 from clothfit.cli.program import run
 from clothfit.optimise.progress import Progress
 

@@ -84,10 +84,10 @@ VALUES = [
     ("check scene.json --seed -1", "invalid value for '--seed'"),
     ("check scene.json --memory lots", "--memory: 'lots' is not a size"),
     ("check scene.json --memory 1kB", "--memory: 1 kB is too little"),
-    ("evaluate scene.json --speed --error 0", "--error must be above 0 and finite; 0 m was given"),
-    ("evaluate scene.json --speed --error nan", "--error must be above 0 and finite; nan m was given"),
-    ("evaluate scene.json --speed --budget -1", "--budget must be above 0 and finite; -1 s was given"),
-    ("evaluate scene.json --speed --budget inf", "--budget must be above 0 and finite; inf s was given"),
+    ("evaluate scene.json --speed --error 0", "--error must be above 0 and finite; 0 was given"),
+    ("evaluate scene.json --speed --error nan", "--error must be above 0 and finite; nan was given"),
+    ("evaluate scene.json --speed --budget -1", "--budget must be above 0 and finite; -1 was given"),
+    ("evaluate scene.json --speed --budget inf", "--budget must be above 0 and finite; inf was given"),
     # of a fit
     ("estimate scene.json --max-evaluations 0", "--max-evaluations must be at least 1; 0 was given"),
     ("estimate scene.json --rmse -1", "--rmse must be at least 0; -1 m was given"),
@@ -182,8 +182,8 @@ FILES = [
         ("scene.json", "it is an input, which is never written over; name another file"),
         ("./folder/../scene.json", "it is an input"), ("link.txt", "it is an input"), ("hard.txt", "it is an input"))],
     *[(f"simulate scene.json --dump {place}", told) for place, told in (
-        ("-", "--dump must be a file of its own"), ("scene.motion.npz", "--dump must be a file of its own"),
-        ("./scene.motion.npz", "--dump must be a file of its own"), ("scene.json", "…it is an input"),
+        ("-", "--dump must be a file of its own"), ("scene.motion.npz", "…another output"),
+        ("./scene.motion.npz", "…another output"), ("scene.json", "…it is an input"),
         ("absent/x.npz", "…does not exist"))],
     *[(f"simulate scene.json -o '{name}'", "") for name in ("a.obj", "nowhere/a_*.obj", "a_*_*.obj")],
     *[(f"estimate scene.json --target t.npz@a.json --start fitted.json -o {name}", INPUT)
@@ -202,7 +202,7 @@ FILES = [
     ("evaluate scene.json --speed --plot x.gif", "x.gif: a picture's name ends in .png, .svg or .pdf"),
     ("evaluate scene.json --speed --plot -", "-: a picture's name ends in"),
     ("evaluate scene.json --speed --plot absent/x.png", "cannot write absent/x.png: the folder"),
-    ("evaluate scene.png --speed --plot scene.png", "cannot write scene.png: it is an input, which is never"),
+    ("evaluate scene.png --speed --plot scene.png", "cannot write scene.png: it is an input or another output"),
     *[(f"{command} {option}", message) for command in DRAWING for option, message in (
         ("--plot x.jpg", "x.jpg: a picture's name ends in .png, .svg or .pdf"),
         ("--gif x.png", "x.png: a picture's name ends in .gif"),
@@ -210,7 +210,7 @@ FILES = [
         ("--plot scene.json", "cannot write scene.json: it is an input or another output"))],
     *[(f"control sheet.json {KEYS} {option}", f"…{told}") for option, told in (
         ("--forces keys.json", "it is an input"), ("--report keys.json", "it is an input"),
-        ("--forces m.npz -o m.npz", "of its own"), ("--velocity --save m.npz -o m.npz", "of its own"))],
+        ("--forces m.npz -o m.npz", "another output"), ("--velocity --save m.npz -o m.npz", "another output"))],
     ("new box.obj -o box.obj", INPUT),
     ("new shot_*.obj -o shot_2.obj", INPUT),
     *[(f"convert {line}", "…it is an input") for line in (

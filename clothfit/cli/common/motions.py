@@ -11,7 +11,7 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import Action, F, gathered
+from clothfit.cli.common.options import Action, F, gathered, option
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.axes import HANDS, UPS, Convention, Reading
 
@@ -26,13 +26,6 @@ if TYPE_CHECKING:
 UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
 
-READING = {
-    "scale": "--scale", "up": "--up", "handedness": "--handedness", "fps": "--fps", "frames": "--frames",
-    "markers": "--map",
-}  # fmt: skip
-"""Fields of `Reading` to their options."""
-
-
 READ_BY = ("target_path", "target_paths", "in_path", "keys_path")
 """Parameters of commands that are motions to read."""
 
@@ -41,15 +34,10 @@ def axes(prefix: str = "", what: str = "the motion file", whose: str = "the form
     """Add the options that say how a file's coordinates are meant, else as `whose` are."""
 
     def decorate(function: F) -> F:
-        up, hands = (click.Choice(choices) for choices in (UPS, HANDS))
         own = f"[default: {whose}]"
-        for option in (
-            click.option(f"--{prefix}handedness", type=hands, help=f"Handedness of the axes of {what}.  {own}"),
-            click.option(f"--{prefix}up", type=up, help=f"Axis of {what} that points up.  {own}"),
-            click.option(f"--{prefix}scale", type=float, metavar="M", help=f"Metres per unit of {what}.  {own}"),
-        ):
-            function = option(function)
-        return function
+        hands = option(f"--{prefix}handedness", f"Handedness of the axes of {what}.  {own}", click.Choice(HANDS))
+        up = option(f"--{prefix}up", f"Axis of {what} that points up.  {own}", click.Choice(UPS))
+        return option(f"--{prefix}scale M", f"Metres per unit of {what}.  {own}", float)(up(hands(function)))
 
     return decorate
 
@@ -70,10 +58,10 @@ def reads(function: Action) -> Action:
     return gathered(
         "reading", Reading,
         axes(whose="the file's, else the format's"),
-        click.option("--fps", type=float, metavar="F", help=f"Frames per second of the motion file.  {by_default}"),
-        click.option("--frames", metavar="A:B", help="Frames of the motion file, as a Python slice.  [default: all]"),
-        click.option("--map", "markers", metavar="FILE",
-                     help="CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]"),
+        option("--fps F", f"Frames per second of the motion file.  {by_default}", float),
+        option("--frames A:B", "Frames of the motion file, as a Python slice.  [default: all]"),
+        option("--map FILE", "CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]",
+               name="markers"),
     )(described)  # fmt: skip
 
 
@@ -108,8 +96,8 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
 
 def arguments(reading: Reading) -> list[str]:
     """The options of a command that say the same."""
-    said = {option: getattr(reading, name) for name, option in READING.items()}
-    return [word for option, value in said.items() if value is not None for word in (option, str(value))]
+    said = {"map" if name == "markers" else name: value for name, value in vars(reading).items() if value is not None}
+    return [word for name, value in said.items() for word in (f"--{name}", str(value))]
 
 
 def readings_summary(readings: list[dict[str, Any]]) -> dict[str, Any]:
