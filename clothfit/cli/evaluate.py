@@ -156,8 +156,7 @@ def judge(
     scene = scenes.with_inputs(scenes.read_scene(scene_path, console), inputs_path)
     console.announce_compilation()
     over = compare(model, scene, scenes.frames_of(steps, scene))
-    for sentence in over.found.clamped:
-        console.warn(sentence)
+    console.warn(*over.found.clamped)
     if not print_json(asdict(over.found) | {"forgets": over.found.forgets}):
         show_judgement(over.found, console)
     draw(over, model_path, inputs_path, pictures, page, console)

@@ -67,8 +67,7 @@ def show_record(path: str, kind: str, console: Console) -> None:
 
     named = {EITHER: "either", FORCES: "forces"}.get(kind, kind)
     own = getattr(info_records, named)(path)
-    for sentence in own["warnings"]:
-        console.warn(f"{os.path.basename(path)}: {sentence}")
+    console.warn(*own["warnings"], of=os.path.basename(path))
     rows = getattr(info_records, f"{own['kind']}_rows")(own)
     console.result(f"{os.path.basename(path)}: {own['kind']}")
     console.result("\n".join(f"{name:<13}  {cell}" for name, cell in rows.items()))
@@ -88,13 +87,11 @@ def of_scene(scene_path: str, console: Console) -> None:
     parted = [overview.divisions(cloth) for cloth in scene.cloths]
     ahead, strange = forecast(scene), overview.unknown_fields(scene)
     meshes = [None if each is None else len(each) for each in numberings(scene)]
-    for sentence in (*overview.misspelt_fields(scene), *overview.beyond_bounds(scene)):
-        console.warn(f"{scene.name}: {sentence}")
+    console.warn(*overview.misspelt_fields(scene), *overview.beyond_bounds(scene), of=scene.name)
     sizes = [[b - a for a, b in zip(own.low, own.high, strict=True)] for own in objects]
     unlikely = [overview.doubts(size, own.mass.total) for size, own in zip(sizes, objects, strict=True)]
     for index, sentences in enumerate(unlikely):
-        for sentence in sentences:
-            console.warn(f"{scene.name}: objects[{index}]: {sentence}")
+        console.warn(*sentences, of=f"{scene.name}: objects[{index}]")
     moving = inputs_of(scene)
     show_scene(scene, console)
     for each in moving:
@@ -107,8 +104,7 @@ def of_scene(scene_path: str, console: Console) -> None:
         cells = [[name, *(each[name] for each in columns)] for name in columns[0]]
         console.table([["", *(f"objects[{index}]" for index in chosen)], *cells])
     for index, own in enumerate(parted):
-        for sentence in own.sentences:
-            console.result(f"objects[{index}]: {sentence}")
+        console.result(*own.sentences, of=f"objects[{index}]")
     for index, count in enumerate(meshes):
         if count is not None:
             console.result(f"objects[{index}] was welded from a mesh of {count} vertices")
@@ -203,8 +199,7 @@ def show_scene(scene: Scene, console: Console) -> None:
         console.result("objects do not touch each other")
     spheres = [f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m" for each in own["spheres"]]
     for kind, told in (("spheres", spheres), ("colliders", list(map(collider_line, own["colliders"])))):
-        for line in told[:MOST_LISTED]:
-            console.result(line)
+        console.result(*told[:MOST_LISTED])
         if len(told) > MOST_LISTED:
             console.result(f"and {len(told) - MOST_LISTED} more {kind}")
 

@@ -285,8 +285,7 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     from clothfit.evaluation.overview import beyond_bounds, doubts, extent
     from clothfit.scene.kinds import INTEGRATORS
 
-    for sentence in beyond_bounds(scene):
-        console.warn(f"{out.name}: {sentence}")
+    console.warn(*beyond_bounds(scene), of=out.name)
     if INTEGRATORS[scene.method] not in UNLIMITED:  # to know what limits it takes the numerical libraries
         warn_of_steps(scene, scene.frames, console)
     (own,) = scene.cloths
@@ -295,11 +294,9 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     named = ", ".join(parts[:MOST_NAMED]) + (", …" if len(parts) > MOST_NAMED else "")
     held = f"{counted(len(fixed), 'vertex', 'vertices')} ({named})" if fixed else "none, so it falls"
     console.say(f"fixed: {held}")
-    for sentence in divided(own).sentences:
-        console.say(sentence)
+    console.say(*divided(own).sentences)
     size = np.ptp(own.positions, axis=0).tolist()
-    for sentence in doubts(size, float(own.mass.sum())):
-        console.warn(f"{out.name}: {sentence}")
+    console.warn(*doubts(size, float(own.mass.sum())), of=out.name)
     console.detail(f"drag {own.drag:.4g}, damping {own.damping:.4g}")
     console.say(
         f"{scene.title}: {len(own.mass)} vertices, {counted(len(own.triangles), 'triangle', 'triangles')}, "
@@ -362,8 +359,7 @@ def mesh(path: str, asked: Asked, console: Console) -> Cloth:
 
     found, notes = read_mesh(path, asked.up, asked.handedness, asked.scale)
     name = Path(path).name
-    for sentence in notes:
-        console.say(f"{name}: {sentence}")
+    console.say(*notes, of=name)
     numbering = None
     if asked.weld is not None:
         welded = weld(found, asked.distance)
@@ -376,8 +372,7 @@ def mesh(path: str, asked: Asked, console: Console) -> Cloth:
     for problem in harmless:
         console.warn(f"{name}: {problem.sentence}")
     fatal = [problem.sentence for problem in left if problem.fatal]
-    for sentence in fatal[1:]:
-        console.say(f"{name}: {sentence}")
+    console.say(*fatal[1:], of=name)
     if fatal:
         more = f" (and {counted(len(fatal) - 1, 'more problem', 'more problems')})" if fatal[1:] else ""
         raise InvalidInput(f"{name}: no cloth can be made of this mesh: {fatal[0]}{more}")

@@ -110,8 +110,7 @@ def moved(scene: Scene, frames: int, tolerance: float | None) -> tuple[Motion, D
 def report(scene: Scene, motion: Motion, seconds: float, out: Output, console: Console) -> None:
     """Print what a motion that stayed finite took, and warn of what it needed."""
     done = len(motion.times) - 1
-    for sentence in motion.remedies.sentences(done * len(scene.cloths)):
-        console.warn(sentence)
+    console.warn(*motion.remedies.sentences(done * len(scene.cloths)))
     scenes.warn_of_stretch(scene, motion, console)
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
 

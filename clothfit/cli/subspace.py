@@ -267,8 +267,7 @@ def play_one(
     motions.check(out, Convention(), (model_path,), frames)
     console.announce_compilation()
     played = play_model(model, scene, frames, distance)
-    for sentence in played.clamped:
-        console.warn(sentence)
+    console.warn(*played.clamped)
     motions.write(played.motion, out, scene, Convention(), console)
     if kept is not None:
         kept.write(npz.archive({f"q{c}": q.astype(np.float32) for c, q in enumerate(played.coordinates)}))
@@ -295,8 +294,7 @@ def play_many(
     console.announce_compilation()
     scenes = crowd.varied(model, scene, count, frames, given["seed"] or 0)
     found = crowd.play(model, scenes, frames)
-    for sentence in found.clamped:
-        console.warn(sentence)
+    console.warn(*found.clamped)
     for i, out in enumerate(outs):
         motions.write(crowd.motion(model, scenes[i], found, i), out, scenes[i], Convention(), console)
     parts = ", ".join(f"{name} {value:.0f} µs" for name, value in found.us.items())

@@ -18,7 +18,6 @@ from clothfit.formats.axes import HANDS, UPS, Convention, Reading
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Indices
     from clothfit.formats.axes import Axes
-    from clothfit.formats.registry import Format
     from clothfit.motion.foreign import Loaded
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
@@ -89,8 +88,7 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
     loaded = foreign.load(sys.stdin.buffer if path == STREAM else path, scene, reading)
     if assumed:
         console.say(str(loaded.interpretation))
-    for doubt in loaded.interpretation.doubts:
-        console.warn(doubt)
+    console.warn(*loaded.interpretation.doubts)
     return loaded
 
 
@@ -111,6 +109,7 @@ def check(
     """Check, before long work, that a motion of so many frames (None: not known yet) can be written, with or without
     `gaps`, and not over any of the `inputs`. Raises InvalidInput.
     """
+    from clothfit.formats.obj import ANY, numbered
     from clothfit.formats.registry import foreign
     from clothfit.motion.files import check_gaps, check_place, sources
 
@@ -125,16 +124,9 @@ def check(
     if gaps:
         check_gaps(found)
     read = [file for path in inputs if path not in (None, STREAM) for file in sources(str(path))]
-    for path in there(out.path):
+    for path in [each for _, each in numbered(out.path)] if ANY in out.path else [out.path]:
         if any(same_file(path, each) for each in read):
             raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another")
-
-
-def there(path: str) -> list[str]:
-    """The files that a motion of that name may be written over."""
-    from clothfit.formats.obj import ANY, numbered
-
-    return [each for _, each in numbered(path)] if ANY in path else [path]
 
 
 def write(
@@ -161,13 +153,17 @@ def write_foreign(
     names: tuple[str, ...] | None = None, timed: bool = True,
 ) -> Axes:
     """Write a motion as another program has it; says and returns which axes it got."""
+    from clothfit.formats.markers import named
     from clothfit.formats.registry import foreign
     from clothfit.motion import files as motion_files
 
     found = foreign(out.path)
     assert found is not None
     motion_files.check_place(out.path, len(motion.times))
-    meant = axes_of(found, convention, out, console)
+    asked = convention.axes(found.axes)
+    meant = named(asked) if found.markers else asked
+    if meant != asked:
+        console.warn(f"{out.name}: {found.name} has no name for a unit of {asked.scale:g} m; it is written in metres")
     made = motion_files.animation(motion, found, meant, triangles, names)
     files = motion_files.files(out.path, found, made)
     if motion.weights is not None:
@@ -178,17 +174,6 @@ def write_foreign(
     if found.times and motion.times[0] != 0:
         start = f"begins at {motion.times[0]:g} s; other programs' files are taken to begin where the scene does"
         console.warn(f"{out.name}: {start}")
-    return meant
-
-
-def axes_of(found: Format, convention: Convention, out: Output, console: Console) -> Axes:
-    """The axes in which a format is written; warns where it has no name for the unit."""
-    from clothfit.formats.markers import named
-
-    asked = convention.axes(found.axes)
-    meant = named(asked) if found.markers else asked
-    if meant != asked:
-        console.warn(f"{out.name}: {found.name} has no name for a unit of {asked.scale:g} m; it is written in metres")
     return meant
 
 

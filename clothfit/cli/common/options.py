@@ -16,8 +16,6 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
-from clothfit.base.limits import duration as duration
-from clothfit.base.limits import is_number as is_number
 from clothfit.base.messages import meant
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import Console

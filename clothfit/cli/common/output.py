@@ -129,7 +129,7 @@ def beside(option: str, path: str | None, used: Iterable[str | None], suffix: st
     if path is None:
         return None
     if path == STREAM or not path.lower().endswith(suffix):
-        raise InvalidInput(f"{option} must be a file {suffix or 'of its own'}; {path} was given")
+        raise InvalidInput(f"{option} must be a file {suffix or 'of its own'}, not {path}")
     check_unused(path, used)
     return output_for(path, "", "", (), text=True)
 

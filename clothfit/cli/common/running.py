@@ -67,7 +67,8 @@ def watched(arguments: dict[str, Any], start: bool) -> int:
 
     def run(more: Sequence[str]) -> int:
         """Run until it ends, or is overtaken; returns its exit code."""
-        process = started([*own, *more])
+        call = [sys.executable, "-m", "clothfit", *own, *more]
+        process = subprocess.Popen(call, stdin=subprocess.DEVNULL)
         try:
             while process.poll() is None and not files.changed():
                 interrupts.check()
@@ -136,11 +137,6 @@ def result_of(scene: str, path: str | None) -> str | None:
     if path is not None:
         return path if "{" not in path and not os.path.isdir(path) else None
     return str(Path(scene).with_suffix(f".fitted{Path(scene).suffix}"))
-
-
-def started(words: Sequence[str]) -> subprocess.Popen[bytes]:
-    """A run of this program."""
-    return subprocess.Popen([sys.executable, "-m", "clothfit", *words], stdin=subprocess.DEVNULL)
 
 
 def with_patience(process: subprocess.Popen[bytes], seconds: float) -> None:

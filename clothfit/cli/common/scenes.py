@@ -47,8 +47,7 @@ def read_scene(path: str, console: Console) -> Scene:
         scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
     except InvalidScene as error:
         raise better(error, path) from None
-    for warning in scene.warnings:
-        console.warn(f"{scene.name}: {warning}")
+    console.warn(*scene.warnings, of=scene.name)
     console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
     return scene
 

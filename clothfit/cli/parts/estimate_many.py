@@ -113,8 +113,7 @@ class Writer:
         assert result.fit is not None
         assert item.out is not None
         found = result.fit
-        for warning in (*found.scene.warnings, *found.warnings):
-            self.console.warn(f"{item.path}: {warning}")
+        self.console.warn(*found.scene.warnings, *found.warnings, of=item.path)
         warn_of_steps(found.scene, found.frames, self.console)
         if item.files.in_place:
             for kept in item.kept:
@@ -160,8 +159,7 @@ def finish_one(item: Item, result: Result, console: Console) -> int:
     found, out = result.fit, item.out
     if found is None or out is None:
         raise Failed(result.error or "there is no result", result.exit_code)
-    for warning in found.scene.warnings:
-        console.warn(f"{found.scene.name}: {warning}")
+    console.warn(*found.scene.warnings, of=found.scene.name)
     warn_of_steps(found.scene, found.frames, console)
     (own,) = summaries([item], [result], {})
     more: dict[str, Any] = {key: own[key] for key in ("start", "starts", "reading") if key in own}

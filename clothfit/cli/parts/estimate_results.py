@@ -48,8 +48,7 @@ def finish(
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
     result = summary(scene, found, out) | (more or {})
-    for warning in found.warnings:
-        console.warn(f"{scene.name}: {warning}")
+    console.warn(*found.warnings, of=scene.name)
     diverged = found.status == Status.DIVERGED
     if diverged:
         result["output"] = None
@@ -80,9 +79,7 @@ def describe(found: Fit, out: Output, console: Console) -> None:
     for i, each in enumerate(found.registration or []):
         console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
     describe_choices(found, console)
-    for hint in found.hints:
-        if not hint.early:  # the others were said before
-            console.say(f"hint: {hint.text}")
+    console.say(*(hint.text for hint in found.hints if not hint.early), of="hint")  # the others were said before
     if found.holdout:
         kept = counted(found.holdout.observations, "position", "positions")
         console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
@@ -169,17 +166,13 @@ def certainty(block: FittedBlock, samples: Samples | None = None) -> str:
     """
     parts = [f"{counted(block.count, 'value', 'values')}"]
     if any(block.interval):
-        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval{by_samples(samples)})")
+        by = f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
+        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval{by})")
     if block.unidentifiable:
         parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
     if block.unmoved:
         parts.append(f"{len(block.unmoved)} did not move: {indices(block.unmoved)}")
     return ", ".join(parts) if len(parts) > 1 else ""
-
-
-def by_samples(samples: Samples | None) -> str:
-    """That intervals are by samples, and how accurate they are, as the end of a sentence."""
-    return f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
 
 
 def accuracy(block: FittedBlock) -> str:
@@ -201,7 +194,7 @@ def indices(numbers: list[int]) -> str:
 
 def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
     """What --json prints."""
-    return {
+    told: dict[str, Any] = plain({
         "scene": scene.name,
         **attributes(found, *AS_IN_FIT),
         "memory": found.memory and found.memory.summary(),
@@ -214,7 +207,8 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "registration": found.registration and [each.summary() for each in found.registration],
         "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
         "output": out.path,
-    }
+    })  # fmt: skip
+    return told
 
 
 @dataclass(frozen=True)
@@ -241,7 +235,7 @@ class Page:
             return
         from clothfit.report.log import Log, thinned
 
-        log = Log(thinned(self.points), plain(summary(scene, found, fitted)), start=found.start)
+        log = Log(thinned(self.points), summary(scene, found, fitted), start=found.start)
         motion = files.pairs[0][0] if files.pairs else None
         commands = [self.command]
         if not fitted.is_stream:
