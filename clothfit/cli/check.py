@@ -10,8 +10,8 @@ from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, section, standard_command
-from clothfit.cli.common.output import print_json
+from clothfit.cli.common.options import check_numbers, option, section, standard_command
+from clothfit.cli.common.output import attributes, print_json
 from clothfit.cli.common.scenes import one_stream, read_scene, under_forces
 
 if TYPE_CHECKING:
@@ -23,15 +23,11 @@ if TYPE_CHECKING:
 @standard_command("check")
 @click.argument("scene_path", metavar="SCENE")
 @section("What to check")
-@click.option("--steps", type=int, metavar="N",
-              help="Simulate N time steps.  [default: the scene's, fewer for large cloths]")
-@click.option("--target", "target_path", metavar="MOTION",
-              help="Motion to compare with.  [default: that of perturbed values]")
+@option("--steps N", "Simulate N time steps.  [default: the scene's, fewer for large cloths]", int)
+@option("--target MOTION", "Motion to compare with.  [default: that of perturbed values]", name="target_path")
 @scenes.forces
-@click.option("--seed", type=click.IntRange(0), default=0, metavar="S",
-              help="Seed of the random directions.  [default: 0]")
-@click.option("--memory", metavar="SIZE",
-              help="Use at most this much memory, such as 200MB.  [default: half of what is free]")
+@option("--seed S", "Seed of the random directions.  [default: 0]", click.IntRange(0), default=0)
+@option("--memory SIZE", "Use at most this much memory, such as 200MB.  [default: half of what is free]")
 @section("The file of the target")
 @motions.reads
 def command(
@@ -54,10 +50,9 @@ def command(
     readings: list[dict[str, Any]] = []
     target = None if target_path is None else motions.read(target_path, scene, reading, console, readings)
     from clothfit.evaluation.gradient_check import check_scene
-
-    console.announce_compilation()
     from clothfit.kernels.clock import passing
 
+    console.announce_compilation()
     began = passing()
     found = check_scene(scene, target, None if steps is None else steps + 1, seed=seed, memory=memory)
     seconds = passing() - began
@@ -112,14 +107,10 @@ def summary(found: SceneCheck, target_path: str | None) -> dict[str, Any]:
     """What --json prints."""
     blocks = [{"object": b.cloth, "name": b.name, "mode": b.mode, "count": b.count} for b in found.blocks]
     return {
-        "scene": found.scene,
-        "verdict": found.verdict,
-        "frames": found.frames,
+        **attributes(found, "scene", "verdict", "frames", "flagged", "unseen"),
         "target": target_path,
-        "flagged": found.flagged,
         "parameters": blocks,
         "tests": [test._asdict() for test in found.tests],
         "longest_step": found.reach,
         "left_out": found.left_out or None,
-        "unseen": found.unseen,
     }

@@ -12,10 +12,11 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import section, standard_command
+from clothfit.cli.common.options import option, section, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import one_stream, read_scene
-from clothfit.formats.axes import Convention, Reading
+from clothfit.formats.axes import SCENE, Convention, Reading
+from clothfit.formats.registry import foreign, format_of
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Indices
@@ -32,9 +33,8 @@ LEAST_ROUNDING = 1e-12
 @click.argument("in_path", metavar="IN")
 @click.argument("out_path", metavar="OUT")
 @section("The scene or the mesh of the motion")
-@click.option("--scene", "scene_path", metavar="SCENE",
-              help="Scene of the motion: checks it, and gives times and faces.")
-@click.option("--mesh", "mesh_path", metavar="FILE", help="Mesh whose faces are written, in any format that has faces.")
+@option("--scene SCENE", "Scene of the motion: checks it, and gives times and faces.", name="scene_path")
+@option("--mesh FILE", "Mesh whose faces are written, in any format that has faces.", name="mesh_path")
 @section("The file IN")
 @motions.reads
 @section("The file OUT")
@@ -61,7 +61,9 @@ def command(
     one_stream(in_path, scene_path)
     scene = None if scene_path is None else read_scene(scene_path, console)
     others = (scene_path, mesh_path, None if reading.markers is None else os.fspath(reading.markers))
-    out = place(in_path, out_path, others)
+    if out_path != STREAM:
+        format_of(out_path, writing=True)
+    out = output_for(out_path, in_path, "", others)
     motions.check(out, convention, (in_path, *others))
     mesh = None if mesh_path is None else mesh_faces(mesh_path)
     loaded = motions.load(in_path, scene, reading, console)
@@ -75,20 +77,11 @@ def command(
     print_json(summary)
 
 
-def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> Output:
-    """Where the motion goes, checked. Raises InvalidInput."""
-    from clothfit.formats.registry import format_of
-
-    if out_path != STREAM:
-        format_of(out_path, writing=True)
-    return output_for(out_path, in_path, "", others)
-
-
 def mesh_faces(path: str) -> tuple[int, Indices]:
     """The number of points, and the faces in the scene's axes, of a mesh. Raises InvalidInput where it has none."""
-    from clothfit.motion import foreign
+    from clothfit.motion.foreign import load
 
-    mesh = foreign.load(path, None, Reading(frames=":1"))
+    mesh = load(path, None, Reading(frames=":1"))
     if mesh.triangles is None:
         raise InvalidInput(f"--mesh: {path} has no faces")
     return mesh.interpretation.points, mesh.triangles
@@ -96,7 +89,6 @@ def mesh_faces(path: str) -> tuple[int, Indices]:
 
 def of_scene(loaded: Loaded, scene: Scene, out: Output) -> Loaded:
     """The same with the scene's faces; for another program by the vertices of the mesh that it knows."""
-    from clothfit.formats.registry import foreign
     from clothfit.motion.files import for_tools, triangles_of
 
     found = foreign(out.path)
@@ -120,8 +112,6 @@ def written(
     loaded: Loaded, out: Output, scene: Scene | None, faces: Indices | None, convention: Convention, console: Console
 ) -> dict[str, Any]:
     """Write the motion; what --json says of that."""
-    from clothfit.formats.axes import SCENE
-    from clothfit.formats.registry import foreign
     from clothfit.motion.motion import archive
 
     count = 0 if faces is None else len(faces)
@@ -145,9 +135,9 @@ def largest_rounding(loaded: Loaded, path: str, axes: Axes) -> float | None:
     """How far any position, m, is from what was to be written, when the file is read; None where that is not told."""
     import numpy as np
 
-    from clothfit.motion import foreign
+    from clothfit.motion.foreign import load
 
-    back = foreign.load(path, None, Reading(axes.scale, axes.up, axes.handedness)).motion.positions
+    back = load(path, None, Reading(axes.scale, axes.up, axes.handedness)).motion.positions
     meant = loaded.motion.positions
     if back.shape != meant.shape:
         return None

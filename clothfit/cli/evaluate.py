@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.base.messages import metres, owned
+from clothfit.base.messages import counted, metres, owned
 from clothfit.cli.common import motions, pictures, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, refuse, section, standard_command
-from clothfit.cli.common.output import Output, page_beside, print_json
-from clothfit.cli.parts import evaluate_speed
+from clothfit.cli.common.options import check_numbers, option, refuse, section, standard_command
+from clothfit.cli.common.output import Output, attributes, beside, print_json, uninterrupted
+from clothfit.cli.common.progress import now_and_then
+from clothfit.formats.axes import positive
 from clothfit.formats.registry import SUBSPACE, kind_of
 
 if TYPE_CHECKING:
     from clothfit.evaluation.evaluate import Evaluation
+    from clothfit.evaluation.work_precision import Row, WorkPrecision
     from clothfit.formats.axes import Reading
+    from clothfit.scene.scene import Scene
     from clothfit.subspace.judge import Compared, Judgement
 
 
@@ -26,23 +31,20 @@ if TYPE_CHECKING:
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_path", metavar="FITTED", required=False)
 @section("What to compare")
-@click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
-@click.option("--steps", type=int, metavar="N",
-              help="Simulate N steps for the longer comparison.  [default: 499; with --speed those of SCENE]")
+@option("--target MOTION", "Compare with this motion instead of SCENE's own.", name="target_path")
+@option("--steps N", "Simulate N steps for the longer comparison.  [default: 499; with --speed those of SCENE]", int)
 @scenes.forces
 @section("The file of the target")
 @motions.reads
 @section("How fast and how exact (--speed)")
-@click.option("--speed", is_flag=True, help="Measure the speed and error of integrators, steps and tolerances instead.")
-@click.option("--error", type=float, metavar="METRES",
-              help="With --speed: recommend the cheapest setting within this error.")
-@click.option("--budget", type=float, metavar="SECONDS",
-              help="With --speed: measure for about this long.  [default: 60]")
+@option("--speed", "Measure the speed and error of integrators, steps and tolerances instead.")
+@option("--error METRES", "With --speed: recommend the cheapest setting within this error.", float)
+@option("--budget SECONDS", "With --speed: measure for about this long.  [default: 60]", float)
 @section("A subspace (MODEL in place of FITTED)")
-@click.option("--inputs", "inputs_path", metavar="FILE",
-              help="Of a subspace: compare under these inputs over time (JSON).  [default: those of SCENE]")
-@click.option("--report", "page_path", metavar="FILE",
-              help="Of a subspace: write a page here that plays it over the full motion, side by side.")
+@option("--inputs FILE", "Of a subspace: compare under these inputs over time (JSON).  [default: those of SCENE]",
+        name="inputs_path")
+@option("--report FILE", "Of a subspace: write a page here that plays it over the full motion, side by side.",
+        name="page_path")
 @section("What is written")
 @pictures.options
 def command(
@@ -65,8 +67,7 @@ def command(
     if speed:
         alone: dict[str, object] = {"FITTED": fitted_path, "--target": target_path, "--gif": pictures.gif}
         refuse(alone | {"--forces": forces_path}, "--speed takes one scene; {} does not go with it")
-        asked = evaluate_speed.SpeedOptions(steps, error, budget, pictures.plot)
-        evaluate_speed.measure(scene_path, asked, console)
+        measure(scene_path, steps, error, budget, pictures, console)
         return
     refuse({"--error": error, "--budget": budget}, "{} goes with --speed only")
     if fitted_path is None:
@@ -113,30 +114,22 @@ def compare(
 
 def summary(report: Evaluation) -> dict[str, Any]:
     """What --json prints."""
-    return {
-        **asdict(report.fitted),
-        "horizon": asdict(report.horizon),
-        "diverged": report.diverged,
-        "parameters": [asdict(deviation) for deviation in report.parameters],
-    }
+    return asdict(report.fitted) | attributes(report, "horizon", "diverged", "parameters")
 
 
 def show(report: Evaluation, console: Console) -> None:
     """Print the report as two tables."""
-    rows: list[tuple[str, ...]] = [("motion", "frames", "RMSE", "largest error")]
-    for name, part in (("fitted", report.fitted), ("horizon", report.horizon)):
-        rows.append((name, str(part.frames), metres(part.rmse), metres(part.max_error)))
-    console.table(rows)
+    parts = (("fitted", report.fitted), ("horizon", report.horizon))
+    rows = [(name, str(part.frames), metres(part.rmse), metres(part.max_error)) for name, part in parts]
+    console.table([("motion", "frames", "RMSE", "largest error"), *rows])
     if report.parameters:
         console.result("")
-        rows = [("parameters", "count", "median deviation", "largest deviation")]
+        table = [["parameters", "count", "median deviation", "largest deviation"]]
         for d in report.parameters:
-            values = [
-                "not identifiable" if v is None else f"{v:.2g}"
-                for v in (d.median_relative_deviation, d.max_relative_deviation)
-            ]
-            rows.append((f"{owned(d.object, d.name)} ({d.mode})", str(d.count), *values))
-        console.table(rows)
+            deviations = (d.median_relative_deviation, d.max_relative_deviation)
+            values = ["not identifiable" if value is None else f"{value:.2g}" for value in deviations]
+            table.append([f"{owned(d.object, d.name)} ({d.mode})", str(d.count), *values])
+        console.table(table)
 
 
 # ---- `clothfit evaluate SCENE MODEL`: how far a subspace is from the full simulation, and what both cost.
@@ -158,13 +151,12 @@ def judge(
 
     scenes.check_there(scene_path, model_path)
     pictures.check(scene_path, model_path, inputs_path, page_path)
-    page = page_beside(page_path, (scene_path, model_path, inputs_path, *pictures.files))
+    page = beside("--report", page_path, (scene_path, model_path, inputs_path, *pictures.files))
     model = load_model(model_path)
     scene = scenes.with_inputs(scenes.read_scene(scene_path, console), inputs_path)
     console.announce_compilation()
     over = compare(model, scene, scenes.frames_of(steps, scene))
-    for sentence in over.found.clamped:
-        console.warn(sentence)
+    console.warn(*over.found.clamped)
     if not print_json(asdict(over.found) | {"forgets": over.found.forgets}):
         show_judgement(over.found, console)
     draw(over, model_path, inputs_path, pictures, page, console)
@@ -184,9 +176,7 @@ def draw(
 
         files: dict[str | None, object] = dict.fromkeys((model_path, inputs_path))
         origin = [report.command_line(click.get_current_context())], report.digests([over.scene], files)
-        made = page_of(subspace_content(over, os.path.basename(model_path)), *origin)
-        page.write(made)
-        console.say(f"page, {len(made) / 1e6:.2g} MB → {page.name}")
+        report.put(page_of(subspace_content(over, os.path.basename(model_path)), *origin), page, console)
 
 
 def show_judgement(found: Judgement, console: Console) -> None:
@@ -222,3 +212,178 @@ def show_judgement(found: Judgement, console: Console) -> None:
     console.result(f"{found.megabytes:.2g} MB; {faster:.2g} times as fast as full steps")
     if faster <= 1.0:
         console.warn("the subspace does not pay: a frame of it takes longer than a full step")
+
+
+# ---- `clothfit evaluate --speed`: what accuracy does each second buy? A table, what its errors mean, and advice.
+
+SPEED_COLUMNS = (
+    "integrator", "step", "tolerance", "Newton", "ms per step", "s per simulated s", "error", "largest error", "",
+)  # fmt: skip
+
+
+def measure(
+    scene_path: str, steps: int | None, error: float | None, budget: float | None, pictures: pictures.Pictures,
+    console: Console,
+) -> None:
+    """Measure integrators for about `budget` seconds; print and draw the result, with the cheapest setting within an
+    `error`, m.
+    """
+    positive("--error", error)
+    positive("--budget", budget)
+    scene = scenes.read_scene(scene_path, console)
+    frames = scenes.frames_of(steps, scene)
+    pictures.check(scene_path)
+    from clothfit.evaluation import work_precision as precision
+
+    console.announce_compilation()
+    with measuring(console) as report:
+        found = precision.work_precision(scene, frames, budget or precision.MEASURE_SECONDS, report)
+    if pictures.plot is not None:
+        from clothfit.pictures.diagram import save_diagram
+
+        with uninterrupted():
+            save_diagram(found, pictures.plot, error)
+    if print_json(speed_summary(found, scene, error) | {"plot": pictures.plot}):
+        return
+    show_speed(found, scene, error, console)
+    if pictures.plot is not None:
+        console.say(f"diagram → {pictures.plot}")
+
+
+@contextmanager
+def measuring(console: Console) -> Iterator[Callable[[float, str], None] | None]:
+    """Show what is being measured while the block runs; gives what to call with it."""
+    if console.quiet:
+        yield None
+    elif console.animated:
+        from rich.console import Console as RichConsole
+
+        with RichConsole(stderr=True).status("measuring") as status:
+            yield lambda seconds, what: status.update(f"{what} ({seconds:.0f} s)")
+    else:
+        tell = now_and_then(console.say)
+        yield lambda seconds, what: tell(lambda: f"{seconds:6.1f} s  {what}")
+
+
+def speed_summary(found: WorkPrecision, scene: Scene, error: float | None) -> dict[str, Any]:
+    """What --json prints."""
+    best = None if error is None else found.recommended(error)
+    reference = found.reference
+    return {
+        **attributes(found, "scene", "delta"),
+        "frames": len(reference.positions),
+        "simulated_frames": found.frames,
+        "vertices": sum(scene.vertex_counts),
+        "reference": attributes(reference, "integrator", "step", "order", "error"),
+        "rows": [plain_row(row) for row in found.rows],
+        "own": plain_row(found.own),
+        "requested_error": error,
+        "recommended": best and plain_row(best),
+    }
+
+
+def plain_row(row: Row) -> dict[str, Any]:
+    """A row as JSON has it: with its setting's values beside its own."""
+    values = asdict(row)
+    setting: dict[str, Any] = values.pop("setting")
+    setting["newton_iterations"] = setting.pop("newton")
+    values["seconds_per_simulated_second"] = values.pop("seconds_per_second")
+    return setting | values
+
+
+def show_speed(found: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
+    """Print table and advice."""
+    done = [row for row in found.rows if row.status == "done"]
+    short = [row for row in done if row.pareto or row.own or row.setting.tolerance in (None, scene.tolerance)]
+    shown = done if console.verbose else short
+    if shown:
+        console.table([SPEED_COLUMNS, *map(cells, shown)])
+    if len(shown) < len(done):
+        console.result(f"{len(done) - len(shown)} more, with other tolerances and not Pareto-best, by -v and --json")
+    for status in ("diverged", "skipped"):
+        if settings := without_result(found, status):
+            console.result(f"{status}: {settings}")
+    console.result("")
+    show_reference(found, console)
+    show_advice(found, scene, error, console)
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """A row of the table, one that is done."""
+    setting = row.setting
+    marks = ["Pareto-best"] * row.pareto + ["the scene's own"] * row.own
+    return (
+        setting.integrator,
+        f"{setting.step_name} = {1e3 * row.step:.4g} ms",
+        "" if setting.tolerance is None else f"{setting.tolerance:.3g}",
+        "" if setting.newton is None else str(setting.newton),
+        f"{row.ms_per_step:.3g}",
+        f"{row.seconds_per_second:.3g}",
+        metres(row.error or 0.0),
+        metres(row.max_error or 0.0),
+        ", ".join(marks),
+    )
+
+
+def without_result(found: WorkPrecision, status: str) -> str:
+    """The settings that ended so, by integrator: which steps, of how many settings each."""
+    ended = []
+    for name in dict.fromkeys(row.setting.integrator for row in found.rows):
+        rows = [row for row in found.rows if row.setting.integrator == name and row.status == status]
+        steps = [row.setting.step_name for row in rows]
+        counts = {step: steps.count(step) for step in steps}
+        if rows:
+            parts = [step if count == 1 else f"{step} ({count} settings)" for step, count in counts.items()]
+            ended.append(f"{name} {', '.join(parts)}")
+    return "; ".join(ended)
+
+
+def show_reference(found: WorkPrecision, console: Console) -> None:
+    """Say what the errors are measured against, and how well that is known."""
+    reference = found.reference
+    frames = len(reference.positions)
+    order = "" if reference.order is None else f", order {reference.order:.1f}"
+    how = f"{reference.integrator}, {1e3 * reference.step:.3g} ms a step{order}"
+    console.result(
+        f"error: distance to the motion of h → 0, root mean square over all vertices and {frames} frames; that motion "
+        f"is known to {metres(reference.error)} ({how})"
+    )
+    if frames < found.frames:
+        console.warn(
+            f"{found.scene}: frames from {frames} on (t = {frames * found.delta:.4g} s) are not judged: the motion of "
+            "h → 0 is not known well enough there, as it is chaotic or needs more --budget"
+        )
+
+
+def show_advice(found: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
+    """Recommend a setting, and say which one a fit must use."""
+    own = found.own
+    if error is not None:
+        best, nearest = found.recommended(error), found.nearest
+        if best is not None:
+            console.result(f"cheapest within {metres(error)}: {described(best)}")
+        elif nearest is None:
+            console.warn(f"no setting comes within {metres(error)}: none came through")
+        else:
+            console.warn(f"no setting comes within {metres(error)}; the nearest is {described(nearest)}")
+    console.result(
+        f"the editor plays this scene with {described(own)}: a fit must use the same "
+        f"(integrationMethod {scene.method}, delta {scene.delta:.4g}), as its values make up for part of that error "
+        "and are wrong with any other"
+    )
+    better = [r for r in found.rows if all(a < b for a, b in zip(r.cost_and_error, own.cost_and_error, strict=True))]
+    if better and own.status == "done":
+        console.result(f"cheaper and nearer than that: {described(min(better, key=lambda r: r.cost_and_error[::-1]))}")
+
+
+def described(row: Row) -> str:
+    """A row in words."""
+    setting = row.setting
+    parts = [f"{setting.integrator} steps of {setting.step_name} = {1e3 * row.step:.4g} ms"]
+    if setting.newton is not None:
+        parts.append(f"tolerance {setting.tolerance:.3g}")
+        parts.append(counted(setting.newton, "Newton iteration", "Newton iterations"))
+    text = ", ".join(parts)
+    if row.error is None:
+        return f"{text} ({row.status})"
+    return f"{text} ({metres(row.error)}, {row.seconds_per_second:.3g} s per simulated second)"

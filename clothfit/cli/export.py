@@ -11,7 +11,7 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import section, standard_command
+from clothfit.cli.common.options import option, section, standard_command
 from clothfit.cli.common.output import STREAM, print_json, write_into
 from clothfit.cli.common.scenes import read_scene
 from clothfit.export.tools import TOOLS
@@ -29,9 +29,9 @@ MOST_NAMES = 5
 @standard_command("export")
 @click.argument("fitted_path", metavar="FITTED")
 @section("What is written")
-@click.option("--to", "tool", type=click.Choice([*TOOLS, ONNX]), required=True, metavar="TOOL",
-              help="Tool: csv, obi, blender, vellum, gltf or usd; of a subspace onnx.")
-@click.option("-o", "--output", "path", metavar="FOLDER", help="Folder of the files.  [default: <stem>-<tool>]")
+@option("--to TOOL", "Tool: csv, obi, blender, vellum, gltf or usd; of a subspace onnx.", click.Choice([*TOOLS, ONNX]),
+        name="tool", required=True)
+@option("-o --output FOLDER", "Folder of the files.  [default: <stem>-<tool>]", name="path")
 def command(fitted_path: str, tool: str, path: str | None, console: Console) -> None:
     """Write the masses and stiffnesses of FITTED, or the paths of its pins, in the form that other tools read.
 

@@ -13,7 +13,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
-from clothfit.cli.common.output import Printed, print_json
+from clothfit.cli.common.output import Printed, attributes, print_json
 from clothfit.cli.common.scenes import read_scene, vector
 from clothfit.formats.registry import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, kind_of
 
@@ -28,6 +28,13 @@ BESIDE = 4
 
 RECORDS = (MOTION, MESH, EITHER, CHECKPOINT, LOG, FORCES)
 """Kinds of files that are no scenes, and have something to print."""
+
+OTHERS = {
+    PAGE: "a page; open it in a browser",
+    MAP: "a map of markers to vertices; it goes with --map",
+    EXPORT: "an export for another tool; name the scene that it was made of",
+}
+"""What is said of kinds of files that have nothing to print."""
 
 MOST_LISTED = 5
 """Parts and spheres that are told one by one."""
@@ -48,12 +55,8 @@ def command(path_given: str, console: Console) -> None:
     kind = kind_of(path_given)
     if kind in RECORDS:
         show_record(path_given, str(kind), console)
-    elif kind == PAGE:
-        raise InvalidInput(f"{path_given} is a page; open it in a browser")
-    elif kind == MAP:
-        raise InvalidInput(f"{path_given} is a map of markers to vertices; it goes with --map")
-    elif kind == EXPORT:
-        raise InvalidInput(f"{path_given} is an export for another tool; name the scene that it was made of")
+    elif kind in OTHERS:
+        raise InvalidInput(f"{path_given} is {OTHERS[kind]}")
     else:
         of_scene(path_given, console)
 
@@ -64,8 +67,7 @@ def show_record(path: str, kind: str, console: Console) -> None:
 
     named = {EITHER: "either", FORCES: "forces"}.get(kind, kind)
     own = getattr(info_records, named)(path)
-    for sentence in own["warnings"]:
-        console.warn(f"{os.path.basename(path)}: {sentence}")
+    console.warn(*own["warnings"], of=os.path.basename(path))
     rows = getattr(info_records, f"{own['kind']}_rows")(own)
     console.result(f"{os.path.basename(path)}: {own['kind']}")
     console.result("\n".join(f"{name:<13}  {cell}" for name, cell in rows.items()))
@@ -85,13 +87,11 @@ def of_scene(scene_path: str, console: Console) -> None:
     parted = [overview.divisions(cloth) for cloth in scene.cloths]
     ahead, strange = forecast(scene), overview.unknown_fields(scene)
     meshes = [None if each is None else len(each) for each in numberings(scene)]
-    for sentence in (*overview.misspelt_fields(scene), *overview.beyond_bounds(scene)):
-        console.warn(f"{scene.name}: {sentence}")
+    console.warn(*overview.misspelt_fields(scene), *overview.beyond_bounds(scene), of=scene.name)
     sizes = [[b - a for a, b in zip(own.low, own.high, strict=True)] for own in objects]
     unlikely = [overview.doubts(size, own.mass.total) for size, own in zip(sizes, objects, strict=True)]
     for index, sentences in enumerate(unlikely):
-        for sentence in sentences:
-            console.warn(f"{scene.name}: objects[{index}]: {sentence}")
+        console.warn(*sentences, of=f"{scene.name}: objects[{index}]")
     moving = inputs_of(scene)
     show_scene(scene, console)
     for each in moving:
@@ -104,24 +104,24 @@ def of_scene(scene_path: str, console: Console) -> None:
         cells = [[name, *(each[name] for each in columns)] for name in columns[0]]
         console.table([["", *(f"objects[{index}]" for index in chosen)], *cells])
     for index, own in enumerate(parted):
-        for sentence in own.sentences:
-            console.result(f"objects[{index}]: {sentence}")
+        console.result(*own.sentences, of=f"objects[{index}]")
     for index, count in enumerate(meshes):
         if count is not None:
             console.result(f"objects[{index}] was welded from a mesh of {count} vertices")
     show_rest(scene, ahead, [each.name for each in wanted if each.object is None], strange, console)
     if Printed.as_json:
         needed = {"motion": ahead.motion, "fit": ahead.fit, "free": free()}
-        each_object = [
-            {**asdict(own), "mesh_vertices": count, **asdict(part)}
-            for own, count, part in zip(objects, meshes, parted, strict=True)
-        ]
-        found = {"objects": each_object, "flagged": [asdict(each) for each in wanted]}
-        found["inputs"] = [each._asdict() for each in moving]
         ahead_of = worth(scene)
-        others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
-        others["subspace"] = {} if ahead_of is None else ahead_of._asdict()
-        print_json({**whole(scene), **found, **others, "warnings": scene.warnings, "doubts": unlikely})
+        print_json({
+            **whole(scene),
+            "objects": [
+                {**asdict(own), "mesh_vertices": count, **asdict(part)}
+                for own, count, part in zip(objects, meshes, parted, strict=True)
+            ],
+            "flagged": wanted, "inputs": [each._asdict() for each in moving], "stability": ahead.steps,
+            "memory": needed, "unknown_fields": strange, "subspace": {} if ahead_of is None else ahead_of._asdict(),
+            "warnings": scene.warnings, "doubts": unlikely,
+        })  # fmt: skip
 
 
 def whole(scene: Scene) -> dict[str, Any]:
@@ -131,19 +131,15 @@ def whole(scene: Scene) -> dict[str, Any]:
     return {
         "kind": "scene",
         "scene": scene.name,
-        "title": scene.title,
         "integrator": INTEGRATORS[scene.method],
         "of_the_editor": INTEGRATORS[scene.method] in OF_THE_EDITOR,
-        "delta": scene.delta,
-        "frames": scene.frames,
+        **attributes(scene, "title", "delta", "frames", "tolerance", "newton_iterations"),
         "duration": scene.delta * (scene.frames - 1),
-        "tolerance": scene.tolerance,
-        "newton_iterations": scene.newton_iterations,
         "wind": scene.wind.tolist(),
         "gravity": scene.gravity.tolist(),
         "spheres": [{"centre": each.centre.tolist(), "radius": each.radius} for each in scene.spheres],
         "colliders": [described(each) for each in scene.colliders],
-        "self_collision": asdict(scene.self_contact) if scene.self_contact else None,
+        "self_collision": scene.self_contact and asdict(scene.self_contact),
     }
 
 
@@ -159,10 +155,7 @@ def described(collider: Collider) -> dict[str, Any]:
         "centre": collider.centre.tolist(),
         "angles": collider.angles.tolist(),
         **(mesh(collider) if collider.kind == MESH else size.get(collider.kind, {})),
-        "thickness": collider.thickness,
-        "stiffness": collider.stiffness,
-        "friction": collider.friction,
-        "moves": collider.moves,
+        **attributes(collider, "thickness", "stiffness", "friction", "moves"),
     }
 
 
@@ -204,14 +197,11 @@ def show_scene(scene: Scene, console: Console) -> None:
         console.result(f"cloths do not pass through themselves: {numbers}")
     if len(scene.cloths) > 1:
         console.result("objects do not touch each other")
-    for each in own["spheres"][:MOST_LISTED]:
-        console.result(f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m")
-    if len(own["spheres"]) > MOST_LISTED:
-        console.result(f"and {len(own['spheres']) - MOST_LISTED} more spheres")
-    for each in own["colliders"][:MOST_LISTED]:
-        console.result(collider_line(each))
-    if len(own["colliders"]) > MOST_LISTED:
-        console.result(f"and {len(own['colliders']) - MOST_LISTED} more colliders")
+    spheres = [f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m" for each in own["spheres"]]
+    for kind, told in (("spheres", spheres), ("colliders", list(map(collider_line, own["colliders"])))):
+        console.result(*told[:MOST_LISTED])
+        if len(told) > MOST_LISTED:
+            console.result(f"and {len(told) - MOST_LISTED} more {kind}")
 
 
 def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
+from math import hypot
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import click
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import is_number
 from clothfit.base.messages import counted, spans
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import section, standard_command
+from clothfit.cli.common.options import gathered, given, option, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
-from clothfit.cli.parts.new_options import PLANE, Asked, box, numbers, ranges, side, understood
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags, Indices
@@ -30,66 +31,203 @@ UNLIMITED = ("implicit", "bdf2")
 MOST_NAMED = 12
 """Vertices that are named."""
 
+PLANE = "plane"
+"""Stands for a mesh that needs no file."""
+
+AIR, CALM, UNKNOWN = "air", 1.0, 5.0
+"""Stands for the drag of real air; at so many m/s where there is no wind, and where it is to be found."""
+
+Corner = tuple[float, ...]
+"""Three coordinates, m."""
+
+OF_PLANES = {"size": "--size", "divisions": "--divisions", "upright": "--upright"}
+OF_MESHES = {"scale": "--scale", "up": "--up", "handedness": "--handedness", "weld": "--weld"}
+PAIRS = (("delta", "--delta", "fps", "--fps"), ("bending", "--bending", "no_bending", "--no-bending"))
+"""Options of which one says it all."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The options as they are given; None or empty where one is not."""
+
+    size: str | None = given("--size W[xH]", "Size of the plane in m.  [default: 1]", title="A plane")
+    divisions: int | None = given("--divisions N", "Give the longer side of the plane N + 2 vertices.  [default: 10]",
+        click.IntRange(0))
+    upright: bool = given("--upright", "Make the plane stand instead of lie.")
+    scale: float | None = given("--scale METRES", "Metres per unit of the file.  [default: the format's]", float,
+        title="A mesh from a file")
+    up: str | None = given("--up", "Axis of the file that points up.  [default: the format's]",
+        click.Choice(["y", "z"]))
+    handedness: str | None = given("--handedness", "Handedness of its axes.  [default: the format's]",
+        click.Choice(["left", "right"]))
+    weld: str | None = given("--weld [METRES]", "Join vertices that lie at one place, and remove triangles without "
+        "area and unused vertices.  [distance: a millionth of the mesh]", is_flag=False, flag_value="")
+    rotate: str | None = given("--rotate X,Y,Z", "Rotate by these degrees about z, x, y in turn, as in Unity.",
+        title="Where it is")
+    move: str | None = given("--move X,Y,Z", "Then move by these distances in m.")
+    density: float = given("--density D", "Mass per area in kg/m².  [default: 0.2]", float, default=0.2,
+        title="What it is made of")
+    stiffness: float = given("--stiffness E", "Stiffness of the springs in N/m.  [default: 50]", float, default=50.0)
+    bending: float | None = given("--bending SHARE", "Stiffness of bending springs, as a share of --stiffness.  "
+        "[default: 0.25]", float)
+    no_bending: bool = given("--no-bending", "Make springs along edges only.")
+    damping: float = given("--damping A", "Damping of vertices and springs.  [default: 0.1]", float, default=0.1)
+    drag: str | None = given("--drag C|air", "Drag coefficient of the faces, or air for that of real air.  [default: "
+        "0.1; where the wind is fitted, air, which is then fitted too]")
+    region: tuple[str, ...] = given("--region NAME=PLACE", "Name a part for fits in mode R: a box, vertices, or a "
+        "side, written as in the --fix options, such as collar=top=0.05.", multiple=True)
+    warp: str | None = given("--warp", "Axis of the scene that is along the cloth.  [default: u of the mesh's texture, "
+        "else as its grid shows]", click.Choice(["x", "y", "z"]))
+    fix_box: tuple[str, ...] = given("--fix-box X,Y,Z:X,Y,Z", "Fix the vertices in the box between two corners.",
+        multiple=True, title="What holds it")
+    fix_vertices: str | None = given("--fix-vertices 0,11,20-30", "Fix vertices by their numbers in the mesh.")
+    fix_side: tuple[str, ...] = given("--fix-side SIDE[=METRES]", "Fix the vertices within a distance of the top, "
+        "bottom, left, right, front or back.  [distance: 0.001 of the size]", multiple=True)
+    sphere: tuple[str, ...] = given("--sphere X,Y,Z,R", "Add a sphere to fall on: centre and radius in m.",
+        multiple=True, title="The world")
+    wind: str | None = given("--wind X,Y,Z", "Wind in m/s.  [default: none]")
+    fit: tuple[str, ...] = given("--fit LETTERS|NAME[=L]", "Parameters to fit. Two letters for masses and stiffnesses: "
+        "n none, F one factor on what is there, R one per family and region, M a smooth map, G the same for all, L "
+        "each its own; or damping, drag, velocity, rest, wind, gravity.  [default: nF]", multiple=True,
+        title="Simulation and fit")
+    integrator: str = given("--integrator NAME", "Integrator: bdf2, of second order; or implicit, symplectic or "
+        "explicit, of first order, which the editor in Unity can play.  [default: bdf2]", default="bdf2")
+    delta: float | None = given("--delta SECONDS", "Time step in s.  [default: 0.02]", float)
+    fps: float | None = given("--fps F", "Time steps per second, instead of --delta.", float)
+    frames: int = given("--frames N", "Number of frames that a fit compares.  [default: 100]", int, default=100)
+    tolerance: float = given("--tolerance T", "Relative tolerance of the linear solver.  [default: 1e-8]", float,
+        default=1e-08)
+    title: str | None = given("--title TEXT", "Name of the scene.  [default: the file's]", title="What is written")
+
+    def check(self, is_plane: bool) -> None:
+        """Raise UsageError where options do not go together, InvalidInput where a text is none of its option."""
+        for field, name in (OF_MESHES if is_plane else OF_PLANES).items():
+            if getattr(self, field) is not None and getattr(self, field) is not False:
+                raise click.UsageError(f"{name} is for {'meshes from files' if is_plane else 'planes'}; leave it out")
+        for field, name, other, other_name in PAIRS:
+            if getattr(self, field) is not None and getattr(self, other):
+                raise click.UsageError(f"{name} and {other_name} say the same; give one of them")
+        if self.fps is not None and not 0 < self.fps < float("inf"):
+            raise InvalidInput(f"--fps must be above 0 and finite; {self.fps:g} was given")
+
+    @property
+    def step(self) -> float:
+        """The time step, s."""
+        if self.fps is not None:
+            return 1.0 / self.fps
+        return 0.02 if self.delta is None else self.delta
+
+    @property
+    def blows(self) -> tuple[float, ...]:
+        """The wind, m/s. Raises InvalidInput."""
+        return numbers("--wind", self.wind or "0,0,0", 3, "5,0,1")
+
+    def drag_of(self, mesh: Mesh) -> float:
+        """The air drag of a mesh. Raises InvalidInput."""
+        if not self.of_air:
+            return numbers("--drag", self.drag or "0.1", 1, f"0.1 or {AIR}")[0]
+        from clothfit.meshes.mesh import air_drag
+
+        return air_drag(mesh, hypot(*self.blows) or (UNKNOWN if self._fits("wind") else CALM))
+
+    @property
+    def of_air(self) -> bool:
+        """Whether the drag is that of real air: where it is asked for, or no number is and the wind is to be found."""
+        return self.drag == AIR or (self.drag is None and self._fits("wind"))
+
+    def _fits(self, kind: str) -> bool:
+        return any(text.partition("=")[0] == kind for text in self.fit)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Width and height of a plane, m. Raises InvalidInput."""
+        sides = (self.size or "1").split("x")
+        if len(sides) > 2 or "," in (self.size or "") or not all(is_number(side) for side in sides):
+            refuse_text("--size", self.size or "", "2 or 2x1.5")
+        width, *rest = numbers("--size", ",".join(sides), len(sides), "2 or 2x1.5")
+        return width, rest[0] if rest else width
+
+    @property
+    def distance(self) -> float | None:
+        """Of welding, m; None for what counts as one place. Raises InvalidInput."""
+        return numbers("--weld", self.weld, 1, "0.001")[0] if self.weld else None
+
+    @property
+    def letters(self) -> str:
+        """What to fit of masses and stiffnesses."""
+        letters = [text for text in self.fit if len(text) == 2]
+        return letters[-1] if letters else "nn" if self.fit else "nF"
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """What else to fit: modes by names. The drag of air depends on its speed: with the wind it is not known."""
+        split = [text.partition("=") for text in self.fit if len(text) != 2]
+        named = {name: mode.upper() if equals else "G" for name, equals, mode in split}
+        return {"drag": "G", **named} if self._fits("wind") and self.of_air else named
+
+
+def understood(path: str | None, asked: Asked) -> tuple[str, Asked]:
+    """What to make a scene of, and the options: what stands behind --weld is a distance only where it is a number.
+
+    Raises MissingParameter.
+    """
+    if path is None and asked.weld and not is_number(asked.weld):
+        return asked.weld, replace(asked, weld="")
+    if path is None:
+        raise click.MissingParameter(param_hint="'plane|MESH'", param_type="argument", ctx=click.get_current_context())
+    return path, asked
+
+
+def numbers(option: str, text: str, count: int, example: str) -> tuple[float, ...]:
+    """So many numbers with commas between. Raises InvalidInput."""
+    try:
+        values = tuple(float(item) for item in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != count or not all(abs(value) < float("inf") for value in values):
+        refuse_text(option, text, example)
+    return values
+
+
+def box(option: str, text: str) -> tuple[Corner, Corner]:
+    """Two corners of a box, m. Raises InvalidInput."""
+    corners = text.split(":")
+    if len(corners) != 2:
+        refuse_text(option, text, "0,0,0:1,1,1")
+    first, second = (numbers(option, corner, 3, "0,0,0:1,1,1") for corner in corners)
+    return first, second
+
+
+def ranges(option: str, text: str) -> list[tuple[int, int]]:
+    """First and last of each range of vertices. Raises InvalidInput."""
+    found = []
+    for item in text.split(","):
+        first, dash, last = item.strip().partition("-")
+        ends = (first, last if dash else first)
+        if not all(end.isascii() and end.isdigit() and len(end) < 19 for end in ends):
+            refuse_text(option, text, "0,11,20-30")
+        if int(ends[1]) < int(ends[0]):
+            refuse_text(option, item.strip(), "0,11,20-30")
+        found.append((int(ends[0]), int(ends[1])))
+    return found
+
+
+def side(option: str, text: str) -> tuple[str, float | None]:
+    """A side and how far it reaches, m. Raises InvalidInput."""
+    name, by, reach = text.partition("=")
+    return name, numbers(option, reach, 1, "top=0.02")[0] if by else None
+
+
+def refuse_text(option: str, text: str, example: str) -> NoReturn:
+    """Raise InvalidInput for a text that is none of its option."""
+    raise InvalidInput(f"{option}: {text!r} is not understood; give it as in {example}")
+
 
 @standard_command("new")
-@click.argument("given", metavar="plane|MESH", required=False)
-@section("A plane")
-@click.option("--size", metavar="W[xH]", help="Size of the plane in m.  [default: 1]")
-@click.option("--divisions", type=click.IntRange(0), metavar="N", help="Give the longer side of the plane N + 2 "
-              "vertices.  [default: 10]")
-@click.option("--upright", is_flag=True, help="Make the plane stand instead of lie.")
-@section("A mesh from a file")
-@click.option("--scale", type=float, metavar="METRES", help="Metres per unit of the file.  [default: the format's]")
-@click.option("--up", type=click.Choice(["y", "z"]), help="Axis of the file that points up.  [default: the format's]")
-@click.option("--handedness", type=click.Choice(["left", "right"]),
-              help="Handedness of its axes.  [default: the format's]")
-@click.option("--weld", is_flag=False, flag_value="", metavar="[METRES]", help="Join vertices that lie at one place, "
-              "and remove triangles without area and unused vertices.  [distance: a millionth of the mesh]")
-@section("Where it is")
-@click.option("--rotate", metavar="X,Y,Z", help="Rotate by these degrees about z, x, y in turn, as in Unity.")
-@click.option("--move", metavar="X,Y,Z", help="Then move by these distances in m.")
-@section("What it is made of")
-@click.option("--density", type=float, default=0.2, metavar="D", help="Mass per area in kg/m².  [default: 0.2]")
-@click.option("--stiffness", type=float, default=50.0, metavar="E",
-              help="Stiffness of the springs in N/m.  [default: 50]")
-@click.option("--bending", type=float, metavar="SHARE",
-              help="Stiffness of bending springs, as a share of --stiffness.  [default: 0.25]")
-@click.option("--no-bending", is_flag=True, help="Make springs along edges only.")
-@click.option("--damping", type=float, default=0.1, metavar="A",
-              help="Damping of vertices and springs.  [default: 0.1]")
-@click.option("--drag", metavar="C|air", help="Drag coefficient of the faces, or air for that of real "
-              "air.  [default: 0.1; where the wind is fitted, air, which is then fitted too]")
-@click.option("--region", multiple=True, metavar="NAME=PLACE", help="Name a part for fits in mode R: a box, "
-              "vertices, or a side, written as in the --fix options, such as collar=top=0.05.")
-@click.option("--warp", type=click.Choice(["x", "y", "z"]), help="Axis of the scene that is along the cloth.  "
-              "[default: u of the mesh's texture, else as its grid shows]")
-@section("What holds it")
-@click.option("--fix-box", multiple=True, metavar="X,Y,Z:X,Y,Z",
-              help="Fix the vertices in the box between two corners.")
-@click.option("--fix-vertices", metavar="0,11,20-30", help="Fix vertices by their numbers in the mesh.")
-@click.option("--fix-side", multiple=True, metavar="SIDE[=METRES]", help="Fix the vertices within a distance of the "
-              "top, bottom, left, right, front or back.  [distance: 0.001 of the size]")
-@section("The world")
-@click.option("--sphere", multiple=True, metavar="X,Y,Z,R", help="Add a sphere to fall on: centre and radius in m.")
-@click.option("--wind", metavar="X,Y,Z", help="Wind in m/s.  [default: none]")
-@section("Simulation and fit")
-@click.option("--fit", multiple=True, metavar="LETTERS|NAME[=L]",
-              help="Parameters to fit. Two letters for masses and stiffnesses: n none, F one factor on what is there, "
-              "R one per family and region, M a smooth map, G the same for all, L each its own; or "
-              "damping, drag, velocity, rest, wind, gravity.  [default: nF]")
-@click.option("--integrator", default="bdf2", metavar="NAME",
-              help="Integrator: bdf2, of second order; or implicit, symplectic or explicit, of first order, which "
-              "the editor in Unity can play.  [default: bdf2]")
-@click.option("--delta", type=float, metavar="SECONDS", help="Time step in s.  [default: 0.02]")
-@click.option("--fps", type=float, metavar="F", help="Time steps per second, instead of --delta.")
-@click.option("--frames", type=int, default=100, metavar="N",
-              help="Number of frames that a fit compares.  [default: 100]")
-@click.option("--tolerance", type=float, default=1e-8, metavar="T",
-              help="Relative tolerance of the linear solver.  [default: 1e-8]")
-@section("What is written")
-@click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
-@click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
-def command(given: str | None, path: str | None, console: Console, **options: Any) -> None:
+@click.argument("cloth_path", metavar="plane|MESH", required=False)
+@gathered("asked", Asked)
+@option("-o --output SCENE", "Scene file.  [default: <stem>.json]", name="path")
+def command(cloth_path: str | None, path: str | None, asked: Asked, console: Console) -> None:
     """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …).
 
     \b
@@ -98,18 +236,26 @@ def command(given: str | None, path: str | None, console: Console, **options: An
     clothfit new flag.glb --up z --scale 0.01 --fix-side left --wind 8,0,2 --drag air -o flag.json
 
     --fix-box, --fix-side, --sphere and --fit may be repeated. Coordinates are in the scene's axes: y up, z forward.
-    """  # fmt: skip
-    mesh_path, asked = understood(given, Asked(**options))
+    """
+    mesh_path, asked = understood(cloth_path, asked)
     is_plane = mesh_path == PLANE
     asked.check(is_plane)
     out = output(mesh_path, path, is_plane)
-    stem = PLANE if is_plane else stem_of(mesh_path)
     cloth = plane(asked) if is_plane else mesh(mesh_path, asked, console)
     cloth = cloth._replace(mesh=cloth.mesh._replace(positions=placed(cloth.mesh, asked)))
-    fixed = held(cloth, asked)
-    scene = made(cloth, fixed, asked, asked.title or stem)
+    from clothfit.meshes.new_scene import new_scene
     from clothfit.scene.scene import dumps
 
+    scene = new_scene(
+        cloth.mesh, held(cloth, asked), density=asked.density, stiffness=asked.stiffness,
+        bending=not asked.no_bending if asked.bending is None else asked.bending, damping=asked.damping,
+        drag=asked.drag_of(cloth.mesh), fit=asked.letters, fits=asked.kinds,
+        spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere],
+        wind=asked.blows, integrator=asked.integrator, delta=asked.step, frames=asked.frames, tolerance=asked.tolerance,
+        title=asked.title or stem_of(mesh_path), numbering=cloth.numbering,
+        warp=None if asked.warp is None else tuple(float(axis == asked.warp) for axis in "xyz"),
+        regions=regions(cloth, asked),
+    )  # fmt: skip
     out.write(dumps(scene))
     report(scene, cloth, out, console)
     print_json(summary(scene, cloth, out))
@@ -132,20 +278,6 @@ def stem_of(mesh_path: str) -> str:
     return Path(mesh_path).stem.replace("*", "").rstrip("_-. ") or "mesh"
 
 
-def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:
-    """The scene. Raises InvalidInput."""
-    from clothfit.meshes.new_scene import new_scene
-
-    return new_scene(
-        cloth.mesh, fixed, density=asked.density, stiffness=asked.stiffness, bending=asked.bends, damping=asked.damping,
-        drag=asked.drag_of(cloth.mesh), fit=asked.letters, fits=asked.kinds,
-        spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere],
-        wind=asked.blows, integrator=asked.integrator, delta=asked.step,
-        frames=asked.frames, tolerance=asked.tolerance, title=title, numbering=cloth.numbering,
-        warp=asked.along, regions=regions(cloth, asked),
-    )  # fmt: skip
-
-
 def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     """Say what the scene holds, and what about it is not as one may think."""
     import numpy as np
@@ -153,8 +285,7 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     from clothfit.evaluation.overview import beyond_bounds, doubts, extent
     from clothfit.scene.kinds import INTEGRATORS
 
-    for sentence in beyond_bounds(scene):
-        console.warn(f"{out.name}: {sentence}")
+    console.warn(*beyond_bounds(scene), of=out.name)
     if INTEGRATORS[scene.method] not in UNLIMITED:  # to know what limits it takes the numerical libraries
         warn_of_steps(scene, scene.frames, console)
     (own,) = scene.cloths
@@ -163,16 +294,14 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     named = ", ".join(parts[:MOST_NAMED]) + (", …" if len(parts) > MOST_NAMED else "")
     held = f"{counted(len(fixed), 'vertex', 'vertices')} ({named})" if fixed else "none, so it falls"
     console.say(f"fixed: {held}")
-    for sentence in divided(own).sentences:
-        console.say(sentence)
+    console.say(*divided(own).sentences)
     size = np.ptp(own.positions, axis=0).tolist()
-    for sentence in doubts(size, float(own.mass.sum())):
-        console.warn(f"{out.name}: {sentence}")
+    console.warn(*doubts(size, float(own.mass.sum())), of=out.name)
     console.detail(f"drag {own.drag:.4g}, damping {own.damping:.4g}")
     console.say(
         f"{scene.title}: {len(own.mass)} vertices, {counted(len(own.triangles), 'triangle', 'triangles')}, "
-        f"{len(own.springs)} springs, "
-        f"{extent(size)}, {own.mass.sum():.4g} kg, {scene.frames} frames of {scene.delta:.4g} s → {out.name}"
+        f"{len(own.springs)} springs, {extent(size)}, {own.mass.sum():.4g} kg, {scene.frames} frames of "
+        f"{scene.delta:.4g} s → {out.name}"
     )
 
 
@@ -230,8 +359,7 @@ def mesh(path: str, asked: Asked, console: Console) -> Cloth:
 
     found, notes = read_mesh(path, asked.up, asked.handedness, asked.scale)
     name = Path(path).name
-    for sentence in notes:
-        console.say(f"{name}: {sentence}")
+    console.say(*notes, of=name)
     numbering = None
     if asked.weld is not None:
         welded = weld(found, asked.distance)
@@ -244,16 +372,11 @@ def mesh(path: str, asked: Asked, console: Console) -> Cloth:
     for problem in harmless:
         console.warn(f"{name}: {problem.sentence}")
     fatal = [problem.sentence for problem in left if problem.fatal]
-    for sentence in fatal[1:]:
-        console.say(f"{name}: {sentence}")
+    console.say(*fatal[1:], of=name)
     if fatal:
-        raise InvalidInput(f"{name}: no cloth can be made of this mesh: {fatal[0]}{more(len(fatal) - 1)}")
+        more = f" (and {counted(len(fatal) - 1, 'more problem', 'more problems')})" if fatal[1:] else ""
+        raise InvalidInput(f"{name}: no cloth can be made of this mesh: {fatal[0]}{more}")
     return Cloth(found, numbering, harmless)
-
-
-def more(count: int) -> str:
-    """Tells of further problems."""
-    return f" (and {counted(count, 'more problem', 'more problems')})" if count else ""
 
 
 def placed(mesh: Mesh, asked: Asked) -> Any:
@@ -276,11 +399,12 @@ def held(cloth: Cloth, asked: Asked) -> Flags:
 
     positions = cloth.mesh.positions
     fixed = np.zeros(len(positions), bool)
-    for corner, opposite in asked.boxes:
-        fixed |= in_box(positions, corner, opposite)
-    for name, reach in asked.sides:
-        fixed |= at_side(positions, name, reach)
-    fixed[numbered(cloth, asked.ranges, "fix vertices")] = True
+    for text in asked.fix_box:
+        fixed |= in_box(positions, *box("--fix-box", text))
+    for text in asked.fix_side:
+        fixed |= at_side(positions, *side("--fix-side", text))
+    if asked.fix_vertices is not None:
+        fixed[numbered(cloth, ranges("--fix-vertices", asked.fix_vertices), "fix vertices")] = True
     return fixed
 
 
@@ -300,7 +424,11 @@ def regions(cloth: Cloth, asked: Asked) -> dict[str, Indices]:
     import numpy as np
 
     found: dict[str, Indices] = {}
-    for name, where in asked.parts:
+    for text in asked.region:
+        name, _, where = text.partition("=")
+        name = name.strip()
+        if not name or not where:
+            refuse_text("--region", text, "collar=top=0.05, collar=0-11,140 or collar=0,0,0:1,1,1")
         own = place(cloth, where, f"region {name}")
         found[name] = np.union1d(found.get(name, own), own).astype(np.int32)
     return found

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import io
+import json
 import os
 import re
 import signal
@@ -24,13 +25,14 @@ from typing import Any, NoReturn
 import click
 
 from clothfit.base import interrupts
-from clothfit.base.errors import ClothfitError, InvalidInput
+from clothfit.base.errors import ClothfitError, InvalidInput, InvalidScene
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
+from clothfit.base.messages import harmless, spelled
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import results_apart
-from clothfit.cli.common.failures import failed, refused
-from clothfit.cli.common.options import ExamplesFirst, as_object, loudness
-from clothfit.cli.common.output import Printed
+from clothfit.cli.common.options import ExamplesFirst, as_object, loudness, slip
+from clothfit.cli.common.output import Printed, document, plain
+from clothfit.cli.common.scenes import split
 
 _last_request = -SAME_REQUEST
 
@@ -266,3 +268,70 @@ def _asks_for_ascii() -> bool:
     said = environment.get("LC_ALL") or environment.get("LANG")
     chosen = environment.get("PYTHONIOENCODING") or environment.get("PYTHONUTF8") == "1"
     return said in ("C", "POSIX") and bool(sys.flags.utf8_mode) and not chosen
+
+# ---- How a command says that it failed: a sentence on standard error and, with --json, an object on standard output.
+#
+# The object has `schema_version`, `command`, `error` (the sentence), `where` (the file and the place in it, or the
+# option or argument; null where there is none) and `code` (the exit code). A command that has printed its summary, as
+# one whose simulation diverges, prints no second object. Where standard output is for a motion or a scene, the object
+# goes to standard error, as the summary does.
+
+OPTION = re.compile(r"--[a-z][a-z-]*")
+ARGUMENT = re.compile(r"([a-z][a-z_ ]*?)(?=: | must be )")  # as messages name it for Python
+
+OTHERWISE = {"markers": "--map", "seconds": "--budget", "rmse_tolerance": "--rmse"}
+"""Arguments of Python whose options have other names."""
+
+
+def refused(error: click.UsageError, arguments: Sequence[str]) -> int:
+    """Say why the arguments cannot be; returns the exit code."""
+    value_is_wrong = isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter)
+    if error.ctx is not None and error.ctx.parent is not None:
+        Printed.command = error.ctx.info_name
+    hint = "" if value_is_wrong or error.ctx is None else f" (see {error.ctx.command_path} --help)"
+    return failed(f"{slip(error)}{hint}", 3 if value_is_wrong else 2, arguments, error)
+
+
+def failed(message: str, code: int, arguments: Sequence[str], error: BaseException | None = None) -> int:
+    """Say what is wrong; returns the exit code."""
+    message = as_typed(message) if isinstance(error, InvalidInput) else message
+    with suppress(OSError):
+        print(spelled(harmless(f"error: {message}"), sys.stderr.encoding), file=sys.stderr, flush=True)
+    words = list(arguments)  # which may not have been understood as a whole
+    if "--json" in (words[: words.index("--")] if "--" in words else words) and not Printed.summary:
+        found = {"error": message, "where": where(message, arguments, error), "code": code}
+        with suppress(OSError):
+            text = json.dumps(plain(document(Printed.command, found)))
+            print(text, file=sys.stderr if Printed.elsewhere else sys.stdout, flush=True)
+    return code
+
+
+def as_typed(message: str) -> str:
+    """The message with the option, as it is typed, in the place of the argument of Python that it is about."""
+    found = ARGUMENT.match(message)
+    if found is None:
+        return message
+    option = OTHERWISE.get(found[1], f"--{found[1].replace('_', '-').replace(' ', '-')}")
+    return option + message[found.end() :] if option in Printed.options else message
+
+
+def where(message: str, arguments: Sequence[str], error: BaseException | None) -> str | None:
+    """The file and the place in it, or the option or argument, that a message is about."""
+    if isinstance(error, click.NoSuchOption):
+        return error.option_name
+    if isinstance(error, click.BadParameter) and error.param is not None:
+        return error.param.metavar if isinstance(error.param, click.Argument) else max(error.param.opts, key=len)
+    if isinstance(error, InvalidScene):
+        place = split(error.problems[0])["place"]
+        parts = [error.name, place] if place else [error.name]
+        return ": ".join(filter(None, parts)) or None
+    if match := OPTION.match(message):
+        return match[0]
+    names = {name for each in arguments for name in (each, os.path.basename(each))} | {"standard input"}
+    for name in sorted(filter(None, names), key=len, reverse=True):
+        if message.startswith(f"{name} is a"):
+            return name
+        if message.startswith(f"{name}: "):
+            place = split(message.removeprefix(f"{name}: "))["place"]
+            return f"{name}: {place}" if place else name
+    return None

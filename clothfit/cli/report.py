@@ -15,8 +15,8 @@ import click
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, section, standard_command
-from clothfit.cli.common.output import STREAM, Output, output_for, print_json
+from clothfit.cli.common.options import check_numbers, option, section, standard_command
+from clothfit.cli.common.output import STREAM, Output, attributes, output_for, print_json
 from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
 
 if TYPE_CHECKING:
@@ -37,18 +37,15 @@ SILENT = ("quiet", "verbose", "as_json")
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_paths", metavar="FITTED...", nargs=-1, required=True)
 @section("What to show")
-@click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
-@click.option("--steps", type=int, metavar="N",
-              help="Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]")
+@option("--target MOTION", "Compare with this motion instead of SCENE's own.", name="target_path")
+@option("--steps N", "Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]", int)
 @scenes.forces
-@click.option("--log", "log_paths", metavar="FILE", multiple=True,
-              help="Show the course of the fit and its intervals, from a log of estimate --log; may be repeated, in "
-              "the order of the fits.")
+@option("--log FILE", "Show the course of the fit and its intervals, from a log of estimate --log; may be repeated, in "
+        "the order of the fits.", name="log_paths", multiple=True)
 @section("The file of the target")
 @motions.reads
 @section("What is written")
-@click.option("-o", "--output", "path", metavar="FILE",
-              help="File of the page.  [default: <stem of the first FITTED>.report.html]")
+@option("-o --output FILE", "File of the page.  [default: <stem of the first FITTED>.report.html]", name="path")
 def command(
     scene_path: str, fitted_paths: tuple[str, ...], target_path: str | None, reading: Reading, steps: int | None,
     forces_path: str | None, log_paths: tuple[str, ...], path: str | None, console: Console,
@@ -110,6 +107,12 @@ def write(
     return show, len(made)
 
 
+def put(page: bytes, out: Output, console: Console) -> None:
+    """Write a page, and say so."""
+    out.write(page)
+    console.say(f"page, {len(page) / 1e6:.2g} MB → {out.name}")
+
+
 def read_logs(paths: Sequence[str], truth: Scene, has_target: bool, count: int) -> list[Log]:
     """The logs of so many fits, empty ones where none is given. The first knows where its fit began: with the values of
     the scene where it has a target, unless it says otherwise.
@@ -133,15 +136,9 @@ def show_result(show: Shown, size: int, out: Output, console: Console, said: str
 
 def summary(show: Shown, size: int, out: Output) -> dict[str, Any]:
     """What --json prints."""
-    return {
-        **asdict(show.evaluation.fitted),
-        "horizon": asdict(show.evaluation.horizon),
-        "shown": len(show.times),
-        "diverged": show.evaluation.diverged,
-        "notes": show.notes,
-        "bytes": size,
-        "output": out.path,
-    }
+    found = show.evaluation
+    own = {"shown": len(show.times), "notes": show.notes, "bytes": size, "output": out.path}
+    return asdict(found.fitted) | attributes(found, "horizon", "diverged") | own
 
 
 def command_line(context: click.Context) -> str:

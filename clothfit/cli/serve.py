@@ -16,7 +16,7 @@ from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import section, standard_command
+from clothfit.cli.common.options import option, section, standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 
@@ -28,11 +28,10 @@ if TYPE_CHECKING:
 @standard_command("serve")
 @click.argument("scene_path", metavar="SCENE")
 @section("What to serve")
-@click.option("--target", "target_path", metavar="MOTION",
-              help="Show this motion as a ghost, and fit to it.  [default: the scene's own motion]")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="P",
-              help="Port on this machine.  [default: a free one]")
-@click.option("--open", "opens", is_flag=True, help="Open the page in a browser.")
+@option("--target MOTION", "Show this motion as a ghost, and fit to it.  [default: the scene's own motion]",
+        name="target_path")
+@option("--port P", "Port on this machine.  [default: a free one]", click.IntRange(0, 65535), default=0)
+@option("--open", "Open the page in a browser.", name="opens")
 @section("The file of the target")
 @motions.reads
 def command(

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions, pictures, running, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, section, standard_command
-from clothfit.cli.common.output import STREAM, Output, output_for, print_json, same_file
+from clothfit.cli.common.options import check_numbers, option, section, standard_command
+from clothfit.cli.common.output import Output, beside, output_for, print_json
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
@@ -32,19 +31,14 @@ ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which 
 @standard_command("simulate")
 @click.argument("scene_path", metavar="SCENE")
 @section("What to simulate")
-@click.option("--steps", type=int, metavar="N",
-              help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")
-@click.option("--tolerance", type=float, metavar="T",
-              help="Relative tolerance of the linear solver.  [default: the scene's]")
+@option("--steps N", "Simulate N time steps.  [default: the scene's optimizationIterations - 1]", int)
+@option("--tolerance T", "Relative tolerance of the linear solver.  [default: the scene's]", float)
 @scenes.forces
-@click.option("--feedback", is_flag=True,
-              help="With --forces: pull a disturbed cloth back to the motion that they were found for.")
+@option("--feedback", "With --forces: pull a disturbed cloth back to the motion that they were found for.")
 @section("What is written")
-@click.option("--energy", "with_energy", is_flag=True,
-              help="Print a table of the energies, and store them with the motion.")
-@click.option("--dump", "dump_path", metavar="FILE", help="If the motion diverges, write its last states here (.npz).")
-@click.option("-o", "--output", "path", metavar="MOTION",
-              help="File of the motion, in any format.  [default: <stem>.motion.npz]")
+@option("--energy", "Print a table of the energies, and store them with the motion.", name="with_energy")
+@option("--dump FILE", "If the motion diverges, write its last states here (.npz).", name="dump_path")
+@option("-o --output MOTION", "File of the motion, in any format.  [default: <stem>.motion.npz]", name="path")
 @running.option("Simulate again")
 @pictures.options
 @section("The file of the motion")
@@ -72,7 +66,7 @@ def command(
     frames = scenes.frames_of(steps, scene)
     out = output_for(path, scene_path, ".motion.npz", (forces_path,))
     motions.check(out, convention, (scene_path,), frames)
-    dump = dump_of(dump_path, scene_path, out)
+    dump = beside("--dump", dump_path, (scene_path, out.path))
     pictures.check(scene_path, out.path, dump_path)
     scenes.warn_of_steps(scene, frames, console)
     import clothfit
@@ -116,8 +110,7 @@ def moved(scene: Scene, frames: int, tolerance: float | None) -> tuple[Motion, D
 def report(scene: Scene, motion: Motion, seconds: float, out: Output, console: Console) -> None:
     """Print what a motion that stayed finite took, and warn of what it needed."""
     done = len(motion.times) - 1
-    for sentence in motion.remedies.sentences(done * len(scene.cloths)):
-        console.warn(sentence)
+    console.warn(*motion.remedies.sentences(done * len(scene.cloths)))
     scenes.warn_of_stretch(scene, motion, console)
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
 
@@ -140,15 +133,6 @@ def place(scene: Scene, error: Diverged) -> dict[str, Any]:
     fault = error.fault
     where = {"object": None, "vertex": None} if fault is None else {"object": fault.cloth, "vertex": fault.vertex}
     return {"step": error.step, "time": error.step * scene.delta, **where}
-
-
-def dump_of(path: str | None, scene_path: str, out: Output) -> Output | None:
-    """Where the last states go, checked as any output. Raises InvalidInput."""
-    if path is None:
-        return None
-    if path == STREAM or (not out.is_stream and same_file(path, out.path)):
-        raise InvalidInput(f"--dump must be a file of its own; {path} was given")
-    return output_for(path, scene_path, "", ())
 
 
 def keep(scene: Scene, error: Diverged | None, dump: Output | None, console: Console) -> str | None:

@@ -12,18 +12,23 @@ import click
 
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_least, length, refuse, section, standard_command
-from clothfit.cli.common.output import STREAM, Output, output_for, print_json
+from clothfit.cli.common.options import check_least, length, option, refuse, section, standard_command
+from clothfit.cli.common.output import STREAM, Output, beside, output_for, print_json
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, with_inputs
 from clothfit.formats.axes import Convention, Reading
+from clothfit.many.job import INTERRUPTED
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
+    from clothfit.subspace.build import Options, Report
     from clothfit.subspace.inputs import Ranges
     from clothfit.subspace.model import Model
-    from clothfit.subspace.play import Crowded
+    from clothfit.subspace.network.learn import Schooling
+    from clothfit.subspace.network.training import Progress
+    from clothfit.subspace.recording import Data
 
 TRAINING = ("minutes", "rounds", "resume")
 EPISODES, OF_SMALL, MANY_EPISODES = 9, 25, 41
@@ -47,54 +52,42 @@ ONLY = {
 @click.argument("action", metavar="record|build|play", type=click.Choice(tuple(ONLY)))
 @click.argument("subspace_path", metavar="SCENE|DATA|MODEL")
 @section("What to record (record, and build from a SCENE)")
-@click.option("--episodes", type=int, metavar="N",
-              help=f"Record N motions; the last one judges.  [default: {OF_SMALL} up to {SMALL} vertices, "
-              f"else {EPISODES}; {MANY_EPISODES} for a network]")
-@click.option("--frames", type=int, metavar="N",
-              help=f"Frames of each motion.  [default: {FRAMES}, {IN_WIND} of small cloths held in a steady wind; "
-              "to play those of the scene]")
-@click.option("--wind", type=float, metavar="SPEED",
-              help="Gusts up to this speed along each axis, m/s.  [default: a push of a quarter of the weight]")
-@click.option("--pins", type=float, metavar="METRES", help="Move all fixed vertices at random so far.  [default: 0]")
-@click.option("--pace", type=float, metavar="FACTOR",
-              help="What moves in the scene does so up to this much faster or slower.  [default: 1.25]")
-@click.option("--seed", type=int, metavar="S", help="Seed of all that is random.  [default: 0]")
-@click.option("--motion", "motions", multiple=True, metavar="M[@INPUTS]",
-              help="Take motions of other programs instead, with the inputs over time (JSON) that moved them; may be "
-              "repeated. The last one judges.")
-@click.option("--fps", type=float, metavar="F", help="Frames per second of their files.  [default: their times]")
+@option("--episodes N", f"Record N motions; the last one judges.  [default: {OF_SMALL} up to {SMALL} vertices, else "
+        f"{EPISODES}; {MANY_EPISODES} for a network]", int)
+@option("--frames N", f"Frames of each motion.  [default: {FRAMES}, {IN_WIND} of small cloths held in a steady wind; "
+        "to play those of the scene]", int)
+@option("--wind SPEED", "Gusts up to this speed along each axis, m/s.  [default: a push of a quarter of the weight]",
+        float)
+@option("--pins METRES", "Move all fixed vertices at random so far.  [default: 0]", float)
+@option("--pace FACTOR", "What moves in the scene does so up to this much faster or slower.  [default: 1.25]", float)
+@option("--seed S", "Seed of all that is random.  [default: 0]", int)
+@option("--motion M[@INPUTS]", "Take motions of other programs instead, with the inputs over time (JSON) that moved "
+        "them; may be repeated. The last one judges.", name="motions", multiple=True)
+@option("--fps F", "Frames per second of their files.  [default: their times]", float)
 @section("What to build (build)")
-@click.option("--basis", type=int, metavar="R", help="Number of vectors.  [default: 64, or as --error needs]")
-@click.option("--error", metavar="LENGTH", help="Take as many vectors as leave out no more, such as 5mm.")
-@click.option("--cubature", type=float, metavar="ERROR",
-              help="Relative error of the forces' sums; 0 evaluates all elements.  "
-              "[default: from 0.08 down to 0.01, as needed]")
-@click.option("--modes", type=int, metavar="N",
-              help="So many of the vectors are vibration modes.  [default: one in sixteen]")
-@click.option("--method", type=click.Choice(("physics", "network")),
-              help="How the coordinates step: as the scene does, on the basis, or by a network that learns it from the "
-              "motions.  [default: physics]")
-@click.option("--normals", is_flag=True, default=None,
-              help="Keep a regression of the vertices' normals on the coordinates.")
-@click.option("--half", is_flag=True, default=None, help="Store the vectors in half precision: half the file.")
+@option("--basis R", "Number of vectors.  [default: 64, or as --error needs]", int)
+@option("--error LENGTH", "Take as many vectors as leave out no more, such as 5mm.")
+@option("--cubature ERROR", "Relative error of the forces' sums; 0 evaluates all elements.  [default: from 0.08 down "
+        "to 0.01, as needed]", float)
+@option("--modes N", "So many of the vectors are vibration modes.  [default: one in sixteen]", int)
+@option("--method", "How the coordinates step: as the scene does, on the basis, or by a network that learns it from "
+        "the motions.  [default: physics]", click.Choice(("physics", "network")))
+@option("--normals", "Keep a regression of the vertices' normals on the coordinates.", default=None)
+@option("--half", "Store the vectors in half precision: half the file.", default=None)
 @section("How to train (build --method network)")
-@click.option("--minutes", type=float, metavar="M", help="Processor time of the training.  [default: 10]")
-@click.option("--rounds", type=int, metavar="N",
-              help="Rounds of the training in place of --minutes: the same network on every machine, but for rounding.")
-@click.option("--resume", is_flag=True, default=None,
-              help="Go on with the training whose state is beside OUT, <OUT's stem>.training.npz.")
+@option("--minutes M", "Processor time of the training.  [default: 10]", float)
+@option("--rounds N", "Rounds of the training in place of --minutes: the same network on every machine, but for "
+        "rounding.", int)
+@option("--resume", "Go on with the training whose state is beside OUT, <OUT's stem>.training.npz.", default=None)
 @section("What to play (play)")
-@click.option("--inputs", "inputs_path", metavar="FILE", help="Play with these inputs over time (JSON).")
-@click.option("--push-out", metavar="LENGTH",
-              help="Push vertices out of the scene's obstacles, so far from them, such as 0 or 2mm.")
-@click.option("--coordinates", metavar="FILE",
-              help="Write the coordinates of each object here, for players that decode them (.npz).")
-@click.option("--instances", type=int, metavar="N",
-              help="Play N instances at once, in random gusts within the recorded range, and say how long a frame of "
-              "one takes; motions are written with -o only.")
+@option("--inputs FILE", "Play with these inputs over time (JSON).", name="inputs_path")
+@option("--push-out LENGTH", "Push vertices out of the scene's obstacles, so far from them, such as 0 or 2mm.")
+@option("--coordinates FILE", "Write the coordinates of each object here, for players that decode them (.npz).")
+@option("--instances N", "Play N instances at once, in random gusts within the recorded range, and say how long a "
+        "frame of one takes; motions are written with -o only.", int)
 @section("What is written")
-@click.option("-o", "--output", "path", metavar="OUT",
-              help="File of the data, the model or the motion.  [default: <stem>.data.npz, .model.npz, .played.npz]")
+@option("-o --output OUT", "File of the data, the model or the motion.  [default: <stem>.data.npz, .model.npz, "
+        ".played.npz]", name="path")
 def command(action: str, subspace_path: str, path: str | None, console: Console, **given: Any) -> int | None:
     """Play the cloths of a scene in a subspace of their motions: large ones many times faster.
 
@@ -186,7 +179,6 @@ def record(scene_path: str, path: str | None, given: dict[str, Any], console: Co
 
 def build(given_path: str, path: str | None, given: dict[str, Any], console: Console) -> int | None:
     """Build a model of recorded motions, or of a scene."""
-    from clothfit.cli.parts.subspace_building import built, options_of, school_of
     from clothfit.formats.registry import RECORDED, SUBSPACE, kind_of
 
     kind = None if given_path == STREAM else kind_of(given_path)
@@ -272,28 +264,17 @@ def play_one(
 
     distance = length(given["push_out"], "--push-out")
     out = output_for(path, model_path, ".played.npz", (given["inputs_path"],))
-    kept = coordinates_for(given["coordinates"], (model_path, given["inputs_path"], out.path))
+    kept = beside("--coordinates", given["coordinates"], (model_path, given["inputs_path"], out.path), ".npz")
     motions.check(out, Convention(), (model_path,), frames)
     console.announce_compilation()
     played = play_model(model, scene, frames, distance)
-    for sentence in played.clamped:
-        console.warn(sentence)
+    console.warn(*played.clamped)
     motions.write(played.motion, out, scene, Convention(), console)
     if kept is not None:
         kept.write(npz.archive({f"q{c}": q.astype(np.float32) for c, q in enumerate(played.coordinates)}))
     each = {name.replace(" ", "_"): 1e6 * s / max(frames - 1, 1) for name, s in played.seconds.items()}
     console.say(f"{frames} frames, {each['state']:.0f} µs a step → {out.name}")
-    found = {"frames": frames, "us_per_frame": each, "clamped": played.clamped, "output": out.path}
-    print_json(found)
-
-
-def coordinates_for(path: str | None, used: tuple[str | None, ...]) -> Output | None:
-    """Where the coordinates go. Raises InvalidInput."""
-    if path is None:
-        return None
-    if path == STREAM or not path.lower().endswith(".npz"):
-        raise InvalidInput(f"--coordinates must be a file .npz; {path} was given")
-    return output_for(path, "", "", used)
+    print_json({"frames": frames, "us_per_frame": each, "clamped": played.clamped, "output": out.path})
 
 
 def play_many(
@@ -314,18 +295,146 @@ def play_many(
     console.announce_compilation()
     scenes = instances(model, scene, count, frames, given["seed"] or 0)
     found = play_all(model, scenes, frames)
-    for sentence in found.clamped:
-        console.warn(sentence)
+    console.warn(*found.clamped)
     for i, out in enumerate(outs):
         motions.write(motion_in(model, scenes[i], found, i), out, scenes[i], Convention(), console)
-    show_many(found, count, frames, console)
-    done = {"frames": frames, "instances": count, "us_per_frame": found.us, "clamped": found.clamped}
-    print_json(done | {"outputs": [out.path for out in outs]})
-
-
-def show_many(found: Crowded, count: int, frames: int, console: Console) -> None:
-    """Say what a frame of one of many instances takes."""
     parts = ", ".join(f"{name} {value:.0f} µs" for name, value in found.us.items())
     whole = sum(found.us.values())
     console.result(f"{count} instances, {frames} frames: a frame of each takes {whole:.0f} µs: {parts}")
     console.result(f"a frame of all of them takes {1e-3 * count * whole:.3g} ms, on one thread")
+    done = {"frames": frames, "instances": count, "us_per_frame": found.us, "clamped": found.clamped}
+    print_json(done | {"outputs": [out.path for out in outs]})
+
+
+# ---- `clothfit subspace build`: a model of recorded motions, by physics or by a network, and what is said of it.
+
+POOR = 0.1
+"""Error of a motion, relative to its RMS, from which on there is a warning."""
+
+LINES = 6
+"""Looks at a training for one line that is printed."""
+
+
+def options_of(given: dict[str, Any]) -> Options:
+    """The options of a build."""
+    from clothfit.subspace.build import CUBATURES, Options
+
+    asked = 0 if given["method"] == "network" else given["cubature"]
+    cubature = CUBATURES if asked is None else (asked,) if asked else ()
+    size, error, seed = given["basis"], length(given["error"], "--error"), given["seed"] or 0
+    return Options(size, error, cubature, given["modes"], bool(given["normals"]), bool(given["half"]), seed)
+
+
+def school_of(given: dict[str, Any], out: Output) -> Schooling | None:
+    """How to train; None for physics. Raises InvalidInput."""
+    if given["method"] != "network":
+        refuse({f"--{name}": given[name] for name in TRAINING}, "{} goes with --method network")
+        return None
+    refuse({"--cubature": given["cubature"]}, "{} does not go with --method network")
+    if given["minutes"] is not None and given["rounds"] is not None:
+        raise click.UsageError("--minutes and --rounds: give one of them", click.get_current_context())
+    from clothfit.subspace.network.learn import Schooling
+    from clothfit.subspace.network.training import MINUTES, Budget
+
+    if given["resume"] and out.is_stream:
+        raise InvalidInput("--resume needs a file -o; - was given")
+    budget = Budget(MINUTES if given["minutes"] is None else given["minutes"], given["rounds"])
+    budget.check()
+    return Schooling(budget, given["seed"] or 0, state_of(out) if given["resume"] else None)
+
+
+def state_of(out: Output) -> str:
+    """The file of a training's state."""
+    return str(Path(out.path).with_suffix("")) + ".training.npz"
+
+
+def built(
+    data: Data, options: Options, school: Schooling | None, out: Output, about: dict[str, Any], console: Console,
+) -> int | None:  # fmt: skip
+    """Build a model, write it, and say how good it is."""
+    from clothfit.base import threads
+    from clothfit.subspace.build import build as build_model
+    from clothfit.subspace.build import summary
+    from clothfit.subspace.model import encoded
+
+    console.announce_compilation()
+    with threads.single(), interrupts.deferred():
+        model, found = build_model(data, options, console.detail)
+        ended = True
+        if school:
+            model, ended = trained(model, found, data, school, out, console)
+        out.write(encoded(model))
+    for c, each in enumerate(found):
+        show(f"objects[{c}]", each, console)
+        show_worth(data.scene, c, each, model.method, console)
+    console.say(f"→ {out.name}")
+    more = {"training": model.built["training"]} if school else {}
+    objects = [summary(each) for each in found]
+    print_json({"recorded": about, "objects": objects, **more, "output": out.path})
+    return None if ended else INTERRUPTED
+
+
+def trained(
+    model: Model, found: list[Report], data: Data, school: Schooling, out: Output, console: Console
+) -> tuple[Model, bool]:
+    """The model with networks, and whether their training came to its end; its state is kept beside."""
+    from clothfit.subspace.network.learn import identity, keep, pupils, teach
+
+    own = pupils(model, data, school)
+    interrupts.hold()  # from now on there is a network to keep
+    states = [each.training.state for each in own]
+    if all(school.budget.done(len(own) * state.seconds, state.rounds) >= 1.0 for state in states):
+        rounds = max(state.rounds for state in states)
+        minutes = sum(state.seconds for state in states) / 60.0
+        console.warn(f"the training has had {minutes:.2g} minutes and {rounds} rounds already; ask for more --rounds")
+
+    def say(c: int, progress: Progress) -> None:
+        text = f"objects[{c}]: {100 * progress.done:.0f} % of the training, {progress.rounds} rounds: "
+        text += f"{100 * progress.error:.2g} % on motions held out, {100 * progress.best:.2g} % at best"
+        looks = own[c].training.state.curve
+        (console.say if len(looks) % LINES == 0 or progress.done >= 1.0 else console.detail)(text)
+
+    made, ended = teach(model, found, data, own, school, say)
+    if not out.is_stream:
+        keep(state_of(out), own, identity(model, data, school))
+        if not ended:
+            console.warn(f"interrupted: the best network so far is kept; go on with --resume ({state_of(out)})")
+    return made, ended
+
+
+def show_worth(scene: Scene, c: int, found: Report, method: str, console: Console) -> None:
+    """Say from how many vertices on such a model is faster than full steps."""
+    from clothfit.subspace.judge import whole
+    from clothfit.subspace.worth import pays_from
+
+    count = pays_from(scene, c, found.vectors, method, whole(found.us_per_frame), found.full_us_per_step)
+    if found.pays:
+        console.result(f"such a model pays from about {count} vertices on; here there are {len(scene.cloths[c].mass)}")
+    else:
+        console.warn(f"objects[{c}]: a subspace does not pay for so few vertices, but from about {count} on; full "
+                     "steps are faster")  # fmt: skip
+
+
+def show(name: str, found: Report, console: Console) -> None:
+    """Say what a model of one object leaves out, evaluates and misses."""
+    from clothfit.subspace.judge import whole
+
+    console.result(f"{name}: {found.vectors} vectors")
+    console.table([("vectors", "leave out"), *((str(k), metres(v)) for k, v in found.left_out.items())])
+    used = ", ".join(f"{a} of {b} {kind}" for kind, (a, b) in found.elements.items() if b)
+    network = not any(a for a, _ in found.elements.values())
+    if not network:
+        console.result(f"evaluated: {used}")
+    frame, step = whole(found.us_per_frame), found.full_us_per_step
+    console.result(f"a frame takes {frame:.0f} µs, with positions and normals; a full step takes {step:.0f} µs")
+    second = "by the network" if network else "as evaluated"
+    for what, own in (("with all elements", found.whole), (second, found.sampled)):
+        if own is not None:
+            console.result(f"a motion beside those, {what}: {metres(own.rmse)}, {100 * own.relative:.2g} % of its RMS")
+    if found.sampled is not None and found.sampled.relative > POOR:
+        console.warn(f"{name}: the subspace does not follow that motion; try more vectors (--basis), more motions "
+                     "(--episodes), or weaker inputs (--wind, --pace)")  # fmt: skip
+    if found.floor:
+        from clothfit.subspace.judge import at_best
+
+        console.result(at_best(found.floor))

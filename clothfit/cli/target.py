@@ -10,7 +10,7 @@ from clothfit.base.limits import check_capture
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, section, standard_command
+from clothfit.cli.common.options import check_numbers, option, section, standard_command
 from clothfit.cli.common.output import output_for, print_json
 
 if TYPE_CHECKING:
@@ -20,24 +20,17 @@ if TYPE_CHECKING:
 @standard_command("target")
 @click.argument("scene_path", metavar="SCENE")
 @section("What to simulate")
-@click.option("--steps", type=int, metavar="N",
-              help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")
-@click.option("--tolerance", type=float, metavar="T",
-              help="Relative tolerance of the linear solver.  [default: as tight as a fit's]")
+@option("--steps N", "Simulate N time steps.  [default: the scene's optimizationIterations - 1]", int)
+@option("--tolerance T", "Relative tolerance of the linear solver.  [default: as tight as a fit's]", float)
 @scenes.forces
 @section("What a capture sees of it")
-@click.option("--noise", type=float, default=0.0, metavar="METRES",
-              help="Add noise of this standard deviation per coordinate.  [default: 0]")
-@click.option("--observed", type=float, default=1.0, metavar="FRACTION",
-              help="Keep this share of the vertices, drawn at random.  [default: 1]")
-@click.option("--every", type=int, default=1, metavar="K", help="Keep every K-th frame.  [default: 1]")
-@click.option("--fps", type=float, metavar="F",
-              help="Record F frames per second, interpolated between steps.  [default: all steps]")
-@click.option("--seed", type=click.IntRange(0), default=0, metavar="S",
-              help="Seed of the random numbers.  [default: 0]")
+@option("--noise METRES", "Add noise of this standard deviation per coordinate.  [default: 0]", float, default=0.0)
+@option("--observed FRACTION", "Keep this share of the vertices, drawn at random.  [default: 1]", float, default=1.0)
+@option("--every K", "Keep every K-th frame.  [default: 1]", int, default=1)
+@option("--fps F", "Record F frames per second, interpolated between steps.  [default: all steps]", float)
+@option("--seed S", "Seed of the random numbers.  [default: 0]", click.IntRange(0), default=0)
 @section("What is written")
-@click.option("-o", "--output", "path", metavar="MOTION",
-              help="File of the motion, in any format.  [default: <stem>.target.npz]")
+@option("-o --output MOTION", "File of the motion, in any format.  [default: <stem>.target.npz]", name="path")
 @section("The file of the motion")
 @motions.writes
 def command(

@@ -10,10 +10,9 @@ import click
 
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.failures import split
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, print_json
-from clothfit.cli.common.scenes import better, one_stream
+from clothfit.cli.common.scenes import better, one_stream, split
 
 
 @dataclass(frozen=True)
@@ -71,16 +70,14 @@ def judge(path: str) -> Verdict:
 
 def show(verdict: Verdict, alone: bool, console: Console) -> None:
     """Print what was found, a line each. On a terminal, the only problem of the only file is left to the error."""
-    for warning in verdict.warnings:
-        console.warn(f"{verdict.path}: {warning}")
+    console.warn(*verdict.warnings, of=verdict.path)
     if verdict.error is None:
         console.result(f"{verdict.path}: valid" + (f"; {verdict.note}" if verdict.note else ""))
         return
     problems = verdict.error.problems
     if alone and len(problems) == 1 and (console.data or sys.stdout.isatty()):
         return
-    for problem in problems:
-        console.result(f"{verdict.path}: {problem}")
+    console.result(*problems, of=verdict.path)
 
 
 def summary(verdict: Verdict) -> dict[str, Any]:

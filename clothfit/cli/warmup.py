@@ -5,18 +5,15 @@ from __future__ import annotations
 import os
 import time
 
-import click
-
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.options import option, standard_command
 from clothfit.cli.common.output import print_json
 
 
 @standard_command("warmup")
-@click.option("--small", is_flag=True,
-              help="Leave out what only cloths of 3000 free vertices and more need.")
+@option("--small", "Leave out what only cloths of 3000 free vertices and more need.")
 def command(small: bool, console: Console) -> None:
     """Compile everything for this machine ahead, so that no command has to wait for it.
 

@@ -23,7 +23,6 @@ from clothfit.many.job import INTERRUPTED, File, Job, JobTarget, Outcome, loaded
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
     from clothfit.fit.result import Fit
-    from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
 
 Path = str | os.PathLike[str]
@@ -170,26 +169,18 @@ def packed(scene: Path | Scene) -> File:
 def packed_targets(targets: Any, main: Path | Scene) -> tuple[JobTarget, ...]:
     """Targets of a scene as they travel. Raises InvalidInput when one cannot be read."""
     listed = [] if targets is None else targets if isinstance(targets, list) else [targets]
-    return tuple(packed_target(main, *(item if isinstance(item, tuple) else (item,))) for item in listed)
+    pairs = [item if isinstance(item, tuple) else (item, None) for item in listed]
+    return tuple(
+        (packed_motion(motion, main if scene is None else scene), None if scene is None else packed(scene))
+        for motion, scene in pairs
+    )
 
 
-def packed_target(main: Path | Scene, motion: Any, scene: Path | Scene | None = None) -> JobTarget:
-    """A target, and the scene it was recorded in where that is not the `main` one, as they travel.
-
-    Raises InvalidInput when one cannot be read.
-    """
-    recorded = motion
-    if isinstance(motion, (str, os.PathLike)):
-        recorded = packed_motion(motion, main if scene is None else scene)
-    return recorded, None if scene is None else packed(scene)
-
-
-def packed_motion(path: Path, scene: Path | Scene) -> File | Motion:
+def packed_motion(motion: Any, scene: Path | Scene) -> Any:
     """A motion as it travels: another program's may be many files, and is read here. Raises InvalidInput."""
     from clothfit.formats.registry import foreign
-
-    if foreign(path) is None:
-        return read(path)
     from clothfit.motion.files import load_motion
 
-    return load_motion(path, loaded(packed(scene)))
+    if not isinstance(motion, (str, os.PathLike)):
+        return motion
+    return read(motion) if foreign(motion) is None else load_motion(motion, loaded(packed(scene)))

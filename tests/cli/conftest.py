@@ -1,6 +1,8 @@
-"""What the tests of commands share: something on standard input, and a recorder in the place of the fit."""
+"""What the tests of commands share: a folder, commands in this process, a recorder in the place of the fit."""
 
 import io
+import json
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +11,48 @@ from types import SimpleNamespace
 import pytest
 from helpers.scenes import even
 
+from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate
 from clothfit.scene.scene import load
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    """The current folder, which is empty."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def said(capsys):
+    """Runs a command, all in one string; gives exit code, standard output and standard error."""
+
+    def ended(line, more=()):
+        return run([*shlex.split(line), *more]), *capsys.readouterr()
+
+    return ended
+
+
+def refuse(constant):
+    raise AssertionError(f"{constant} is not JSON")
+
+
+@pytest.fixture
+def told(said):
+    """The summary that a command prints with --json when it ends with that code, and its messages."""
+
+    def summary(line, code=0):
+        ended, out, err = said(f"{line} --json")
+        assert ended == code, err
+        return json.loads(out, parse_constant=refuse), err
+
+    return summary
+
+
+@pytest.fixture
+def summary(told):
+    """The same without the messages."""
+    return lambda line, code=0: told(line, code)[0]
 
 
 class Named(io.BytesIO):

@@ -14,8 +14,8 @@ import pytest
 from click.shell_completion import get_completion_class
 from helpers.scenes import environment
 
-from clothfit.cli.common import values
-from clothfit.cli.program import COMMANDS, group, run
+from clothfit.cli.common import options as values
+from clothfit.cli.program import COMMANDS, group
 
 pytestmark = pytest.mark.slow  # starts processes
 
@@ -37,13 +37,12 @@ def test_every_option_of_a_command_completes(command):
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
-    """Files of some kinds, in the current folder."""
-    monkeypatch.chdir(tmp_path)
+def files(here):
+    """Files of some kinds."""
     for name in ("cape.json", "cape.pc2", "cape.npz", "cape.obj", "cape.csv", "cape.txt", "cape note.md", ".cape.json"):
-        (tmp_path / name).touch()
-    (tmp_path / "capes").mkdir()
-    (tmp_path / "capes" / "own.jsonl").touch()
+        (here / name).touch()
+    (here / "capes").mkdir()
+    (here / "capes" / "own.jsonl").touch()
 
 
 @pytest.mark.usefixtures("files")
@@ -101,24 +100,19 @@ def test_the_values_are_those_that_commands_take():
     from clothfit.optimise.scipy_methods import METHODS
     from clothfit.scene.kinds import INTEGRATORS, KINDS
 
-    assert values.VALUES["--method"] == (*OWN_METHODS, *METHODS)
-    assert values.VALUES["--objective"] == tuple(OBJECTIVES)
-    assert (values.VALUES["--loss"], values.VALUES["--integrator"]) == (LOSSES, INTEGRATORS)
-    assert set(values.VALUES["--model"]) == set(MODELS)
-    assert (values.VALUES["--holdout-of"], set(values.SIDES)) == (HOLDOUTS, set(SIDES))
+    own = values.VALUES
+    assert (own["--method"], own["--objective"]) == ((*OWN_METHODS, *METHODS), tuple(OBJECTIVES))
+    assert (own["--loss"], own["--integrator"], own["--holdout-of"]) == (LOSSES, INTEGRATORS, HOLDOUTS)
+    assert (set(own["--model"]), set(values.SIDES), values.MESHES) == (set(MODELS), set(SIDES), MESHES)
     assert tuple(kind.name for kind in KINDS) == values.KINDS
-    assert values.MESHES == MESHES
     known = {name for command in COMMANDS for option in group.get_command(None, command).params for name in option.opts}
     assert {name for name in (*values.VALUES, *values.SUFFIXES) if name.startswith("--")} <= known
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_a_shell_asks_the_program(capsys, shell):
-    assert run(["completion", shell]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    assert f"{VARIABLE}={shell}_complete" in out
-    assert "%(" not in out
+def test_the_script_of_a_shell_asks_the_program(said, shell):
+    code, out, err = said(f"completion {shell}")
+    assert (code, err, f"{VARIABLE}={shell}_complete" in out, "%(" in out) == (0, "", True, False)
 
 
 @pytest.fixture

@@ -6,8 +6,6 @@ import pytest
 from helpers.paths import DOCS
 from helpers.scenes import trial, write_scene
 
-from clothfit.cli.program import run
-
 pytestmark = pytest.mark.slow  # compiles a fit
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
@@ -16,11 +14,10 @@ pytest.importorskip("PIL", reason="Pillow is not installed; no animation is draw
 SIGNS = {".png": b"\x89PNG", ".gif": b"GIF8", ".svg": b"<?xml", ".pdf": b"%PDF"}
 
 
-@pytest.fixture
-def path(tmp_path, monkeypatch):
-    """The path of a scene to fit, alone in the current folder."""
-    monkeypatch.chdir(tmp_path)
-    return write_scene(tmp_path, trial("nG", 12))
+@pytest.fixture(autouse=True)
+def scene(here):
+    """The folder has a scene to fit."""
+    write_scene(here, trial("nG", 12))
 
 
 def signed(name):
@@ -29,33 +26,32 @@ def signed(name):
         return file.read(5).startswith(SIGNS[name[name.rindex(".") :]])
 
 
-def test_every_command_draws(path, capsys):
-    assert run(["simulate", path, "--energy", "--plot", "a.svg", "--gif", "a.gif"]) == 0
-    assert run(["estimate", path, "-o", "fitted.json", "--plot", "{stem}.png", "--gif", "b.gif"]) == 0
-    told = capsys.readouterr().err
-    assert told.endswith("picture → scene.png\nanimation → b.gif\n")
-    assert run(["evaluate", path, "fitted.json", "--steps", "20", "--plot", "c.pdf", "--gif", "c.gif"]) == 0
+def test_every_command_draws(said):
+    assert said("simulate scene.json --energy --plot a.svg --gif a.gif")[0] == 0
+    code, _, err = said("estimate scene.json -o fitted.json --plot {stem}.png --gif b.gif")
+    assert (code, err.endswith("picture → scene.png\nanimation → b.gif\n")) == (0, True)
+    assert said("evaluate scene.json fitted.json --steps 20 --plot c.pdf --gif c.gif")[0] == 0
     assert all(signed(name) for name in ("a.svg", "a.gif", "scene.png", "b.gif", "c.pdf", "c.gif"))
 
 
-def test_a_fit_to_a_target_with_a_scene_of_its_own_is_drawn_over_that(path, tmp_path):
-    write_scene(tmp_path, trial("nG", 8, windVel={"x": 2.0, "y": 0.0, "z": 0.0}), "windy.json")
-    assert run(["target", "windy.json", "-q", "-o", "windy.npz", "--every", "2", "--observed", "0.6"]) == 0
-    told = ["--target", "windy.npz@windy.json", "--plot", "fit.png", "--gif", "fit.gif"]
-    assert run(["estimate", path, "-q", "-o", "fitted.json", *told]) in (0, 5)
+def test_a_fit_to_a_target_with_a_scene_of_its_own_is_drawn_over_that(here, said):
+    write_scene(here, trial("nG", 8, windVel={"x": 2.0, "y": 0.0, "z": 0.0}), "windy.json")
+    assert said("target windy.json -q -o windy.npz --every 2 --observed 0.6")[0] == 0
+    line = "estimate scene.json -q -o fitted.json --target windy.npz@windy.json --plot fit.png --gif fit.gif"
+    assert said(line)[0] in (0, 5)
     assert signed("fit.png")
     assert signed("fit.gif")
 
 
-def test_a_motion_that_diverges_is_drawn_as_far_as_it_is_good(path, tmp_path):
-    wild = write_scene(tmp_path, trial("nG", 60, integrationMethod=0, springStiffness=[9e3] * 33), "wild.json")
-    assert run(["simulate", wild, "-q", "--plot", "wild.png", "--gif", "wild.gif"]) == 4
+def test_a_motion_that_diverges_is_drawn_as_far_as_it_is_good(here, said):
+    write_scene(here, trial("nG", 60, integrationMethod=0, springStiffness=[9e3] * 33), "wild.json")
+    assert said("simulate wild.json -q --plot wild.png --gif wild.gif")[0] == 4
     assert signed("wild.png")
     assert signed("wild.gif")
 
 
-def test_the_python_of_the_page_draws(path, tmp_path):
-    write_scene(tmp_path, trial("nG", 12, springStiffness=[20.0] * 33), "fitted.json")
+def test_the_python_of_the_page_draws(here):
+    write_scene(here, trial("nG", 12, springStiffness=[20.0] * 33), "fitted.json")
     page = (DOCS / "pictures.md").read_text("utf-8")
     (block,) = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     exec(compile(block, "docs/pictures.md", "exec"), {})

@@ -7,7 +7,6 @@ import socket
 import subprocess
 import sys
 import time
-from functools import partial
 from types import SimpleNamespace
 
 import numba
@@ -17,10 +16,8 @@ from helpers.scenes import environment, trial, write_scene
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate
-from clothfit.fit.options import FitOptions
 from clothfit.many.cluster import Cluster
-from clothfit.many.estimate_many import estimate_many, fit_all
-from clothfit.many.job import Job, read
+from clothfit.many.estimate_many import fit_all
 from clothfit.scene.scene import dumps, load
 
 distributed = pytest.importorskip("distributed", reason="distributed is not installed; there is no cluster")
@@ -29,14 +26,13 @@ pytestmark = [
     pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
 ]
 
-FEW = {"method": "l-bfgs-b", "intervals": False}
-EVALUATIONS = 40
+FEW = {"method": "l-bfgs-b", "intervals": False, "max_evaluations": 40}
 
 
 @pytest.fixture(scope="module")
 def cluster():
     """A scheduler in this process, two workers in processes of their own, which a nanny starts again."""
-    estimate(load(trial("LL", 5, 3, 3)), max_evaluations=2, **FEW)  # so that no worker is killed while it compiles
+    estimate(load(trial("LL", 5, 3, 3)), **{**FEW, "max_evaluations": 2})  # no worker is killed while it compiles
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as made:
@@ -47,11 +43,6 @@ def cluster():
 def paths(tmp_path):
     """Three scenes that take about a second each."""
     return [write_scene(tmp_path, trial("LL", 60, 8, 6 + i), f"{i}.json") for i in range(3)]
-
-
-def makers(paths, **options):
-    chosen = FitOptions(**options)
-    return [partial(lambda path, number: Job(read(path), start=1.0, options=chosen), path) for path in paths]
 
 
 class Killing(Cluster):
@@ -73,18 +64,18 @@ class Killing(Cluster):
             time.sleep(0.02)
 
 
-def test_a_killed_worker_loses_nothing_and_the_results_are_those_of_this_machine(cluster, paths):
+def test_a_killed_worker_loses_nothing_and_the_results_are_those_of_this_machine(cluster, paths, makers):
     pool = Killing(cluster.scheduler_address, 2)
-    results = fit_all(makers(paths, max_evaluations=EVALUATIONS, **FEW), 1, pool)
+    results = fit_all(makers(paths, 1.0, **FEW), 1, pool)
     assert len(pool.killed) == 1
-    local = estimate_many(paths, start=1.0, jobs=2, max_evaluations=EVALUATIONS, **FEW)
     assert [r.exit_code for r in results] == [5, 5, 5]  # the budget is spent
-    assert [dumps(r.fit.scene) for r in results] == [dumps(r.fit.scene) for r in local]
+    expected = [estimate(load(path), None, 1.0, **FEW) for path in paths]
+    assert [dumps(r.fit.scene) for r in results] == [dumps(fit.scene) for fit in expected]
 
 
-def test_a_job_whose_workers_die_as_often_as_the_scheduler_allows_is_a_fault(cluster, paths, monkeypatch):
+def test_a_job_whose_workers_die_as_often_as_the_scheduler_allows_is_a_fault(cluster, paths, makers, monkeypatch):
     monkeypatch.setattr(cluster.scheduler, "allowed_failures", 0)
-    (result,) = fit_all(makers(paths[:1], max_evaluations=EVALUATIONS, **FEW), 1, Killing(cluster.scheduler_address, 0))
+    (result,) = fit_all(makers(paths[:1], 1.0, **FEW), 1, Killing(cluster.scheduler_address, 0))
     assert (result.exit_code, result.fit) == (1, None)
     assert result.error == "every worker that fitted it died, out of memory or killed"
 
@@ -110,7 +101,7 @@ def test_a_worker_with_another_version_is_named(cluster, monkeypatch):
         Cluster(cluster.scheduler_address)
 
 
-def test_a_scheduler_that_dies_is_told_and_ends_the_run(paths):
+def test_a_scheduler_that_dies_is_told_and_ends_the_run(paths, makers):
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     call = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", address]
@@ -124,7 +115,7 @@ def test_a_scheduler_that_dies_is_told_and_ends_the_run(paths):
             process.kill()
 
         pool.submit = submit_and_kill
-        results = fit_all(makers(paths[:2], max_evaluations=EVALUATIONS, **FEW), 1, pool)
+        results = fit_all(makers(paths[:2], 1.0, **FEW), 1, pool)
     finally:
         process.kill()
         process.wait()
@@ -146,15 +137,12 @@ def connected(address):
 
 @pytest.mark.parametrize(
     ("address", "message"),
-    [
-        ("localhost", "localhost is no address of a scheduler; one looks like tcp://host:8786"),
-        ("http://localhost:8786", "is no address of a scheduler"),
-        ("tcp://localhost:1", "no scheduler answers at tcp://localhost:1"),
-    ],
-)
+    [("localhost", "localhost is no address of a scheduler; one looks like tcp://host:8786"),
+     ("http://localhost:8786", "is no address of a scheduler"),
+     ("tcp://localhost:1", "no scheduler answers at tcp://localhost:1")],
+)  # fmt: skip
 def test_where_no_scheduler_is_the_command_ends(tmp_path, address, message, capsys):
-    path = write_scene(tmp_path, trial("Ln"))
-    assert run(["estimate", path, "--cluster", address]) == 3
+    assert run(["estimate", write_scene(tmp_path, trial("Ln")), "--cluster", address]) == 3
     assert message in capsys.readouterr().err
 
 

@@ -2,7 +2,7 @@
 
 import os
 import signal
-from functools import partial
+from types import SimpleNamespace
 
 import numba
 import pytest
@@ -11,9 +11,8 @@ from helpers.scenes import trial, write_scene
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.options import options_of
 from clothfit.many.estimate_many import estimate_many, fit_all, result
-from clothfit.many.job import Job, Outcome, numbered, read
+from clothfit.many.job import Outcome, numbered
 from clothfit.many.processes import Processes
 from clothfit.scene.scene import dumps, load
 
@@ -71,11 +70,9 @@ class Killing(Processes):
                 os.kill(pid, signal.SIGKILL)
 
 
-def test_a_killed_process_costs_time_only_and_one_that_is_killed_again_is_a_fault(paths):
+def test_a_killed_process_costs_time_only_and_one_that_is_killed_again_is_a_fault(paths, makers):
     died, pool = [], Killing(2, {0: 2, 1: 1})
-    options = options_of("estimate", FEW)
-    makers = [partial(lambda path, number: Job(read(path), number=number, options=options), path) for path in paths]
-    results = fit_all(makers, 1, pool, died=died.append)
+    results = fit_all(makers(paths, **FEW), 1, pool, died=died.append)
     assert (sorted(died), sorted(pool.begun)) == ([0, 1], [0, 0, 1, 1, 2])
     assert [r.exit_code for r in results] == [1, 5, 5]
     assert results[0].error == "the process that fitted it died, out of memory or killed, and again when it was alone"
@@ -84,29 +81,19 @@ def test_a_killed_process_costs_time_only_and_one_that_is_killed_again_is_a_faul
 
 
 def test_no_result_is_better_than_a_usable_one_and_ties_go_to_the_first():
-    class Fit:
-        status, cost = "limit", 2.0
-
-    class Cheaper(Fit):
-        cost = 1.0
-
-    bad, some, low = Outcome(None, 4, "no"), Outcome(Fit(), 5), Outcome(Cheaper(), 5)
-    assert result([bad, some, low, low]).best == 2
-    assert result([bad, some, some]).best == 1
-    assert (result([bad, bad]).best, result([bad, bad]).error) == (0, "no")
+    some, low = (Outcome(SimpleNamespace(status="limit", cost=cost), 5) for cost in (2.0, 1.0))
+    bad = Outcome(None, 4, "no")
+    assert [result(each).best for each in ([bad, some, low, low], [bad, some, some], [bad, bad])] == [2, 1, 0]
+    assert result([bad, bad]).error == "no"
     assert result([some, Outcome(None, 130, "not started")]).exit_code == 130
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [
-        ({"starts": 0}, "starts must be at least 1; 0 was given"),
-        ({"seed": -1}, "seed must be at least 0; -1 was given"),
-        ({"jobs": 0}, "jobs must be at least 1; 0 was given"),
-        ({"targets": []}, "targets: 0 are given for 1 scenes"),
-        ({"cluster": "here"}, "--cluster: here is no address of a scheduler"),
-    ],
-)
+    [({"starts": 0}, "starts must be at least 1; 0 was given"), ({"seed": -1}, "seed must be at least 0; -1 was given"),
+     ({"jobs": 0}, "jobs must be at least 1; 0 was given"), ({"targets": []}, "targets: 0 are given for 1 scenes"),
+     ({"cluster": "here"}, "--cluster: here is no address of a scheduler")],
+)  # fmt: skip
 def test_arguments_that_cannot_be(options, message):
     with pytest.raises(InvalidInput, match=message):
         estimate_many(["a.json"], **options)

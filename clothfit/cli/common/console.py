@@ -36,22 +36,23 @@ class Console:
         """Whether standard error is a terminal that wants colour and movement."""
         return sys.stderr.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
-    def say(self, message: str) -> None:
-        """Print a message, unless quiet."""
-        if not self.quiet:
-            self._print(message)
+    def say(self, *messages: str, of: str = "") -> None:
+        """Print messages, unless quiet; each begins with what they are `of`, where that is said."""
+        for message in messages if not self.quiet else ():
+            self._print(f"{of}: {message}" if of else message)
 
     def detail(self, message: str) -> None:
         """Print a message with the time since the start, with --verbose only."""
         if self.verbose:
             self._print(f"[{time.perf_counter() - self.began:7.2f} s] {message}")
 
-    def result(self, text: str) -> None:
-        """Print a line or more of what the command was asked for, unless quiet. Raises OSError."""
+    def result(self, *texts: str, of: str = "") -> None:
+        """Print what the command was asked for, each a line or more, unless quiet. Raises OSError."""
         if self.data:
-            self.say(text)
+            self.say(*texts, of=of)
         elif not self.quiet:
-            print(spelled(harmless(text), sys.stdout.encoding), flush=True)
+            for text in texts:
+                print(spelled(harmless(f"{of}: {text}" if of else text), sys.stdout.encoding), flush=True)
 
     def _print(self, message: str) -> None:
         try:
@@ -61,9 +62,9 @@ class Console:
             with suppress(OSError):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
-    def warn(self, message: str) -> None:
-        """Print a warning."""
-        self.say(f"warning: {message}")
+    def warn(self, *messages: str, of: str = "") -> None:
+        """Print warnings."""
+        self.say(*messages, of=f"warning: {of}" if of else "warning")
 
     def table(self, rows: Sequence[Sequence[str]]) -> None:
         """Print a result, rows of equal length in columns; the first row is the header. Raises OSError."""

@@ -11,27 +11,19 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import Action, F, gathered
+from clothfit.cli.common.options import Action, F, gathered, option
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.axes import HANDS, UPS, Convention, Reading
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Indices
     from clothfit.formats.axes import Axes
-    from clothfit.formats.registry import Format
     from clothfit.motion.foreign import Loaded
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
 
 UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
-
-READING = {
-    "scale": "--scale", "up": "--up", "handedness": "--handedness", "fps": "--fps", "frames": "--frames",
-    "markers": "--map",
-}  # fmt: skip
-"""Fields of `Reading` to their options."""
-
 
 READ_BY = ("target_path", "target_paths", "in_path", "keys_path")
 """Parameters of commands that are motions to read."""
@@ -41,15 +33,10 @@ def axes(prefix: str = "", what: str = "the motion file", whose: str = "the form
     """Add the options that say how a file's coordinates are meant, else as `whose` are."""
 
     def decorate(function: F) -> F:
-        up, hands = (click.Choice(choices) for choices in (UPS, HANDS))
         own = f"[default: {whose}]"
-        for option in (
-            click.option(f"--{prefix}handedness", type=hands, help=f"Handedness of the axes of {what}.  {own}"),
-            click.option(f"--{prefix}up", type=up, help=f"Axis of {what} that points up.  {own}"),
-            click.option(f"--{prefix}scale", type=float, metavar="M", help=f"Metres per unit of {what}.  {own}"),
-        ):
-            function = option(function)
-        return function
+        hands = option(f"--{prefix}handedness", f"Handedness of the axes of {what}.  {own}", click.Choice(HANDS))
+        up = option(f"--{prefix}up", f"Axis of {what} that points up.  {own}", click.Choice(UPS))
+        return option(f"--{prefix}scale M", f"Metres per unit of {what}.  {own}", float)(up(hands(function)))
 
     return decorate
 
@@ -70,10 +57,10 @@ def reads(function: Action) -> Action:
     return gathered(
         "reading", Reading,
         axes(whose="the file's, else the format's"),
-        click.option("--fps", type=float, metavar="F", help=f"Frames per second of the motion file.  {by_default}"),
-        click.option("--frames", metavar="A:B", help="Frames of the motion file, as a Python slice.  [default: all]"),
-        click.option("--map", "markers", metavar="FILE",
-                     help="CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]"),
+        option("--fps F", f"Frames per second of the motion file.  {by_default}", float),
+        option("--frames A:B", "Frames of the motion file, as a Python slice.  [default: all]"),
+        option("--map FILE", "CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]",
+               name="markers"),
     )(described)  # fmt: skip
 
 
@@ -101,15 +88,14 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
     loaded = foreign.load(sys.stdin.buffer if path == STREAM else path, scene, reading)
     if assumed:
         console.say(str(loaded.interpretation))
-    for doubt in loaded.interpretation.doubts:
-        console.warn(doubt)
+    console.warn(*loaded.interpretation.doubts)
     return loaded
 
 
 def arguments(reading: Reading) -> list[str]:
     """The options of a command that say the same."""
-    said = {option: getattr(reading, name) for name, option in READING.items()}
-    return [word for option, value in said.items() if value is not None for word in (option, str(value))]
+    said = {"map" if name == "markers" else name: value for name, value in vars(reading).items() if value is not None}
+    return [word for name, value in said.items() for word in (f"--{name}", str(value))]
 
 
 def readings_summary(readings: list[dict[str, Any]]) -> dict[str, Any]:
@@ -123,6 +109,7 @@ def check(
     """Check, before long work, that a motion of so many frames (None: not known yet) can be written, with or without
     `gaps`, and not over any of the `inputs`. Raises InvalidInput.
     """
+    from clothfit.formats.obj import ANY, numbered
     from clothfit.formats.registry import foreign
     from clothfit.motion.files import check_gaps, check_place, sources
 
@@ -137,16 +124,9 @@ def check(
     if gaps:
         check_gaps(found)
     read = [file for path in inputs if path not in (None, STREAM) for file in sources(str(path))]
-    for path in there(out.path):
+    for path in [each for _, each in numbered(out.path)] if ANY in out.path else [out.path]:
         if any(same_file(path, each) for each in read):
             raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another")
-
-
-def there(path: str) -> list[str]:
-    """The files that a motion of that name may be written over."""
-    from clothfit.formats.obj import ANY, numbered
-
-    return [each for _, each in numbered(path)] if ANY in path else [path]
 
 
 def write(
@@ -173,13 +153,17 @@ def write_foreign(
     names: tuple[str, ...] | None = None, timed: bool = True,
 ) -> Axes:
     """Write a motion as another program has it; says and returns which axes it got."""
+    from clothfit.formats.markers import named
     from clothfit.formats.registry import foreign
     from clothfit.motion import files as motion_files
 
     found = foreign(out.path)
     assert found is not None
     motion_files.check_place(out.path, len(motion.times))
-    meant = axes_of(found, convention, out, console)
+    asked = convention.axes(found.axes)
+    meant = named(asked) if found.markers else asked
+    if meant != asked:
+        console.warn(f"{out.name}: {found.name} has no name for a unit of {asked.scale:g} m; it is written in metres")
     made = motion_files.animation(motion, found, meant, triangles, names)
     files = motion_files.files(out.path, found, made)
     if motion.weights is not None:
@@ -190,17 +174,6 @@ def write_foreign(
     if found.times and motion.times[0] != 0:
         start = f"begins at {motion.times[0]:g} s; other programs' files are taken to begin where the scene does"
         console.warn(f"{out.name}: {start}")
-    return meant
-
-
-def axes_of(found: Format, convention: Convention, out: Output, console: Console) -> Axes:
-    """The axes in which a format is written; warns where it has no name for the unit."""
-    from clothfit.formats.markers import named
-
-    asked = convention.axes(found.axes)
-    meant = named(asked) if found.markers else asked
-    if meant != asked:
-        console.warn(f"{out.name}: {found.name} has no name for a unit of {asked.scale:g} m; it is written in metres")
     return meant
 
 

@@ -1,42 +1,55 @@
-"""How a command is declared and explains itself: the options that all have, its help, checks of what several take."""
+"""How a command is declared and explains itself: the options that all have, its help, what a shell completes, checks of
+what several take, and which files do not belong where they are.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
-from collections.abc import Callable, Iterator, Mapping
-from functools import wraps
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial, wraps
 from inspect import cleandoc
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
-from clothfit.base.limits import duration as duration
-from clothfit.base.limits import is_number as is_number
 from clothfit.base.messages import meant
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import Printed, streams
-from clothfit.cli.common.places import check_places
-from clothfit.cli.common.values import SUFFIXES, VALUES, Known
+from clothfit.formats import registry
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 F = TypeVar("F", bound=Callable[..., object])
 Action = Callable[..., int | None]
 """What a command does; None is the exit code 0."""
 
 
+def option(form: str, text: str, kind: Any = None, *, name: str | None = None, **more: Any) -> Callable[[F], F]:
+    """Add an option, written as the help has it: its names, then the name of its value, which is of some `kind`. It is
+    a flag where it has neither. `name` is that of the parameter, where it is not the option's.
+    """
+    words = form.split()
+    names = [word for word in words if word.startswith("-")]
+    value = " ".join(words[len(names) :]) or None
+    if value is None and kind is None:
+        more["is_flag"] = True
+    return click.option(*names, *filter(None, [name]), metavar=value, type=kind, help=text, **more)
+
+
 def loudness(function: F) -> F:
     """Add --quiet and --verbose; they work before and after a command's name."""
-    verbose = click.option("-v", "--verbose", is_flag=True, help="Print more: what is read, and when.")
-    return click.option("-q", "--quiet", is_flag=True, help="Print errors only.")(verbose(function))
+    verbose = option("-v --verbose", "Print more: what is read, and when.")
+    return option("-q --quiet", "Print errors only.")(verbose(function))
 
 
-def as_object(function: F) -> F:
-    """Add --json; it works before and after a command's name."""
-    text = "Print the summary, or the error, as one JSON object on standard output."
-    return click.option("--json", "as_json", is_flag=True, help=text)(function)
+as_object = option("--json", "Print the summary, or the error, as one JSON object on standard output.", name="as_json")
+"""Adds --json; it works before and after a command's name."""
 
 
 def section(title: str) -> Callable[[Action], Action]:
@@ -50,19 +63,30 @@ def section(title: str) -> Callable[[Action], Action]:
     return mark
 
 
+def given(form: str, text: str, kind: Any = None, *, title: str = "", **more: Any) -> Any:
+    """The field of a dataclass that holds the value of an option, as `option` declares it; with a `title`, it is the
+    first one of a section.
+    """
+    return dataclasses.field(metadata={"option": partial(option, form, text, kind, **more), "title": title})
+
+
 def gathered(name: str, kind: type[Any], *options: Callable[[Any], Any]) -> Callable[[Action], Action]:
-    """Add options, which a command is given as one argument: a dataclass whose fields have their names."""
-    fields = [each.name for each in dataclasses.fields(kind)]
+    """Give a command one argument in the place of several, whose names are those of the fields of a dataclass; add the
+    options that the fields declare, and others.
+    """
+    fields = dataclasses.fields(kind)
+    declared = [(each.metadata["option"](name=each.name), each.metadata["title"]) for each in fields if each.metadata]
 
     def decorate(function: Action) -> Action:
         @wraps(function)
         def run(**rest: Any) -> int | None:
-            own = {field: rest.pop(field) for field in fields}
+            own = {each.name: rest.pop(each.name) for each in fields}
             return function(**rest, **{name: kind(**own)})
 
-        for option in reversed(options):
-            run = option(run)
-        return run
+        made: Action = run
+        for add, title in reversed([*declared, *((each, "") for each in options)]):
+            made = section(title)(add(made)) if title else add(made)
+        return made
 
     return decorate
 
@@ -237,3 +261,142 @@ def length(text: str | None, option: str) -> float | None:
             except ValueError:
                 break
     raise InvalidInput(f"{option}: {text!r} is no length; write it as 5mm, 0.5cm or 0.005")
+
+
+# ---- What a shell may complete: the values that options know, and files by the suffixes of what they take.
+#
+# The values are written down here, as asking the modules that own them would load NumPy at every key; a test compares
+# them. Where no file has a likely suffix, all files are named.
+
+KINDS = (
+    "mass", "stiffness", "damping", "drag", "velocity", "rest", "path", "shift", "wind", "gravity", "gusts", "friction",
+    "contact", "offset",
+)  # fmt: skip
+NOT_OF_NEW = ("path", "shift", "gusts", "friction", "contact", "offset")  # of what a new scene does not have
+SIDES = ("left", "right", "bottom", "top", "back", "front")
+LETTERS = ("n", "F", "R", "M", "G", "L")
+
+VALUES = {
+    "--method": (
+        "auto", "momentum", "gauss-newton", "l-bfgs-b", "tnc", "slsqp", "trust-constr", "bfgs", "cg", "nelder-mead",
+        "powell", "cobyla",
+    ),
+    "--objective": ("position", "velocity", "edge-length", "spectrum"),
+    "--loss": ("linear", "soft_l1", "huber"),
+    "--model": ("auto", "F", "G", "R", "M", "L"),
+    "--holdout-of": ("frames", "vertices"),
+    "--prior": ("auto", "none"),
+    "--substeps": ("auto",),
+    "--bounds": tuple(f"{kind}=" for kind in KINDS),
+    "--fix-side": SIDES,
+    "--integrator": ("explicit", "symplectic", "implicit", "bdf2"),
+    "--drag": ("air",),
+    "--fit": (
+        *(f"n{letter}" for letter in LETTERS), *(f"{letter}n" for letter in LETTERS[1:]), "GG", "LL",
+        *(kind for kind in KINDS[2:] if kind not in NOT_OF_NEW),
+    ),
+}
+"""Options to the values that they know; others may take more."""
+
+MOTIONS = (*registry.NATIVE, *(suffix for each in registry.FORMATS for suffix in each.suffixes))
+MESHES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".abc", ".usd", ".usda", ".usdc")
+SCENES = (".json", ".txt")
+SUFFIXES = {
+    "SCENE": SCENES, "FITTED": SCENES, "MOTION": MOTIONS, "MESH": MESHES, "IN": MOTIONS, "OUT": MOTIONS,
+    "--map": (".csv",), "--log": (".jsonl",), "--mesh": MESHES, "--plot": (".png", ".svg", ".pdf"), "--gif": (".gif",),
+    "--dump": (".npz",), "--report": (".html",), "--checkpoint": (".checkpoint",),
+}  # fmt: skip
+"""Words in the name of a value, and options, to the suffixes of their files; others take any."""
+
+MOST = 1000  # names that are given to a shell
+
+
+class Known(click.types.StringParamType):
+    """A text for which a shell may offer some values and files."""
+
+    def __init__(self, values: Sequence[str] = (), suffixes: Sequence[str] | None = None) -> None:
+        self.values, self.suffixes = values, suffixes  # None: no files; empty: all
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Whatever begins as the word that is not complete yet."""
+        from click.shell_completion import CompletionItem
+
+        found = [CompletionItem(value) for value in self.values if value.startswith(incomplete)]
+        if self.suffixes is not None:
+            found += [CompletionItem(path, type="path") for path in paths(incomplete, self.suffixes)]
+        return found
+
+
+def paths(incomplete: str, suffixes: Sequence[str]) -> list[str]:
+    """The folders, with a slash, and the files with one of the suffixes (all, where there are none) that begin so."""
+    folder, begin = os.path.split(incomplete)
+    try:
+        with os.scandir(os.path.expanduser(folder) or ".") as entries:
+            found = sorted(
+                (each.name, each.is_dir()) for each in entries
+                if each.name.startswith(begin) and (begin or not each.name.startswith("."))
+            )  # fmt: skip
+    except OSError:
+        return []
+    likely = [(name, is_folder) for name, is_folder in found if is_folder or name.lower().endswith(tuple(suffixes))]
+    shown = likely if any(not is_folder for _, is_folder in likely) else found
+    return [os.path.join(folder, name) + "/" * is_folder for name, is_folder in shown][:MOST]
+
+
+# ---- Files in the wrong place: what they are, and which option or command takes them.
+
+MOVING = (registry.MOTION, registry.MESH, registry.EITHER)
+PLACES = {
+    "scene_path": (registry.SCENE,), "scene_paths": (registry.SCENE,),
+    "fitted_path": (registry.SCENE, registry.SUBSPACE), "start": (registry.SCENE,),
+    "target_path": MOVING, "target_paths": MOVING, "in_path": MOVING, "cloth_path": (registry.MESH, registry.EITHER),
+    "log_paths": (registry.LOG,), "subspace_path": (registry.SCENE, registry.SUBSPACE, registry.RECORDED),
+    "inputs_path": (registry.SCENE,),
+}  # fmt: skip
+"""Parameters of commands that are files to read, and the kinds that they take."""
+
+WITH_FORCES = ("simulate", "target", "estimate", "evaluate", "report", "check")
+WITH_TARGET = ("estimate", "evaluate", "report", "check")
+ANY = ("info", "completion", "warmup")  # commands that take any file, or none
+
+
+def check_places(command: str, arguments: Mapping[str, Any]) -> None:
+    """Raise InvalidInput at the first file that is recognised as something else than its place takes."""
+    if command in ANY:
+        return
+    for name, taken in PLACES.items():
+        value = arguments.get(name)
+        paths = value if isinstance(value, tuple) else (value,)
+        if command == "validate" and len(paths) > 1:
+            continue  # each gets a line of its own
+        for path in paths:
+            kind = None if path is None else registry.kind_of(str(path))
+            if kind is not None and kind not in taken:
+                article = "an" if kind[0] in "aeiou" else "a"
+                raise InvalidInput(f"{path} is {article} {kind}; {advice(kind, command, taken)}")
+
+
+def advice(kind: str, command: str, taken: tuple[str, ...]) -> str:
+    """What to do with a file of that kind where others are taken."""
+    if kind in (registry.MOTION, registry.EITHER) and registry.SCENE in taken and command in WITH_TARGET:
+        return "did you mean --target?" if kind == registry.MOTION else "did you mean --target, or clothfit new?"
+    if kind == registry.SCENE and registry.MESH in taken and registry.MOTION not in taken:
+        return "did you mean clothfit info?"
+    resumed = "--checkpoint, with" if command == "estimate" else "clothfit estimate"
+    forced = "--forces" if command in WITH_FORCES else "clothfit info, or simulate --forces"
+    converted = "did you mean clothfit info, or clothfit convert?"
+    known = {
+        registry.SCENE: "did you mean SCENE, or to record its motion with clothfit target?",
+        registry.MOTION: converted if registry.SCENE in taken else "it has no faces; did you mean estimate --target?",
+        registry.MESH: "did you mean clothfit new?",
+        registry.EITHER: "did you mean clothfit new?",
+        registry.CHECKPOINT: f"did you mean {resumed} --resume?",
+        registry.LOG: "did you mean --log?" if command == "report" else "did you mean clothfit report --log?",
+        registry.MAP: "did you mean --map?",
+        registry.PAGE: "open it in a browser",
+        registry.FORCES: f"did you mean {forced}?",
+        registry.EXPORT: "name the scene that it was made of",
+        registry.SUBSPACE: "did you mean clothfit subspace play, or clothfit evaluate SCENE MODEL?",
+        registry.RECORDED: "did you mean clothfit subspace build?",
+    }
+    return known[kind]

@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,21 +122,16 @@ def output_for(
     return Output(path, overwrite)
 
 
-def beside(path: str | None, used: Iterable[str | None]) -> Output | None:
-    """Where something goes that is written beside a result, where that is asked for: none of the `used` files. Raises
-    InvalidInput.
+def beside(option: str, path: str | None, used: Iterable[str | None], suffix: str = "") -> Output | None:
+    """Where the file of an option goes that is written beside a result, where that is asked for: it has the suffix, and
+    is none of the `used` files. Raises InvalidInput.
     """
     if path is None:
         return None
+    if path == STREAM or not path.lower().endswith(suffix):
+        raise InvalidInput(f"{option} must be a file {suffix or 'of its own'}, not {path}")
     check_unused(path, used)
     return output_for(path, "", "", (), text=True)
-
-
-def page_beside(path: str | None, used: Iterable[str | None]) -> Output | None:
-    """The same for the page of a --report."""
-    if path == STREAM:
-        raise InvalidInput("--report must be a file of its own, not -")
-    return beside(path, used)
 
 
 def check_unused(path: str, used: Iterable[str | None]) -> None:
@@ -242,8 +237,15 @@ def print_json(summary: dict[str, Any]) -> bool:
     return Printed.as_json
 
 
+def attributes(found: object, *names: str) -> dict[str, Any]:
+    """Those attributes of an object, by their names."""
+    return {name: getattr(found, name) for name in names}
+
+
 def plain(value: Any) -> Any:
-    """The value with what JSON cannot hold, numbers that are not finite, replaced by None."""
+    """The value as JSON can hold it: a dataclass by its fields, and None for a number that is not finite."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

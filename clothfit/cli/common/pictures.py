@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import click
-
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import gathered
+from clothfit.cli.common.options import gathered, given
 from clothfit.cli.common.output import check_unused
 from clothfit.optimise.status import Status
 
@@ -37,8 +35,8 @@ MOST_FITTED_LENGTHS = 5
 class Pictures:
     """Which pictures are asked for."""
 
-    plot: str | None
-    gif: str | None
+    plot: str | None = given("--plot FILE", "Write a picture here: .png, .svg or .pdf. Needs matplotlib.")
+    gif: str | None = given("--gif FILE", "Write an animation here, as a GIF. Needs Pillow.")
 
     @property
     def files(self) -> tuple[str | None, str | None]:
@@ -151,9 +149,5 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
     return overlaid(own, own, motion, frames)
 
 
-options = gathered(
-    "pictures", Pictures,
-    click.option("--plot", metavar="FILE", help="Write a picture here: .png, .svg or .pdf. Needs matplotlib."),
-    click.option("--gif", metavar="FILE", help="Write an animation here, as a GIF. Needs Pillow."),
-)  # fmt: skip
+options = gathered("pictures", Pictures)
 """Adds --plot and --gif; the function is given both as `pictures`."""

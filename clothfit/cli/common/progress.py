@@ -112,18 +112,29 @@ def progress(console: Console) -> Iterator[Callable[[Progress], None] | None]:
         yield plain(console.say)
 
 
+def now_and_then(say: Callable[[str], None], seconds: float = PLAIN_INTERVAL) -> Callable[[Callable[[], str]], None]:
+    """What says a line, which is made then, not more often than every so many seconds."""
+    last = [time.perf_counter()]
+
+    def tell(line: Callable[[], str]) -> None:
+        now = time.perf_counter()
+        if now - last[0] >= seconds:
+            last[0] = now
+            say(line())
+
+    return tell
+
+
 def plain(say: Callable[[str], None]) -> Callable[[Progress], None]:
     """What tells a line every few seconds."""
     from clothfit.optimise.progress import Trend
 
-    last, known, trend = [time.perf_counter()], Pace(), Trend()
+    tell, known, trend = now_and_then(say), Pace(), Trend()
 
     def show(progress: Progress) -> None:
-        rate, left, now = known.update(progress), trend.update(progress), time.perf_counter()
-        if now - last[0] >= PLAIN_INTERVAL:
-            last[0] = now
-            line = [state(progress), *stage(progress), *pace(progress, rate, left)]
-            say(f"{progress.seconds:6.1f} s  {'  '.join(line)}")
+        rate, left = known.update(progress), trend.update(progress)
+        line = [state(progress), *stage(progress), *pace(progress, rate, left)]
+        tell(lambda: f"{progress.seconds:6.1f} s  {'  '.join(line)}")
 
     return show
 

@@ -23,6 +23,8 @@ import click
 
 from clothfit.base import interrupts
 from clothfit.base.errors import ClothfitError, InvalidInput
+from clothfit.cli.common.options import Action
+from clothfit.cli.common.options import option as declared
 from clothfit.cli.common.output import STREAM
 
 Stamp = tuple[int, int] | None
@@ -35,10 +37,10 @@ INVALID = 3
 """The exit code of invalid input."""
 
 
-def option(again: str, start: bool = False) -> Callable[[Callable[..., int | None]], Callable[..., int | None]]:
+def option(again: str, start: bool = False) -> Callable[[Action], Action]:
     """Add --watch, which runs the command `again` when its files change; with `start` from the last result."""
 
-    def decorate(function: Callable[..., int | None]) -> Callable[..., int | None]:
+    def decorate(function: Action) -> Action:
         @wraps(function)
         def run(watch: bool, **arguments: Any) -> int | None:
             if not watch:
@@ -46,7 +48,7 @@ def option(again: str, start: bool = False) -> Callable[[Callable[..., int | Non
             return watched(arguments, start)
 
         text = f"{again} whenever SCENE, or a target, is saved; Ctrl-C ends."
-        return click.option(OPTION, is_flag=True, help=text)(run)
+        return declared(OPTION, text)(run)
 
     return decorate
 
@@ -65,7 +67,8 @@ def watched(arguments: dict[str, Any], start: bool) -> int:
 
     def run(more: Sequence[str]) -> int:
         """Run until it ends, or is overtaken; returns its exit code."""
-        process = started([*own, *more])
+        call = [sys.executable, "-m", "clothfit", *own, *more]
+        process = subprocess.Popen(call, stdin=subprocess.DEVNULL)
         try:
             while process.poll() is None and not files.changed():
                 interrupts.check()
@@ -136,17 +139,10 @@ def result_of(scene: str, path: str | None) -> str | None:
     return str(Path(scene).with_suffix(f".fitted{Path(scene).suffix}"))
 
 
-def started(words: Sequence[str]) -> subprocess.Popen[bytes]:
-    """A run of this program."""
-    return subprocess.Popen([sys.executable, "-m", "clothfit", *words], stdin=subprocess.DEVNULL)
-
-
 def with_patience(process: subprocess.Popen[bytes], seconds: float) -> None:
     """Wait so long for a process."""
-    try:
+    with suppress(subprocess.TimeoutExpired):
         process.wait(seconds)
-    except subprocess.TimeoutExpired:
-        return
 
 
 def ended(process: subprocess.Popen[bytes]) -> int:
@@ -173,7 +169,7 @@ SOME = 4096
 """Bytes that are read, and ignored, at a time."""
 
 
-def ends_with_input(function: Callable[..., int | None]) -> Callable[..., int | None]:
+def ends_with_input(function: Action) -> Action:
     """Add --end-with-input to a command that keeps its best result when it is interrupted."""
 
     @wraps(function)
@@ -185,7 +181,7 @@ def ends_with_input(function: Callable[..., int | None]) -> Callable[..., int | 
         return function(**arguments)
 
     text = "End as with Ctrl-C when standard input is closed: for programs that start this one."
-    return click.option(END_OPTION, is_flag=True, help=text)(run)
+    return declared(END_OPTION, text)(run)
 
 
 def wait() -> None:

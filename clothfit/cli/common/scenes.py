@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.messages import unreadable
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers
+from clothfit.cli.common.options import check_numbers, option
 from clothfit.cli.common.output import STREAM
 from clothfit.scene.text import name_of
 
@@ -23,16 +22,17 @@ if TYPE_CHECKING:
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
 
+PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+): (.*)", re.DOTALL)
+"""Where something is wrong, before what is."""
+
 MOST_GAIN = 0.25
 """Energy that contacts may add without a warning, relative to the largest that is kinetic, elastic or of the weight."""
 
 STRETCH_ADVICE = "the motion is not to be believed unless they are that soft; try a smaller delta"
 
 
-forces = click.option(
-    "--forces", "forces_path", metavar="FILE",
-    help="Let the forces of this file act on the cloths, as clothfit control writes them.",
-)  # fmt: skip
+forces = option("--forces FILE", "Let the forces of this file act on the cloths, as clothfit control writes them.",
+                name="forces_path")  # fmt: skip
 """The option of commands that simulate."""
 
 
@@ -47,8 +47,7 @@ def read_scene(path: str, console: Console) -> Scene:
         scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
     except InvalidScene as error:
         raise better(error, path) from None
-    for warning in scene.warnings:
-        console.warn(f"{scene.name}: {warning}")
+    console.warn(*scene.warnings, of=scene.name)
     console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
     return scene
 
@@ -68,6 +67,12 @@ def better(error: InvalidScene, path: str) -> InvalidScene:
 
     found = None if path == STREAM else no_scene(path, suffix_of(path))
     return error if found is None else InvalidScene(found, error.name)
+
+
+def split(sentence: str) -> dict[str, str | None]:
+    """Place and message of a problem; no place where it is the file as a whole."""
+    match = PLACE.fullmatch(sentence)
+    return {"place": match[1], "message": match[2]} if match else {"place": None, "message": sentence}
 
 
 def check_there(*paths: str) -> None:

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
-from clothfit.base import checkpoint as files
+from clothfit.base.checkpoint import Checkpoint
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, Output, is_among
-from clothfit.optimise.checkpoint import Checkpoint
+from clothfit.cli.parts.estimate_files import Files
 from clothfit.optimise.status import Status
 
 CHECKPOINT_SUFFIX = ".checkpoint"
@@ -22,7 +22,7 @@ ENDED = (Status.CONVERGED, Status.STALLED)
 """Statuses after which there is nothing to go on with."""
 
 
-Some = TypeVar("Some", bound=files.Checkpoint)
+Some = TypeVar("Some", bound=Checkpoint)
 
 
 def chosen(
@@ -65,8 +65,17 @@ def named_if_lost(kept: Checkpoint | None) -> Iterator[None]:
         raise InvalidInput(f"{error}; then repeat the command with --resume: {os.fspath(kept.path)} is kept") from None
 
 
-def closed(kept: Checkpoint | None, asked: bool, status: str, in_place: bool, console: Console) -> None:
-    """Remove a checkpoint that nobody asked for and that is no longer useful; print how to resume from another one.
+def of_fit(kept: Checkpoint | None, asked: Files, status: str, console: Console) -> None:
+    """Close the checkpoint of a fit."""
+    more = " and more --max-evaluations" if status == Status.LIMIT else ""
+    closed(kept, asked.checkpoint is not None, status, console, asked.in_place, more)
+
+
+def closed(
+    kept: Checkpoint | None, asked: bool, status: str, console: Console, in_place: bool = False, more: str = ""
+) -> None:
+    """Remove a checkpoint that nobody asked for and that is no longer useful; print how to resume from another one,
+    with `more` options.
 
     A fit that has written its result over its own scene (`in_place`) cannot be resumed.
     """
@@ -76,5 +85,4 @@ def closed(kept: Checkpoint | None, asked: bool, status: str, in_place: bool, co
     if not useful and not asked:
         kept.remove()
     elif useful:
-        more = " and more --max-evaluations" if status == Status.LIMIT else ""
-        console.say(f"to go on, repeat the command with --resume{more}: {os.fspath(kept.path)}")
+        console.say(f"to go on, repeat the command with --resume{more}: {kept.name}")

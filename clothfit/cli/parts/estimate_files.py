@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import is_number
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import is_number
+from clothfit.cli.common.options import check_least
 from clothfit.cli.common.output import STREAM, Output, output_for
 from clothfit.cli.common.scenes import one_stream, read_scene
 from clothfit.formats.axes import Reading
@@ -29,20 +30,20 @@ if TYPE_CHECKING:
 class Files:
     """The options that name files."""
 
-    targets: tuple[str, ...]  # of a motion, or of a motion and a scene
+    target_paths: tuple[str, ...]  # of a motion, or of a motion and a scene
     start: str | None  # a number, or of a scene
     path: str | None  # of the result
     in_place: bool
     checkpoint: str | None
     resume: bool
     reading: Reading = Reading()  # noqa: RUF009  what the targets' files do not say; it cannot be changed
-    forces: str | None = None  # on the cloths
+    forces_path: str | None = None  # on the cloths
 
     def of(self, scene_path: str) -> Files:
         """The same for one scene: without stems."""
         return replace(
             self,
-            targets=tuple(filled(path, scene_path) for path in self.targets),
+            target_paths=tuple(filled(path, scene_path) for path in self.target_paths),
             start=self.start and filled(self.start, scene_path),
             path=self.path and filled(self.path, scene_path),
             checkpoint=self.checkpoint and filled(self.checkpoint, scene_path),
@@ -52,7 +53,7 @@ class Files:
     @property
     def pairs(self) -> list[tuple[str, str | None]]:
         """Each target's motion and scene."""
-        return [motion_and_scene(path) for path in self.targets]
+        return [motion_and_scene(path) for path in self.target_paths]
 
     @property
     def markers(self) -> str | None:
@@ -63,7 +64,7 @@ class Files:
     def inputs(self) -> tuple[str | None, ...]:
         """What is read besides the scene."""
         start = None if self.start is None or is_number(self.start) else self.start
-        return (*(path for pair in self.pairs for path in pair), start, self.markers, self.forces)
+        return (*(path for pair in self.pairs for path in pair), start, self.markers, self.forces_path)
 
     def check(self, scene_path: str) -> None:
         """Raise InvalidInput where the options do not go together."""
@@ -77,6 +78,27 @@ class Files:
             return output_for(scene_path, scene_path, "", (), overwrite=True)
         suffix = os.path.splitext(scene_path)[1]
         return output_for(self.path, scene_path, f".fitted{suffix}", self.inputs, text=True)
+
+
+MOST_STARTS = 10_000
+"""Of one scene; each is kept until the end."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How many fits, how many at a time, and where."""
+
+    starts: int
+    seed: int
+    jobs: int | None
+    cluster: str | None
+
+    def check(self) -> None:
+        """Raise InvalidInput on values that cannot be."""
+        check_least(1, starts=self.starts, jobs=self.jobs)
+        check_least(0, seed=self.seed)
+        if self.starts > MOST_STARTS:
+            raise InvalidInput(f"--starts must be at most {MOST_STARTS}; {self.starts} was given")
 
 
 def filled(name: str, scene_path: str) -> str:

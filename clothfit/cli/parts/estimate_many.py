@@ -11,20 +11,20 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from clothfit.base import interrupts
 from clothfit.base.errors import ClothfitError, InvalidInput
+from clothfit.base.limits import is_number
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import is_number
 from clothfit.cli.common.output import STREAM, Output, make_folder, print_json, uninterrupted, write_scene
 from clothfit.cli.common.scenes import warn_of_steps
 from clothfit.cli.parts import checkpoints, estimate_results
-from clothfit.cli.parts.estimate_files import Files, default_name
+from clothfit.cli.parts.estimate_files import Effort, Files, default_name
 from clothfit.fit.options import FitOptions
 from clothfit.many.estimate_many import Result, chosen_pool, fit_all, limited
 from clothfit.many.job import INTERRUPTED, NOT_STARTED, File, Job, JobTarget, Outcome, loaded, read
@@ -39,15 +39,6 @@ SEVERITY = (1, 3, 4, 5, 0)
 
 FIT_COLUMNS = ("scene", "start", "status", "RMSE", "frames", "evaluations", "seconds", "output")
 START_COLUMN = FIT_COLUMNS.index("start")
-
-
-class Effort(NamedTuple):
-    """How much to do at a time, and where."""
-
-    starts: int
-    seed: int
-    jobs: int | None
-    cluster: str | None
 
 
 class Failed(ClothfitError):
@@ -122,8 +113,7 @@ class Writer:
         assert result.fit is not None
         assert item.out is not None
         found = result.fit
-        for warning in (*found.scene.warnings, *found.warnings):
-            self.console.warn(f"{item.path}: {warning}")
+        self.console.warn(*found.scene.warnings, *found.warnings, of=item.path)
         warn_of_steps(found.scene, found.frames, self.console)
         if item.files.in_place:
             for kept in item.kept:
@@ -154,8 +144,7 @@ class Writer:
     def close(self, item: Item, result: Result) -> None:
         """Remove checkpoints that are no longer useful."""
         for kept, outcome in zip(item.kept, result.outcomes, strict=True):
-            asked = item.files.checkpoint is not None
-            checkpoints.closed(kept, asked, outcome.status, item.files.in_place, self.console)
+            checkpoints.of_fit(kept, item.files, outcome.status, self.console)
 
     def code(self, index: int, result: Result) -> int:
         """The exit code of a scene."""
@@ -170,8 +159,7 @@ def finish_one(item: Item, result: Result, console: Console) -> int:
     found, out = result.fit, item.out
     if found is None or out is None:
         raise Failed(result.error or "there is no result", result.exit_code)
-    for warning in found.scene.warnings:
-        console.warn(f"{found.scene.name}: {warning}")
+    console.warn(*found.scene.warnings, of=found.scene.name)
     warn_of_steps(found.scene, found.frames, console)
     (own,) = summaries([item], [result], {})
     more: dict[str, Any] = {key: own[key] for key in ("start", "starts", "reading") if key in own}
@@ -344,7 +332,7 @@ def beside(first: Checkpoint, number: int) -> Checkpoint:
 
 def check_many(paths: tuple[str, ...], files: Files) -> None:
     """Raise UsageError where options fit one scene only."""
-    if STREAM in (*paths, files.path, files.start, *files.targets):
+    if STREAM in (*paths, files.path, files.start, *files.target_paths):
         raise click.UsageError(f"standard input and output (-) are for one scene, not for {len(paths)}")
     if files.checkpoint is not None and "{stem}" not in files.checkpoint:
         raise click.UsageError(f"--checkpoint: {len(paths)} scenes need one each: put {{stem}} into the name")

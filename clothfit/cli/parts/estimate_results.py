@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import IO, TYPE_CHECKING, Any
 
 import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, metres, owned
+from clothfit.base.writing import check_writable, is_output
 from clothfit.cli import report
+from clothfit.cli.common import output
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import STREAM, Output, document, output_for, print_json, write_scene
+from clothfit.cli.common.output import STREAM, Output, attributes, is_among, plain, print_json
+from clothfit.cli.common.pictures import Pictures
 from clothfit.cli.parts.estimate_files import Files, filled
 from clothfit.many.job import EXIT_CODES, NEVER_FINITE
 from clothfit.optimise.status import Status
 from clothfit.scene.kinds import INTEGRATORS, MODEL_NAMES
 
 if TYPE_CHECKING:
-    from clothfit.cli.parts.estimate_records import FitLog
     from clothfit.fit.confidence import Samples
-    from clothfit.fit.holdout import Judged
     from clothfit.fit.result import Fit, FittedBlock
     from clothfit.optimise.progress import Progress
     from clothfit.report.log import Point
@@ -34,8 +37,8 @@ WORTH_A_WORD = 1e-5
 
 AS_IN_FIT = (
     "status", "method", "cost", "rmse", "frames", "evaluations", "seconds", "rank", "sigma", "travel", "relative_rmse",
-    "objective",
-)
+    "objective", "prior", "holdout", "verdict", "ladder", "parameters", "correlations", "samples", "warnings",
+)  # fmt: skip
 """Keys of the summary for --json that are attributes of `Fit`."""
 
 
@@ -45,24 +48,21 @@ def finish(
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
     result = summary(scene, found, out) | (more or {})
-    for warning in found.warnings:
-        console.warn(f"{scene.name}: {warning}")
-    if found.status == Status.DIVERGED:
-        conclude(result | {"output": None}, log)
+    console.warn(*found.warnings, of=scene.name)
+    diverged = found.status == Status.DIVERGED
+    if diverged:
+        result["output"] = None
+    else:
+        output.write_scene(found.scene, out)
+        describe(found, out, console)
+    if log is not None:
+        log.end(output.document("estimate", result))
+    print_json(result)
+    if diverged:
         from clothfit.motion.divergence import Diverged
 
         raise Diverged(f"{scene.name}: {NEVER_FINITE}", 0)
-    write_scene(found.scene, out)
-    describe(found, out, console)
-    conclude(result, log)
     return EXIT_CODES[found.status]
-
-
-def conclude(result: dict[str, Any], log: FitLog | None) -> None:
-    """Write the summary to the log and print it as JSON, where asked for."""
-    if log is not None:
-        log.end(document("estimate", result))
-    print_json(result)
 
 
 def describe(found: Fit, out: Output, console: Console) -> None:
@@ -79,9 +79,7 @@ def describe(found: Fit, out: Output, console: Console) -> None:
     for i, each in enumerate(found.registration or []):
         console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
     describe_choices(found, console)
-    for hint in found.hints:
-        if not hint.early:  # the others were said before
-            console.say(f"hint: {hint.text}")
+    console.say(*(hint.text for hint in found.hints if not hint.early), of="hint")  # the others were said before
     if found.holdout:
         kept = counted(found.holdout.observations, "position", "positions")
         console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
@@ -109,25 +107,18 @@ def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
 def describe_choices(found: Fit, console: Console) -> None:
     """Print the models that were fitted from coarse to fine, and the time step, where there was a choice."""
     if len(found.ladder) > 1:
-        console.result("\n".join(ladder_table(found.ladder)))
+        kept = any(each.holdout_rmse is not None for each in found.ladder)
+        console.table([("model", "values", "RMSE", *["kept out"] * kept, "seconds")] + [
+            (f"{each.model} {MODEL_NAMES[each.model]}", str(each.values), metres(each.rmse),
+             *["-" if each.holdout_rmse is None else metres(each.holdout_rmse)] * kept, f"{each.seconds:.1f}")
+            for each in found.ladder
+        ])  # fmt: skip
     if found.substeps:
         method, milliseconds = INTEGRATORS[found.scene.method], 1000 * found.scene.delta
         console.say(
             f"time step: {milliseconds:.4g} ms by {method}, {counted(found.substeps, 'step', 'steps')} to a frame of "
             "the target; the scene is to be played with it"
         )
-
-
-def ladder_table(ladder: Sequence[Judged]) -> list[str]:
-    """The models that were fitted, a line each."""
-    kept = any(each.holdout_rmse is not None for each in ladder)
-    head = f"{'model':<18}{'values':>8}{'RMSE':>12}{'kept out' if kept else '':>12}{'seconds':>10}"
-    lines = [head.rstrip() if not kept else head]
-    for each in ladder:
-        held = "" if not kept else "-" if each.holdout_rmse is None else metres(each.holdout_rmse)
-        name = f"{each.model} {MODEL_NAMES[each.model]}"
-        lines.append(f"{name:<18}{each.values:>8}{metres(each.rmse):>12}{held:>12}{each.seconds:>10.1f}")
-    return lines
 
 
 def ending(found: Fit) -> str:
@@ -175,17 +166,13 @@ def certainty(block: FittedBlock, samples: Samples | None = None) -> str:
     """
     parts = [f"{counted(block.count, 'value', 'values')}"]
     if any(block.interval):
-        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval{by_samples(samples)})")
+        by = f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
+        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval{by})")
     if block.unidentifiable:
         parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
     if block.unmoved:
         parts.append(f"{len(block.unmoved)} did not move: {indices(block.unmoved)}")
     return ", ".join(parts) if len(parts) > 1 else ""
-
-
-def by_samples(samples: Samples | None) -> str:
-    """That intervals are by samples, and how accurate they are, as the end of a sentence."""
-    return f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
 
 
 def accuracy(block: FittedBlock) -> str:
@@ -207,48 +194,36 @@ def indices(numbers: list[int]) -> str:
 
 def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
     """What --json prints."""
-    return {
+    told: dict[str, Any] = plain({
         "scene": scene.name,
-        **{name: getattr(found, name) for name in AS_IN_FIT},
-        "prior": found.prior and [asdict(scatter) for scatter in found.prior],
+        **attributes(found, *AS_IN_FIT),
         "memory": found.memory and found.memory.summary(),
-        "holdout": found.holdout and asdict(found.holdout),
-        "verdict": found.verdict and asdict(found.verdict),
-        "ladder": [asdict(each) for each in found.ladder],
         "step": {
             "delta": found.scene.delta, "integrator": INTEGRATORS[found.scene.method], "substeps": found.substeps,
-            "tried": [asdict(each) for each in found.steps],
+            "tried": found.steps,
         },
         "windows": found.windows and {"frames": found.windows, "whole_rmse": found.whole},
-        "hints": [{"code": hint.code, "text": hint.text} for hint in found.hints],
+        "hints": [attributes(hint, "code", "text") for hint in found.hints],
         "registration": found.registration and [each.summary() for each in found.registration],
         "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
-        "parameters": [asdict(block) for block in found.parameters],
-        "correlations": [asdict(each) for each in found.correlations],
-        "samples": found.samples and asdict(found.samples),
-        "warnings": found.warnings,
         "output": out.path,
-    }
+    })  # fmt: skip
+    return told
 
 
 @dataclass(frozen=True)
 class Page:
     """A page that is to be made of a fit."""
 
-    path: str
+    out: Output
     command: str  # that makes it
     points: list[Point] = field(default_factory=list)  # of the fit's way
 
-    def output(self, scene_path: str, files: Files, fitted: Output) -> Output:
-        """Where it goes, checked before the fit begins. Raises InvalidInput."""
-        taken = None if fitted.is_stream else fitted.path
-        return output_for(self.path, scene_path, "", (*files.inputs, taken), text=True)
+    def note(self, progress: Progress) -> None:
+        """Take note of a point of the fit's way."""
+        from clothfit.report.log import Point
 
-    def listening(self, show: Callable[[Progress], None] | None) -> Callable[[Progress], None]:
-        """What notes the fit's progress and passes it on."""
-        from clothfit.report.log import recorder
-
-        return recorder(self.points, show)
+        self.points.append(Point(progress.evaluations, progress.cost, progress.rmse, progress.seconds))
 
     def write(
         self, scene_path: str, scene: Scene, found: Fit, files: Files, fitted: Output, targets: list[Any],
@@ -260,32 +235,149 @@ class Page:
             return
         from clothfit.report.log import Log, thinned
 
-        out = self.output(scene_path, files, fitted)
         log = Log(thinned(self.points), summary(scene, found, fitted), start=found.start)
         motion = files.pairs[0][0] if files.pairs else None
         commands = [self.command]
         if not fitted.is_stream:
-            commands.append(report.evaluation(scene_path, fitted.path, motion, files.reading, files.forces))
+            commands.append(report.evaluation(scene_path, fitted.path, motion, files.reading, files.forces_path))
         target = targets[0] if targets else None
         result = replace(found.scene, name=os.path.basename(fitted.name))
-        origin = commands, report.digests([scene, result], {motion: target, files.forces: None})
-        show, size = report.write(scene, [result], target, None, [log], origin, out)
-        report.show_result(show, size, out, console)
+        origin = commands, report.digests([scene, result], {motion: target, files.forces_path: None})
+        show, size = report.write(scene, [result], target, None, [log], origin, self.out)
+        report.show_result(show, size, self.out, console)
 
 
-def page_of(path: str | None, scenes: tuple[str, ...], single: bool, files: Files) -> Page | None:
-    """The page that --report asks for; {stem} and {folder} in its name are those of the scene.
-
-    Raises a usage error where the fit is none that one page shows, InvalidInput where the page has no file.
-    """
+def check_page(path: str | None, scenes: tuple[str, ...], single: bool, files: Files) -> None:
+    """Raise a usage error where the fit is none that the page of a --report shows."""
     if path is None:
-        return None
-    if path == STREAM:
-        raise InvalidInput("--report must be a file of its own, not -; clothfit report writes to standard output")
+        return
     context = click.get_current_context()
     if not single:
         why = "--report is for one fit of one scene; make the pages of several with clothfit report"
         raise click.UsageError(why, context)
     if files.of(scenes[0]).pairs[:1] and files.of(scenes[0]).pairs[0][1] is not None:
         raise click.UsageError("--report shows the first --target, which must be of SCENE itself, without @", context)
-    return Page(filled(path, scenes[0]), report.command_line(context))
+
+
+# ---- Records of one fit beside its result: the log, and the pictures drawn of it.
+#
+# `clothfit estimate --log FILE` writes the way of a fit as JSON lines, for other programs to follow: one object for
+# each iteration, which is a change of the parameters that was accepted, and another where its point turns out to be the
+# best over all frames, with the keys below, all as in `progress.Progress`; null where a number is not finite. At the
+# end `{"summary": …}` with what --json prints. Every line is written at once.
+#
+# A log that cannot be written any more is given up with a warning: the fit is worth more.
+
+KEYS = ("iteration", "evaluations", "seconds", "cost", "rmse", "step", "stage", "window", "frames", "window_rmse")
+
+
+def earlier(path: str) -> list[dict[str, Any]]:
+    """The iterations in the log of an earlier part of the same fit; lines that are none are left out."""
+    if not os.path.isfile(path):
+        return []
+    found = []
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for line in file:
+            try:
+                item = json.loads(line)
+            except (ValueError, RecursionError):
+                continue
+            if isinstance(item, dict) and all(isinstance(item.get(key), int) for key in ("iteration", "evaluations")):
+                found.append(item)
+    return found
+
+
+class FitLog:
+    """An open log."""
+
+    def __init__(self, path: str, known: list[dict[str, Any]], console: Console) -> None:
+        """`known`: the iterations of the part of the fit that is resumed."""
+        self.path, self.known, self.console = path, known, console
+        self.file: IO[bytes] | None = None
+        self.given_up = False
+        self.last: tuple[int, float] | None = None  # iteration and cost
+        self.skipped = 0  # iterations that the resumed fit does not count
+
+    def record(self, progress: Progress) -> None:
+        """Write what is new: an iteration, or that the point it led to is the best over all frames."""
+        self.begin(progress)
+        if (progress.iteration, progress.cost) == self.last:
+            return
+        self.last = progress.iteration, progress.cost
+        values = {key: getattr(progress, key) for key in KEYS}
+        self.write({**values, "iteration": self.skipped + progress.iteration})
+
+    def end(self, summary: dict[str, Any]) -> None:
+        """Write the summary and close."""
+        self.begin(None)
+        self.write({"summary": summary})
+        if self.file is not None:
+            self.file.close()
+
+    def begin(self, progress: Progress | None) -> None:
+        """Open it, where that is not done, with what is known of the way before."""
+        if self.file is not None or self.given_up:
+            return
+        try:
+            place = os.dup(sys.stdout.fileno()) if is_output(self.path) else self.path
+            self.file = open(place, "wb", buffering=0)  # noqa: SIM115  for as long as the fit runs
+        except OSError as error:
+            self.give_up(error)
+            return
+        before = [one for one in self.known if progress is None or one["evaluations"] < progress.evaluations]
+        if before and progress is not None:
+            self.skipped = before[-1]["iteration"] + 1 - progress.iteration
+        for item in before:
+            self.write(item)
+
+    def write(self, item: dict[str, Any]) -> None:
+        """Write a line, all of it now."""
+        if self.file is None or self.given_up:
+            return
+        rest = json.dumps(plain(item), allow_nan=False).encode() + b"\n"
+        try:
+            while rest:
+                rest = rest[self.file.write(rest) or 0 :]
+        except OSError as error:
+            self.give_up(error)
+
+    def give_up(self, error: OSError) -> None:
+        """Write no more, and say why."""
+        self.given_up = True
+        self.console.warn(f"the log ends here: {self.path}: {error.strerror or error}")
+
+
+@dataclass
+class Recording:
+    """The options of records, and the progress so far."""
+
+    pictures: Pictures
+    log_path: str | None
+    log: FitLog | None = None
+    history: list[Progress] = field(default_factory=list)
+
+    def of(self, scene_path: str) -> Recording:
+        """The same for a scene: {stem} and {folder} stand for its name and its folder."""
+        plot, gif, log = (path and filled(path, scene_path) for path in (*self.pictures.files, self.log_path))
+        return replace(self, pictures=Pictures(plot, gif), log_path=log)
+
+    def check(self, used: tuple[str | None, ...], resume: bool, console: Console) -> None:
+        """Raise InvalidInput, before long work, where a file cannot be made, or is one of those `used` otherwise."""
+        self.pictures.check(*used)
+        if self.log_path is None:
+            return
+        if self.log_path == STREAM or is_among(self.log_path, (*used, *self.pictures.files)):
+            raise InvalidInput(f"--log: {self.log_path}: must be a file of its own, not an input or an output")
+        check_writable(self.log_path)
+        self.log = FitLog(self.log_path, earlier(self.log_path) if resume else [], console)
+
+    def report(self, *others: Callable[[Progress], None] | None) -> Callable[[Progress], None] | None:
+        """The function that receives the progress of the fit, and passes it on to others; None where nobody does."""
+        kept = None if self.pictures.plot is None else self.history.append
+        every = [each for each in (*others, self.log and self.log.record, kept) if each]
+
+        def report_all(progress: Progress) -> None:
+            for each in every:
+                each(progress)
+
+        return report_all if every else None

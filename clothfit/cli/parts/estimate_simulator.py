@@ -11,7 +11,7 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import gathered, refuse
+from clothfit.cli.common.options import gathered, given, refuse
 from clothfit.cli.common.output import STREAM, print_json, write_into
 from clothfit.cli.common.scenes import read_scene
 from clothfit.cli.parts.estimate_files import Files, read_target
@@ -23,18 +23,19 @@ if TYPE_CHECKING:
 MODELS = {"xpbd": ("G", "L"), "blender": ("G",)}
 """The few values of a tool, or those of each constraint and vertex."""
 
-WITHOUT = ("--start", "--checkpoint", "--forces")
-"""Options that do not go with a tool's model."""
-
 
 @dataclass(frozen=True)
 class Asked:
     """The options as they are given."""
 
-    simulator: str | None
-    iterations: int | None
-    bends_by: str
-    blender: str | None
+    simulator: str | None = given("--simulator TOOL", "Fit the values of another tool's cloth, so that it moves like "
+        "the target: xpbd, or blender, which needs Blender.")
+    iterations: int | None = given("--iterations N", "Iterations of xpbd in a substep; --substeps is how many of those "
+        "there are in a step.  [default: 10, and 1 substep]", int)
+    bends_by: str = given("--bends-by WHAT", "Bending of xpbd: by distance, as the springs, or by angle.  [default: "
+        "distance]", default="distance")
+    blender: str | None = given("--blender PROGRAM", "Blender, or a Python that has it as a module.  [default: "
+        "CLOTHFIT_BPY, else blender]")
 
     def check(self, model: str | None) -> None:
         """Raise UsageError, InvalidInput on what cannot be."""
@@ -63,19 +64,7 @@ class Asked:
         return Options(str(self.simulator), own, self.blender, report=console.detail, model=model or "G")
 
 
-options = gathered(
-    "tool", Asked,
-    click.option("--simulator", metavar="TOOL",
-                 help="Fit the values of another tool's cloth, so that it moves like the target: xpbd, or blender, "
-                 "which needs Blender."),
-    click.option("--iterations", type=int, metavar="N",
-                 help="Iterations of xpbd in a substep; --substeps is how many of those there are in a step.  "
-                 "[default: 10, and 1 substep]"),
-    click.option("--bends-by", default="distance", metavar="WHAT",
-                 help="Bending of xpbd: by distance, as the springs, or by angle.  [default: distance]"),
-    click.option("--blender", metavar="PROGRAM",
-                 help="Blender, or a Python that has it as a module.  [default: CLOTHFIT_BPY, else blender]"),
-)  # fmt: skip
+options = gathered("tool", Asked)
 """Adds the options; the function is given them as `tool`."""
 
 
@@ -84,10 +73,10 @@ def fit(
 ) -> int:
     """Fit a tool to one scene's target and write its values into a folder; returns the exit code."""
     options = asked.options(substeps, model, console)
-    if len(scene_paths) != 1 or len(files.targets) > 1:
+    if len(scene_paths) != 1 or len(files.target_paths) > 1:
         raise click.UsageError("--simulator takes one SCENE and one --target")
-    given = dict(zip(WITHOUT, (files.start, files.checkpoint, files.forces), strict=True))
-    refuse(given, "{} does not go with --simulator")
+    without = {"--start": files.start, "--checkpoint": files.checkpoint, "--forces": files.forces_path}
+    refuse(without, "{} does not go with --simulator")
     (scene_path,) = scene_paths
     files = files.of(scene_path)
     if files.in_place or files.path == STREAM or (scene_path == STREAM and files.path is None):
@@ -113,18 +102,16 @@ def fit(
     for number, each in enumerate(found):
         describe(number, each, console)
     console.say(f"{scene.name}: values of {asked.simulator} → {folder}: {', '.join(made)}")
-    print_json({"scene": scene.name, "output": folder, "files": list(made),
-                            **written.summary(found, options)})
+    print_json({"scene": scene.name, "output": folder, "files": list(made), **written.summary(found, options)})
     return 0
 
 
 def describe(number: int, found: Fitted, console: Console) -> None:
     """Print what was found for an object."""
-    lines = [f"{'value':<22}{'mapped':>12}{'fitted':>12}  unit"]
     first = found.few or found
-    for value, fitted in zip(first.tool.values, first.found, strict=True):
-        lines.append(f"{value.name:<22}{value.mapped:>12.4g}{fitted:>12.4g}  {value.unit}".rstrip())
-    console.result("\n".join(lines))
+    pairs = zip(first.tool.values, first.found, strict=True)
+    rows = [(value.name, f"{value.mapped:.4g}", f"{fitted:.4g}", value.unit) for value, fitted in pairs]
+    console.table([("value", "mapped", "fitted", "unit"), *rows])
     if found.few:
         console.say(f"objects[{number}] in {found.tool.name}, few values: RMSE {error(first.rmse, found.travel)}")
         for name, _, _, fitted in found.kinds():

@@ -21,8 +21,7 @@ def motion(path: str) -> dict[str, Any]:
     loaded = foreign.load(path, None, Reading())
     own, taken = loaded.motion, loaded.interpretation
     seen: Flags = np.ones(own.positions.shape[:2], bool) if own.observed is None else own.observed
-    box = corners(own.positions[seen])
-    size = [high - low for low, high in zip(*box, strict=True)]
+    around = box(own.positions[seen])
     summary = taken.summary()
     return {
         "kind": "motion",
@@ -31,29 +30,27 @@ def motion(path: str) -> dict[str, Any]:
         "timed": loaded.timed,
         **{key: summary[key] for key in ("scale", "up", "handedness")},
         "faces": 0 if loaded.triangles is None else len(loaded.triangles),
-        "low": box[0],
-        "high": box[1],
-        "size": size,
+        **around,
         "first": frame(own.positions[0], seen[0], float(own.times[0])),
         "last": frame(own.positions[-1], seen[-1], float(own.times[-1])),
         "observed": float(seen.mean()) if seen.size else 0.0,
         "never_observed": int((~seen.any(axis=0)).sum()),
         "travel": travel(own.positions, seen),
-        "warnings": doubts(size),
+        "warnings": doubts(around["size"]),
     }
 
 
-def corners(points: Array) -> tuple[list[float], list[float]]:
-    """The two corners of the bounding box of points (n, 3); at the origin where there are none."""
-    if not len(points):
-        return [0.0] * 3, [0.0] * 3
-    return points.min(axis=0).tolist(), points.max(axis=0).tolist()
+def box(points: Array) -> dict[str, list[float]]:
+    """The two corners of the bounding box of points (n, 3), at the origin where there are none, and its size."""
+    around = points if len(points) else np.zeros((1, 3))
+    low, high = around.min(axis=0), around.max(axis=0)
+    return {"low": low.tolist(), "high": high.tolist(), "size": (high - low).tolist()}
 
 
 def frame(positions: Array, seen: Flags, time: float) -> dict[str, Any]:
     """A frame: its time, its corners, and how many of its points are seen."""
-    low, high = corners(positions[seen])
-    return {"time": time, "low": low, "high": high, "observed": int(seen.sum())}
+    own = box(positions[seen])
+    return {"time": time, "low": own["low"], "high": own["high"], "observed": int(seen.sum())}
 
 
 def travel(positions: Array, seen: Flags) -> float:
@@ -69,21 +66,18 @@ def mesh(path: str) -> dict[str, Any]:
     from clothfit.meshes.problems import problems
 
     found, notes = read_mesh(path)
-    low, high = corners(found.positions)
-    size = [b - a for a, b in zip(low, high, strict=True)]
+    around = box(found.positions)
     return {
         "kind": "mesh",
         "file": os.path.basename(path),
         "vertices": len(found.positions),
         "triangles": len(found.triangles),
-        "low": low,
-        "high": high,
-        "size": size,
+        **around,
         "textured": found.texture is not None,
         "parts": {name: len(vertices) for name, vertices in found.parts},
         "notes": list(notes),
         "problems": [each.sentence for each in problems(found)],
-        "warnings": doubts(size),
+        "warnings": doubts(around["size"]),
     }
 
 
@@ -101,8 +95,7 @@ def forces(path: str) -> dict[str, Any]:
     size = np.linalg.norm(own.values, axis=2)
     row, vertex = np.unravel_index(int(size.argmax()), size.shape)
     lasts = np.append(np.diff(own.times), own.lasts if len(own.times) > 1 else 0.0)
-    springs = None if own.gain is None else {"vertices": int(own.gain.any(axis=0).sum()), "stiffest": own.gain.max()}
-    gains = own.regulator
+    gain, gains = own.gain, own.regulator
     return {
         "kind": "forces",
         "file": os.path.basename(path),
@@ -113,7 +106,9 @@ def forces(path: str) -> dict[str, Any]:
         "duration": float(lasts.sum()),
         "largest": {"force": float(size[row, vertex]), "vertex": int(vertex), "time": float(own.times[row])},
         "effort": float(((size**2).sum(axis=1) * lasts).sum()),
-        "springs": springs and {**springs, "stiffest": float(springs["stiffest"])},
+        "springs": None if gain is None else {
+            "vertices": int(gain.any(axis=0).sum()), "stiffest": float(gain.max()),
+        },
         "regulator": gains and {
             "objects": len(gains.gains), "modes": gains.measure.shape[1], "forces": gains.push.shape[1],
             "bound": gains.bound if np.isfinite(gains.bound) else None,

@@ -1,0 +1,19 @@
+"""What the tests of many jobs share: makers of jobs from files."""
+
+from functools import partial
+
+import pytest
+
+from clothfit.fit.options import options_of
+from clothfit.many.job import Job, read
+
+
+@pytest.fixture
+def makers():
+    """Makers of the jobs of scenes, one each, with options of a fit."""
+
+    def made(paths, start=None, **options):
+        chosen = options_of("estimate", options)
+        return [partial(lambda path, number: Job(read(path), (), start, options=chosen), path) for path in paths]
+
+    return made
