@@ -227,17 +227,14 @@ def varied(scene: Scene, own: Episode) -> Scene:
 def paced(scene: Scene, pace: float) -> Scene:
     """The scene, whose inputs over time run that much faster, but for its wind and gravity."""
 
-    def faster(keys: Keys | None) -> Keys | None:
-        if keys is None:
-            return None
-        own = resolved(keys)
-        return replace(own, times=own.times / pace, file=None, points=(), joint=None, said={})
+    def faster(each: Any) -> Any:
+        """What moves, with its keys so much faster."""
+        found = {name: keys for name in ("position", "rotation") if (keys := getattr(each, name, None)) is not None}
+        for name, keys in found.items():
+            own = resolved(keys)
+            found[name] = replace(own, times=own.times / pace, file=None, points=(), joint=None, said={})
+        return replace(each, **found)
 
-    cloths = []
-    for cloth in scene.cloths:
-        pins = [replace(pin, position=faster(pin.position), rotation=faster(pin.rotation)) for pin in cloth.pins]
-        cloths.append(replace(cloth, pins=tuple(pins)))
-    balls = [replace(each, position=faster(each.position)) for each in scene.spheres]
-    others = [replace(c, position=faster(c.position), rotation=faster(c.rotation)) for c in scene.colliders]
-    frame = scene.frame and Frame(faster(scene.frame.position), faster(scene.frame.rotation), scene.frame.pivot)
-    return replace(scene, cloths=tuple(cloths), spheres=tuple(balls), colliders=tuple(others), frame=frame)
+    cloths = tuple(replace(cloth, pins=tuple(map(faster, cloth.pins))) for cloth in scene.cloths)
+    balls, others = tuple(map(faster, scene.spheres)), tuple(map(faster, scene.colliders))
+    return replace(scene, cloths=cloths, spheres=balls, colliders=others, frame=scene.frame and faster(scene.frame))

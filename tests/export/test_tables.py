@@ -30,15 +30,11 @@ def scene():
 
 
 @pytest.mark.parametrize("divisions", [0, 1, 4])
-def test_springs_are_told_apart_as_the_front_end_made_them(divisions):
-    known, role = mesh.springs(mesh.plane(divisions, 1.0), 50.0).bends, roles(of(built(divisions)).cloths[0])
+def test_springs_are_told_apart_as_the_front_end_made_them_and_bending_ones_go_across_their_hinges(divisions):
+    found, known = of(built(divisions)).cloths[0], mesh.springs(mesh.plane(divisions, 1.0), 50.0).bends
+    role = roles(found)
     assert (role.bending == known).all()
     assert (role.traction == ~known).all()
-
-
-def test_a_bending_spring_goes_across_its_hinge(scene):
-    found = scene.cloths[0]
-    role = roles(found)
     faces = {frozenset(face) for face in found.triangles.tolist()}
     pairs = zip(found.springs[role.bending].tolist(), role.hinges[role.bending].tolist(), strict=True)
     assert all({frozenset((*hinge, end)) for end in ends} <= faces for ends, hinge in pairs)
@@ -176,7 +172,10 @@ def geometry(data):
 
 def test_the_constraints_of_vellum_are_the_springs_and_its_mesh_is_right_handed(scene):
     made, mirror = exported(scene, "vellum"), np.array([1.0, 1.0, -1.0])
-    for number, found in enumerate(scene.cloths):
+    for number, (found, means) in enumerate(zip(scene.cloths, json.loads(made["vellum.json"])["objects"], strict=True)):
+        mean, mantissa, exponent = (means["traction"][name] for name in ("mean", "mantissa", "exponent"))
+        assert 1 <= mantissa < 10
+        assert mantissa * 10.0**exponent == pytest.approx(mean, rel=ROUNDING)
         count, kind, ends, held = geometry(made[f"object{number}.constraints.geo"])
         assert (count, kind) == (len(found.mass), "PolygonCurve_run")
         assert (ends == found.springs).all()
@@ -203,13 +202,6 @@ def test_the_damping_ratio_is_1_where_a_spring_just_does_not_swing():
     hung = found.cloths[0].fixed[found.cloths[0].springs].any(axis=1)
     assert np.array(ratios)[hung] == pytest.approx(1.0, rel=1e-12)
     assert np.array(ratios)[~hung] == pytest.approx(2**0.5, rel=1e-12)  # of two that swing, half the mass counts
-
-
-def test_mantissa_and_exponent_are_the_mean(scene):
-    for values in content(scene, "vellum", "vellum.json")["objects"]:
-        mean, mantissa, exponent = (values["traction"][name] for name in ("mean", "mantissa", "exponent"))
-        assert 1 <= mantissa < 10
-        assert mantissa * 10.0**exponent == pytest.approx(mean, rel=ROUNDING)
 
 
 def test_a_value_that_overflows_in_the_tools_terms_is_refused():

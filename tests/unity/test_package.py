@@ -21,15 +21,11 @@ def test_every_file_and_folder_has_a_meta_with_a_guid_of_its_own():
     assert len(list(PACKAGE.rglob("*.meta"))) == len(FILES)
 
 
-def test_the_manifest_names_the_package_and_its_unity():
-    manifest = json.loads((PACKAGE / "package.json").read_text("utf-8"))
+def test_the_manifest_names_the_package_and_the_code_of_the_editor_is_compiled_for_the_editor_only():
+    names = "package.json", "Runtime/Clothfit.Runtime.asmdef", "Editor/Clothfit.Editor.asmdef"
+    manifest, runtime, editor = (json.loads((PACKAGE / name).read_text("utf-8")) for name in names)
     assert (manifest["name"], manifest["unity"], manifest["version"]) == (PACKAGE.name, "2021.3", __version__)
     assert "dependencies" not in manifest
-
-
-def test_the_code_of_the_editor_is_compiled_for_the_editor_only():
-    runtime = json.loads((PACKAGE / "Runtime" / "Clothfit.Runtime.asmdef").read_text("utf-8"))
-    editor = json.loads((PACKAGE / "Editor" / "Clothfit.Editor.asmdef").read_text("utf-8"))
     assert (runtime["includePlatforms"], runtime["references"]) == ([], [])
     assert (editor["includePlatforms"], editor["references"]) == (["Editor"], ["Clothfit.Runtime"])
     used = {path.name for path in SOURCES if "UnityEditor" in path.read_text("utf-8")}
