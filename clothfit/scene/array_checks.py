@@ -94,27 +94,24 @@ def flags(values: list[Any], place: str, problems: list[str]) -> Flags | None:
 
 def vertices(values: list[Any], n: int, size: int, place: str, problems: list[str]) -> Indices | None:
     """Turn a flat list of indices below n, in groups of `size`, into an array (len / size, size)."""
-    if not check_types(values, {int}, "springs", place, problems):
-        return None
-    has = f"the object has {counted(n, 'vertex', 'vertices')}"
-    array = check_indices(values, n, place, lambda i: f"vertex {shown(values[i])} does not exist ({has})", problems)
+    array = indices(values, n, "vertex", f"the object has {counted(n, 'vertex', 'vertices')}", place, problems)
     group = {1: "numbers", 2: "pairs", 3: "triples"}[size]
     if len(values) % size:
         problems.append(f"{place}: {len(values)} indices do not make {group}; a multiple of {size} is needed")
-    return None if array is None or len(values) % size else array.astype(np.int32).reshape(-1, size)
+    return None if array is None or len(values) % size else array.reshape(-1, size)
 
 
-def check_indices(
-    values: list[int], n: int, place: str, sentence: Callable[[int], str], problems: list[str]
-) -> npt.NDArray[np.int64] | None:
-    """Turn whole numbers into an array, if all are from 0 to n − 1; `sentence(i)` says what is wrong with item i."""
+def indices(values: list[Any], n: int, what: str, there: str, place: str, problems: list[str]) -> Indices | None:
+    """Turn whole numbers into an array, if all are from 0 to n − 1, those of `what` there is."""
+    if not check_types(values, {int}, "springs", place, problems):
+        return None
     try:
         array = np.array(values, dtype=np.int64)
     except OverflowError:
         array = np.array([value if 0 <= value < n else -1 for value in values], dtype=np.int64)
     wrong = np.flatnonzero((array < 0) | (array >= n)).tolist()
-    _report(wrong, place, sentence, problems)
-    return None if wrong else array
+    _report(wrong, place, lambda i: f"{what} {shown(values[i])} does not exist ({there})", problems)
+    return None if wrong else array.astype(np.int32)
 
 
 def check_types(values: list[Any], types: set[type], field: str, place: str, problems: list[str]) -> bool:

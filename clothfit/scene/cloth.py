@@ -338,13 +338,8 @@ def _family(given: dict[str, Any], springs: int, place: str, problems: list[str]
     if len(values) != springs:
         has, owners = counted(len(values), "value", "values"), counted(springs, "spring", "springs")
         problems.append(f"{place}.springs: {has} for {owners}; one each is needed")
-    if not checks.check_types(values, {int}, "springs", f"{place}.springs", problems):
-        return None
-    has = f"there are {counted(len(names), 'name', 'names')}"
-    right = checks.check_indices(
-        values, len(names), f"{place}.springs", lambda i: f"family {shown(values[i])} does not exist ({has})", problems
-    )
-    return None if right is None else right.astype(np.int32)
+    there = f"there are {counted(len(names), 'name', 'names')}"
+    return checks.indices(values, len(names), "family", there, f"{place}.springs", problems)
 
 
 def _regions(given: list[Any], n: int, place: str, problems: list[str]) -> tuple[Region, ...]:

@@ -293,11 +293,16 @@ def dumps(scene: Scene, folder: str | None = None) -> bytes:
     """Give the text of a scene: the one it came from, but for the values that differ, and for paths where it goes to
     another `folder`.
     """
-    objects = [_object(cloth) for cloth in scene.cloths]
-    whole: dict[str, Any] = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS}
-    gusts, *_ = [whole.pop(KIND[name].field) for name in ("gusts", "friction", "contact")]
+    objects: list[dict[str, Any]] = []
+    for cloth in scene.cloths:
+        values = {kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS if kind.name != "path"}
+        if own := {i: pin.own.values for i, pin in enumerate(cloth.pins) if pin.own}:
+            values["pins"] = {i: {"posKeys": {"values": _vectors(each)}} for i, each in own.items()}
+        objects.append(values)
+    keyed = ("gusts", "friction", "contact")
+    whole: dict[str, Any] = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS if kind.name not in keyed}
     if scene.gusts.size:
-        whole[KIND["gusts"].field] = {"values": gusts.value}
+        whole[KIND["gusts"].field] = {"values": _vectors(scene.gusts)}
     if scene.colliders:
         whole["colliders"] = {each.place: _law(each, "collider") for each in scene.colliders}
     if scene.self_contact:
@@ -319,16 +324,6 @@ def _together(values: Mapping[Any, Any], others: Mapping[Any, Any]) -> dict[Any,
     for name, value in others.items():
         made[name] = _together(made[name], value) if isinstance(made.get(name), dict) else value
     return made
-
-
-def _object(cloth: Cloth) -> dict[str, Any]:
-    """What a fit may change in an object of the file."""
-    values = {kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS}
-    values.pop(KIND["path"].field)
-    own = {i: pin.own.values for i, pin in enumerate(cloth.pins) if pin.own}
-    if own:
-        values["pins"] = {i: {"posKeys": {"values": _vectors(each)}} for i, each in own.items()}
-    return values
 
 
 def _vectors(values: Array) -> list[dict[str, float]]:

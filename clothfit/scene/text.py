@@ -85,7 +85,13 @@ def read(origin: Readable) -> Source:
     """
     try:
         content = _content(origin)
-        source = _decoded(content) if isinstance(content, bytes) else _checked(content)
+        if isinstance(content, bytes):
+            mark = next((mark for mark in BYTE_ORDER_MARKS if content.startswith(mark)), b"")
+            encoding = BYTE_ORDER_MARKS.get(mark, "utf-8")
+            source = Source(content[len(mark) :].decode(encoding), encoding, mark)
+        else:
+            content.encode()  # a lone surrogate could not be saved
+            source = Source(content.removeprefix("\ufeff"), mark=codecs.BOM_UTF8 if content[:1] == "\ufeff" else b"")
     except UnicodeError as error:
         raise InvalidScene(_encoding_problem(error), name_of(origin)) from None
     except (OSError, TypeError, ValueError, RecursionError) as error:  # also no dict of JSON values, or a closed file
@@ -147,19 +153,6 @@ def _content(origin: Readable) -> str | bytes:
         raise TypeError(f"a scene comes from a path, an open file or a dict, not from {type(origin).__name__}")
     content: str | bytes = whole(origin, MOST_TEXT)
     return content
-
-
-def _decoded(content: bytes) -> Source:
-    mark = next((mark for mark in BYTE_ORDER_MARKS if content.startswith(mark)), b"")
-    encoding = BYTE_ORDER_MARKS.get(mark, "utf-8")
-    return Source(content[len(mark) :].decode(encoding), encoding, mark)
-
-
-def _checked(text: str) -> Source:
-    text.encode()  # a lone surrogate could not be saved
-    if text.startswith("\ufeff"):
-        return Source(text[1:], mark=codecs.BOM_UTF8)
-    return Source(text)
 
 
 def _check_nesting(text: str, name: str) -> None:

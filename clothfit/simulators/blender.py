@@ -15,7 +15,6 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 import numpy as np
@@ -149,20 +148,12 @@ class Blender:
     def __enter__(self) -> Blender:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """End it."""
-        if self.process.stdin:
-            self.process.stdin.close()
+    def __exit__(self, *fault: object) -> None:
         try:
-            self.process.wait(5)
+            self.process.communicate(timeout=5)  # there are no more jobs
         except subprocess.TimeoutExpired:
             self.process.kill()
-            self.process.wait()
-        if self.process.stdout:
-            self.process.stdout.close()
+            self.process.communicate()
         self.log.close()
         self.folder.cleanup()
 

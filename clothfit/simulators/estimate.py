@@ -64,15 +64,10 @@ def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any
         if options.report:
             options.report(f"{tool.name}: RMSE {1e3 * error:.4g} mm after {simulations} simulations")
 
-    found = Fit(tool, goal, told).run(options.most)
-    return each(scene, index, goal, options, found, told) if options.model == EACH else found
-
-
-def each(
-    scene: Scene, index: int, goal: Target, options: Options, few: Fitted, told: Callable[[float, int], None]
-) -> Fitted:
-    """Fit the values of each constraint and vertex of XPBD, from the few on."""
-    own = xpbd.each_of(scene, index, options.settings, scene.frames)
+    few = Fit(tool, goal, told).run(options.most)
+    if options.model != EACH:
+        return few
+    own = xpbd.each_of(scene, index, options.settings, scene.frames)  # from the few values on
     begin = xpbd.as_few(own, xpbd.groups_of(scene, index), few.found)
     found = ManyFit(own.tool(scene.frames), goal, told, begin).run(options.most)
     return replace(found, few=few, simulations=few.simulations + found.simulations)

@@ -308,8 +308,12 @@ class ManyFit(Fit):
                 frame += 1
             if t == goal.last_step or not np.isfinite(own.x).all():
                 return
-            if pulls is not None and t:
-                nudge(own, pulls, t, pull)
+            if pulls is not None and t:  # move the state a part of the way to the target, and its changes with it
+                shown, goes = pulls.seen[t] & own.free, pulls.goes[t] & own.free
+                own.x[shown] += pull * (pulls.place[t, shown] - own.x[shown])
+                own.v[goes] += pull * (pulls.way[t, goes] / own.h - own.v[goes])
+                own.dx[shown] *= 1.0 - pull
+                own.dv[goes] *= 1.0 - pull
             x, dx = own.x.copy(), own.dx.copy()
             own.advance(t)
 
@@ -334,11 +338,3 @@ class ManyFit(Fit):
     def scale(self) -> float:
         """What a distance counts, 1/m."""
         return float(1.0 / (self.travel * np.sqrt(max(int(self.goal.observed.sum()), 1))))
-
-def nudge(own: State, pulls: Pull, t: int, pull: float) -> None:
-    """Move the state after step t a part of the way to the target, and its changes with it."""
-    seen, goes = pulls.seen[t] & own.free, pulls.goes[t] & own.free
-    own.x[seen] += pull * (pulls.place[t, seen] - own.x[seen])
-    own.v[goes] += pull * (pulls.way[t, goes] / own.h - own.v[goes])
-    own.dx[seen] *= 1.0 - pull
-    own.dv[goes] *= 1.0 - pull

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -121,28 +122,19 @@ def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, caps
 # --- pipes
 
 
-def fed(pipe, data):
-    """Write to a pipe in the background."""
-    os.mkfifo(pipe)
-    threading.Thread(target=lambda: Path(pipe).write_bytes(data), daemon=True).start()
-
-
 @unix
-def test_scenes_and_motions_come_through_pipes(folder):
-    fed("scene", Path("scene.json").read_bytes())
-    fed("target", Path("target.npz").read_bytes())
+def test_scenes_and_motions_come_through_pipes_which_are_no_place_for_a_checkpoint(folder, capsys):
+    os.mkfifo("pipe")
+    assert run(["estimate", "scene.json", "--checkpoint", "pipe"]) == 3
+    assert capsys.readouterr().err == "error: pipe: is a pipe, which keeps nothing; name a file for the checkpoint\n"
+    assert names() == ["pipe", "scene.json", "target.npz"]
+    for name, pipe in (("scene.json", "scene"), ("target.npz", "target")):
+        os.mkfifo(pipe)
+        write = partial(Path(pipe).write_bytes, Path(name).read_bytes())
+        threading.Thread(target=write, daemon=True).start()
     assert run(["estimate", "scene", "--target", "target", "-q", "-o", "piped.json"]) == 0
     assert run(["estimate", "scene.json", "--target", "target.npz", "-q", "-o", "plain.json"]) == 0
     assert Path("piped.json").read_bytes() == Path("plain.json").read_bytes()
-
-
-@unix
-def test_a_pipe_is_no_place_for_a_checkpoint(folder, capsys):
-    os.mkfifo("pipe")
-    assert run(["estimate", "scene.json", "--checkpoint", "pipe"]) == 3
-    told = "error: pipe: is a pipe, which keeps nothing; name a file for the checkpoint\n"
-    assert capsys.readouterr().err == told
-    assert names() == ["pipe", "scene.json", "target.npz"]
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="this system has no device without end")
