@@ -98,7 +98,7 @@ def other_fall(scene: Scene, motion: Motion) -> Fall | None:
     if not g > 0 or scene.mode("gravity") != "n" or not np.isclose(motion.times[0], 0.0):
         return None
     for i, cloth in enumerate(scene.cloths):
-        groups = far_groups(scene, cloth, motion.seen(i)[: FALL_FRAMES + 1].all(axis=0))
+        groups = far_groups(scene, cloth, np.asarray(motion.seen(i)[: FALL_FRAMES + 1].all(axis=0)))
         found = None if groups is None else measured(motion, i, scene.gravity / g, *groups, scene.delta)
         if found is not None and found.differs(g):
             return Fall(found.acceleration, g)
