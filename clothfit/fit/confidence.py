@@ -15,15 +15,15 @@ Where the fit is exact and the target shows every balance of momentum, these rep
 they do not show is one that the motion does not show, and they are found in a tenth of the time. What is left of them
 is no noise but the error of the linear systems, so an interval is the bound that its size sets.
 
-Where the residuals are no noise at all, as the model differs, the covariance comes from blocks of them (`sandwich`), or
+Where the residuals are no noise at all, as the model differs, the covariance comes from blocks of them, or
 there are no intervals. Of too many values for a matrix they come from samples (`sampled`). Where the motion is chaotic,
 its sensitivities grow so far that all but one direction look like rounding beside that: nothing is said of what the
 motion shows.
 
 Intervals of so many values that the matrix of their fit would take minutes: by samples of the posterior.
 
-The standard deviations are those of K samples (`products.sampling`), so each of them is known to 1 / √(2 K), and the
-intervals have Student's t of K degrees of freedom, wider for it. The rest is meant as in `confidence`: the step that is
+The standard deviations are those of K samples (`matrix_free.Sampling`), so each of them is known to 1 / √(2 K), and the
+intervals have Student's t of K degrees of freedom, wider for it. The rest is meant as above: the step that is
 left adds to the half width, values that the data push against a bound have intervals inwards only, and a value that
 changes nothing which is compared has none, nor one whose deviation is beyond the width of its bounds. What the motion
 does not show as a combination of values, the prior alone determines; it is not named, nor taken back.

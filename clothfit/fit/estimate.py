@@ -72,7 +72,7 @@ from clothfit.strategy.auto import (
     resumed,
 )
 from clothfit.strategy.ladder import as_model
-from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
+from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings
 from clothfit.strategy.trajectory_fit import best_prior, by_gauss_newton, go_on
 
 GRACE = 0.5
@@ -275,13 +275,12 @@ def searched(
     """
     objective = plan.objective
     if state:
-        first = FirstPoint(state.start, np.inf, [])
+        p, cost, warnings = state.start, np.inf, list[str]()
     elif plan.p is not None:
-        first = FirstPoint(plan.p, plan.cost, start_warnings(objective, plan.p))
+        p, cost, warnings = plan.p, plan.cost, start_warnings(objective, plan.p)
     else:
-        given = FirstPoint(choose_start(objective, start, False), np.inf, [])
-        first = in_time(partial(first_point, objective, start, hidden, options.method), given)
-    p, cost, warnings = first
+        given = choose_start(objective, start, False), np.inf, list[str]()
+        p, cost, warnings = in_time(partial(first_point, objective, start, hidden, options.method), given)
     search = Search(objective, p, options.enough, options.max_evaluations, options.on_progress, checkpoint, state, cost)
     if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
         search.looser = objective.scene.tolerance

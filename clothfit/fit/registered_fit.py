@@ -100,28 +100,26 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
         raise InvalidInput("the clock and the place of a target can be found only where one is given; give a target")
     if scene.frame:
         raise InvalidInput("frame: the axes of the scene must not move where a target's clock or place is to be found")
-    began, left = interrupts.now(), options.budget
-    given = experiments(scene, target)
+    began, given = interrupts.now(), experiments(scene, target)
     if options.objective == "position":  # turned positions show no rounding
         options = options.within(max(rounding(each.motion) for each in given))
     loss = loss_named(options.loss, options.loss_scale)
     free = sought(options.fit_time, options.fit_placement, options.fit_scale)
     first = [Registration(offset=float(each.motion.times[0]) if options.fit_time else 0.0) for each in given]
-    best = in_time(partial(find, scene, cut(given, first), free, loss), [Registration()] * len(given), left)
+    look = Look(scene, given, free, loss, options.budget, began)
+    best = in_time(partial(find, scene, cut(given, first), free, loss), [Registration()] * len(given), options.budget)
     plain = replace(options, fit_time=False, fit_placement=False, fit_scale=False)
     fit = Fits(fit)
-    found = fitted(scene, given, best, replace(plain, budget=rest(left, began)), fit)
+    found = fitted(scene, given, best, replace(plain, budget=look.remaining), fit)
     again = replace(plain, on_memory=None, on_hint=None, on_found=None, checkpoint=None, resume=False)
-    look = Look(scene, given, free, loss, left, began)
     for _ in range(ROUNDS):
-        remaining = rest(left, began)
-        if found.status in (Status.INTERRUPTED, Status.DIVERGED) or remaining == SHORTEST:
+        if found.status in (Status.INTERRUPTED, Status.DIVERGED) or look.remaining == SHORTEST:
             break
         with interrupts.deferred():
             next_best = look.another(found, best)
         if next_best is None:
             break
-        other = fitted(scene, given, next_best, replace(again, budget=rest(left, began)), fit)
+        other = fitted(scene, given, next_best, replace(again, budget=look.remaining), fit)
         if not other.rmse < ALIKE * found.rmse:
             break
         best, found = next_best, replace(other, hints=[*(hint for hint in found.hints if hint.early), *other.hints])
@@ -172,6 +170,11 @@ class Look:
     seconds: float | None  # that all has, from `began` on
     began: float
 
+    @property
+    def remaining(self) -> float | None:
+        """The seconds that are left; None: no limit."""
+        return None if self.seconds is None else max(self.seconds - (interrupts.now() - self.began), SHORTEST)
+
     def own(self, found: Fit, known: list[Registration]) -> list[Experiment]:
         """The targets, with the fitted scene."""
         pairs = cut(self.given, known)
@@ -179,9 +182,8 @@ class Look:
 
     def another(self, found: Fit, known: list[Registration]) -> list[Registration] | None:
         """Registrations that promise a better fit: by few values, or, where the model is right, by all of them."""
-        remaining = rest(self.seconds, self.began)
         look = partial(better, found.scene, self.own(found, known), self.free, self.loss, known, BETTER**2)
-        by_few = in_time(look, None, remaining, known=True)
+        by_few = in_time(look, None, self.remaining, known=True)
         if by_few is not None or found.verdict is None or found.verdict.differs:
             return by_few
         by_all = self.joint(found, known)
@@ -189,7 +191,7 @@ class Look:
 
     def joint(self, found: Fit, known: list[Registration]) -> Joint | None:
         """The registrations beside all values of the fit; None where that takes longer than the fit."""
-        remaining, longest = rest(self.seconds, self.began), max(found.seconds, MOMENT)
+        remaining, longest = self.remaining, max(found.seconds, MOMENT)
         look = partial(joint, found, self.own(found, known), known, self.free, self.loss)
         return in_time(look, None, longest if remaining is None else min(remaining, longest), known=True)
 
@@ -212,11 +214,6 @@ def marked_fit(scene: Scene, target: Targets, options: FitOptions, fit: FitOf) -
     targets = [motion if e.scene is scene else (motion, e.scene) for motion, e in pairs]
     found = fit(scene, targets if any(known) else target, replace(options, keep_markers=True))
     return replace(found, hints=[*hints, *found.hints], markers=known if any(known) else None)
-
-
-def rest(seconds: float | None, began: float) -> float | None:
-    """The seconds that are left."""
-    return None if seconds is None else max(seconds - (interrupts.now() - began), SHORTEST)
 
 
 def fitted(

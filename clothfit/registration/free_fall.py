@@ -98,8 +98,7 @@ def other_fall(scene: Scene, motion: Motion) -> Fall | None:
     if not g > 0 or scene.mode("gravity") != "n" or not np.isclose(motion.times[0], 0.0):
         return None
     for i, cloth in enumerate(scene.cloths):
-        throughout: Flags = np.asarray(motion.seen(i)[: FALL_FRAMES + 1].all(axis=0))
-        groups = far_groups(scene, cloth, throughout)
+        groups = far_groups(scene, cloth, np.asarray(motion.seen(i)[: FALL_FRAMES + 1].all(axis=0)))
         found = None if groups is None else measured(motion, i, scene.gravity / g, *groups, scene.delta)
         if found is not None and found.differs(g):
             return Fall(found.acceleration, g)
@@ -153,14 +152,11 @@ def measured(
     that may have made it.
     """
     positions, seen = motion.of(cloth)[: MOST_FRAMES + 1], motion.seen(cloth)[: MOST_FRAMES + 1]
-    vertices = np.concatenate(groups)
-    throughout: Flags = np.asarray(seen[:, vertices].all(axis=0))
-    if throughout.sum() < FEWEST_VERTICES:
-        return None
     groups = [group[np.asarray(seen[:, group].all(axis=0))] for group in groups]
-    if min(map(len, groups)) < 2:
+    vertices = np.concatenate(groups)
+    if len(vertices) < FEWEST_VERTICES or min(map(len, groups)) < 2:
         return None
-    whole = fallen(positions, vertices[throughout], down).mean(axis=1)
+    whole = fallen(positions, vertices, down).mean(axis=1)
     deep = np.flatnonzero(np.abs(whole) > depth)
     last = int(deep[0]) if len(deep) else len(whole) - 1
     if last < FALL_FRAMES:
@@ -180,7 +176,7 @@ def measured(
     interval = float(times[1])
     others = [(float(values[0]) * (1.0 + 0.5 * damping * interval), 0.0)]
     later = slice(LATER if len(times) - LATER > LONG else 0, None)
-    if not later.start and sum(map(len, groups)) < ENOUGH:
+    if not later.start and len(vertices) < ENOUGH:
         return None
     unlikely = UNLIKELY if later.start else SHORT_UNLIKELY
     made = [(columns + ahead(times[1:], h)[:, None] * (0.0, 1.0, 0.0), slice(None)) for h in (interval, step)]

@@ -78,68 +78,50 @@ def mistaken(scene: Scene, motion: Motion, late: bool = False) -> Markers:
     """What is wrong with the markers of a target; `late`: its first frame may be of another time than it says."""
     if motion.positions.shape[1] < FEWEST:
         return Markers()
-    away = None if motion.times[0] > 1e-3 * scene.delta and not late else Start.of(scene, motion)
-    swaps = [] if away is None else list(away.swaps())
+    begins = late or not motion.times[0] > 1e-3 * scene.delta
+    swaps, wrong = at_the_start(scene, motion) if begins else ([], [])
     cleared = Markers(tuple(swaps)).applied(motion)
     swaps += later_swaps(cleared)
     cleared = Markers(tuple(swaps)).applied(motion)
-    suspects = [] if away is None else [i for i in away.wrong if all(int(i) not in each.vertices for each in swaps)]
+    suspects = [i for i in wrong if all(i not in each.vertices for each in swaps)]
     false = out_of_reach(scene, cleared, suspects)
     jumps = [each for each in jumping(scene, cleared) if each.vertex not in false]
     return Markers(tuple(swaps), tuple(false), tuple(jumps))
 
 
-class Start:
-    """The markers of a first frame, moved and turned so that most are at their vertices."""
+def at_the_start(scene: Scene, motion: Motion) -> tuple[list[Swap], list[int]]:
+    """The swaps, in cycles, that the first frame of a target shows once it is moved and turned so that most markers are
+    at their vertices, and all vertices whose markers are elsewhere then; none where they are no mistakes, but another
+    shape.
+    """
+    from scipy.optimize import linear_sum_assignment
 
-    def __init__(self, seen: NDArray[np.intp], points: Array, start: Array, size: float) -> None:
-        """`seen` (k,) vertices, numbered through the scene; their markers and their own places (k, 3), m."""
-        self.seen, self.start, self.points = seen, start, points
-        self.distance = np.linalg.norm(points - start, axis=1)
-        self.median = float(np.median(self.distance)) + 1e-9 * size
-        wrong = self.distance > WRONG * self.median
-        near = np.flatnonzero(wrong)
-        wrong[near] = self.distance[near] > APART * spacing(start, near)
-        self.places = np.flatnonzero(wrong)  # of `seen`
-
-    @classmethod
-    def of(cls, scene: Scene, motion: Motion) -> Start | None:
-        """Those of a target; None where they are no mistakes, but another shape, or nothing is wrong."""
-        seen = np.flatnonzero(motion.seen()[0])
-        if len(seen) < FEWEST:
-            return None
-        start = np.concatenate([cloth.positions for cloth in scene.cloths])[seen]
-        size = float(np.linalg.norm(np.ptp(start, axis=0)))
-        points = moved(motion.positions[0, seen], start)
-        found = cls(seen, points, start, size)
-        few = 1 <= len(found.places) <= min(MOST, (len(seen) - 3) // 2)
-        return found if few and found.median <= LOOSE * size else None
-
-    @property
-    def wrong(self) -> NDArray[np.intp]:
-        """The vertices whose markers are elsewhere."""
-        return np.asarray(self.seen[self.places])
-
-    def swaps(self) -> Iterator[Swap]:
-        """Those of them that are at each other's vertices, in cycles."""
-        from scipy.optimize import linear_sum_assignment
-
-        gaps = np.linalg.norm(self.points[self.places][:, None] - self.start[self.places][None], axis=2)
-        rows, columns = linear_sum_assignment(np.minimum(gaps, WRONG * FOUND * self.median) ** 2)
-        near = np.minimum(FOUND * self.median, NEARER * self.distance[self.places])
-        after = {int(i): int(j) for i, j in zip(rows, columns, strict=True) if gaps[i, j] <= near[i] and i != j}
-        while after:
-            first = next((i for i in after if i not in after.values()), min(after))
-            chain = [first]
-            while chain[-1] in after:
-                following = after.pop(chain[-1])
-                if following == first:
-                    break
-                chain.append(following)
-            else:
-                yield Swap(tuple(self.wrong[chain].tolist()), closed=False)
-                continue
-            yield Swap(tuple(self.wrong[chain].tolist()))
+    seen = np.flatnonzero(motion.seen()[0])
+    if len(seen) < FEWEST:
+        return [], []
+    start = np.concatenate([cloth.positions for cloth in scene.cloths])[seen]
+    size = float(np.linalg.norm(np.ptp(start, axis=0)))
+    points = moved(motion.positions[0, seen], start)
+    distance = np.linalg.norm(points - start, axis=1)
+    median = float(np.median(distance)) + 1e-9 * size
+    places = np.flatnonzero(distance > WRONG * median)
+    places = places[distance[places] > APART * spacing(start, places)]
+    if not 1 <= len(places) <= min(MOST, (len(seen) - 3) // 2) or median > LOOSE * size:
+        return [], []
+    gaps = np.linalg.norm(points[places][:, None] - start[places][None], axis=2)
+    rows, columns = linear_sum_assignment(np.minimum(gaps, WRONG * FOUND * median) ** 2)
+    near = np.minimum(FOUND * median, NEARER * distance[places])
+    after = {int(i): int(j) for i, j in zip(rows, columns, strict=True) if gaps[i, j] <= near[i] and i != j}
+    wrong, swaps = seen[places], list[Swap]()
+    while after:
+        first = next((i for i in after if i not in after.values()), min(after))
+        chain, closed = [first], False
+        while not closed and chain[-1] in after:
+            following = after.pop(chain[-1])
+            closed = following == first
+            chain += [] if closed else [following]
+        swaps.append(Swap(tuple(wrong[chain].tolist()), closed=closed))
+    return swaps, wrong.tolist()
 
 
 def moved(points: Array, start: Array) -> Array:
@@ -205,7 +187,7 @@ def out_of_reach(scene: Scene, motion: Motion, suspects: list[int]) -> list[int]
     found, first = [], 0
     for i, cloth in enumerate(scene.cloths):
         n = len(cloth.mass)
-        own = [int(each) - first for each in suspects if first <= each < first + n]
+        own = [each - first for each in suspects if first <= each < first + n]
         seen = motion.seen(i)
         markers = np.flatnonzero(seen.any(axis=0))
         if own and len(markers) > FEWEST and len(markers) * n <= LARGEST:

@@ -26,7 +26,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,25 +138,18 @@ EARLY = 3
 """The first of so many parts of the frames shows which start is better."""
 
 
-class FirstPoint(NamedTuple):
-    """Where a fit starts."""
-
-    p: Array  # (P,)
-    cost: float  # there, as far as it is known; else infinite
-    warnings: list[str]
-
-
 def first_point(
     objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str
-) -> FirstPoint:
-    """The first point of a method; `start` is what the user gives.
+) -> tuple[Array, float, list[str]]:
+    """The first point (P,) of a method, its cost, as far as that is known, else infinite, and warnings; `start` is what
+    the user gives.
 
     `hidden`: the scene's own values are the truth, which the fit may not know. Raises InvalidInput as `choose_start`.
     """
     scene = objective.scene
     if hidden and start is None and method in SELF_STARTING:
         p = np.where(objective.identifiable, fabric(scene), parameters(scene))
-        return FirstPoint(p, np.inf, start_warnings(objective, p))
+        return p, np.inf, start_warnings(objective, p)
     p = choose_start(objective, start, hidden)
     warnings = start_warnings(objective, p)
     cost = objective.cost_or_infinity(p)
@@ -165,7 +157,7 @@ def first_point(
         instead = "the fit starts from the best of a coarse search instead"
         warnings.append(f"the simulation diverges at the start; {instead}")
         p = best_scales(objective, [p])[0]
-    return FirstPoint(p, cost, warnings)
+    return p, cost, warnings
 
 
 def choose_start(objective: Objective, start: float | Array | Scene | None, hidden: bool) -> Array:

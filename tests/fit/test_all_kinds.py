@@ -126,15 +126,6 @@ def test_a_number_is_a_start_of_masses_and_stiffnesses_or_of_all(case, start, sh
     np.testing.assert_allclose(parameters(found.scene), expected, rtol=1e-14)  # there and back through the coordinates
 
 
-def test_a_value_at_its_bound_is_reported():
-    # the target is damped less than not at all: its weight is greater
-    scene = made("damping", damping=0.5)
-    heavier = load_text(json.dumps(document(cloth(3, 3, damping=0.0), gravity=xyz((0, -11, 0)))))
-    found = estimate(scene, simulate(heavier, 20), method="l-bfgs-b")
-    assert found.parameters[0].at_bound == [0]
-    assert parameters(found.scene).tolist() == [0.0]
-
-
 def test_the_command_names_the_scene_and_gives_null(tmp_path, capsys):
     own, whole = CASES["wind"]
     path = write_scene(tmp_path, document(cloth(3, 3, **own), optimizationIterations=20, **whole))

@@ -9,7 +9,7 @@ import pytest
 from helpers.strangers import WIND, sheet, small, stranger, windy, with_finer_steps
 
 import clothfit
-from clothfit.fit.residual_hints import SHIFT, around, exchanged, from_air, with_stall_hint
+from clothfit.fit.residual_hints import SHIFT, around, from_air, with_stall_hint
 from clothfit.fit.result import Fit
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
@@ -93,13 +93,6 @@ def test_a_wind_that_single_frames_show_otherwise_is_said(drag, said):
     assert not hints(WIND)
     calm = replace(windy(), fits={})
     assert not from_air(SimpleNamespace(scene=calm, windows=None), Objective(calm, motion, 1e-10), set())
-
-
-def test_exchanged_finds_the_pair_and_nothing_where_there_is_none():
-    squares = np.full((4, 4), 4.0)
-    assert exchanged(squares) is None
-    squares[1, 3] = squares[3, 1] = 0.1
-    assert exchanged(squares) == (1, 3)
 
 
 # --- searches that have stalled

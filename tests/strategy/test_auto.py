@@ -411,6 +411,7 @@ def test_steps_that_switch_their_form_do_not_stall_it(seed, shortened):
     aim = Objective(scene, motion, 1e-10)
     assert aim.remedies(truth).clamped_steps > 0
     assert (aim.remedies(truth).shortened_steps > 0) == shortened
-    search = Search(aim, parameters(scene), 0.0, 2000)
-    trajectory_fit.by_gauss_newton(search, search.best.p, search.best.p, None)
+    search = Search(aim, parameters(scene), (1.0 - 1e-9) * aim.rmse(aim.cost(truth)), 2000)
+    with pytest.raises(Stop):  # it may end where it costs less than the truth
+        trajectory_fit.by_gauss_newton(search, search.best.p, search.best.p, None)
     assert search.best.cost < aim.cost(truth)  # as above

@@ -156,18 +156,12 @@ def test_finer_steps_end_where_they_stop_to_pay():
     assert found.objective.rmse(found.cost) == pytest.approx(min(errors.values()))
 
 
-@pytest.fixture(scope="module")
-def coarse():
-    """The objective of a scene with the editor's step, and a target by finer ones."""
-    scene = small("nF", 24)
-    return objective(scene, with_finer_steps(scene, 8))
-
-
 # --- a look at finer steps
 
 
-def test_a_look_sees_what_finer_steps_gain_and_nothing_at_the_own_motion(coarse):
-    p = parameters(coarse.scene)
+def test_a_look_sees_what_finer_steps_gain_and_nothing_at_the_own_motion():
+    scene = small("nF", 24)
+    p, coarse = parameters(scene), objective(scene, with_finer_steps(scene, 8))
     assert finer(coarse, p) < 0.1 * coarse.rmse(coarse.cost(p))  # second order against first
-    motion = degrade(simulate(coarse.scene, tolerance=1e-12), noise=1e-3, seed=1)
-    assert finer(objective(coarse.scene, motion), p) is None
+    motion = degrade(simulate(scene, tolerance=1e-12), noise=1e-3, seed=1)
+    assert finer(objective(scene, motion), p) is None
