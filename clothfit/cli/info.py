@@ -85,7 +85,7 @@ def of_scene(scene_path: str, console: Console) -> None:
 
     objects, wanted = [overview.facts(cloth) for cloth in scene.cloths], overview.flagged(scene)
     parted = [overview.divisions(cloth) for cloth in scene.cloths]
-    ahead, strange = forecast(scene), overview.unknown_fields(scene)
+    ahead, strange = forecast(scene), list(overview.unknown_fields(scene))
     meshes = [None if each is None else len(each) for each in numberings(scene)]
     console.warn(*overview.misspelt_fields(scene), *overview.beyond_bounds(scene), of=scene.name)
     sizes = [[b - a for a, b in zip(own.low, own.high, strict=True)] for own in objects]

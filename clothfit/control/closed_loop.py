@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -48,6 +48,7 @@ EXCESS = 1e4
 @dataclass(frozen=True, eq=False)
 class Wish:
     """A key that is no spring: a penalty on what is left of it."""
+
     key: Key
     multiplier: Array  # (m, 3), N² s/m
 
@@ -68,19 +69,29 @@ def neighbours(cloth: Cloth, pushed: Flags) -> csr_array:
 @dataclass(frozen=True)
 class Costs:
     """What counts beside the effort."""
+
     smooth: float = 0.0  # s: the effort of a change of the forces in this time counts as theirs
     most: float = np.inf  # N, on a vertex
     even: float = 0.0  # m: that of a difference between neighbours that far apart counts as theirs
 
 
+class Task(NamedTuple):
+    """What is asked of one cloth."""
+
+    scene: Scene
+    cloth: int  # counted from 0
+    keys: Sequence[Key]
+    pushed: Flags  # (n,), the vertices with forces
+    costs: Costs = Costs()
+
+
 class ClosedLoop:
     """The effort of one cloth up to its last key, for forces f (T, n, 3), N, 0 where they are not `unknown`."""
-    def __init__(
-        self, scene: Scene, cloth: int, keys: Sequence[Key], path: Array, pushed: Flags, rate: float,
-        costs: Costs = Costs(),
-    ) -> None:  # fmt: skip
-        """`path` (T + 1, n, 3), m; `pushed` (n,), the vertices with forces; `rate`: of the springs, 1/s."""
-        self.scene, self.cloth, self.keys, self.pushed, self.costs = scene, cloth, keys, pushed, costs
+
+    def __init__(self, task: Task, path: Array, rate: float) -> None:
+        """`path` (T + 1, n, 3), m; `rate`: of the springs, 1/s."""
+        scene, cloth, _, pushed, _ = task
+        self.scene, self.cloth, self.keys, self.pushed, self.costs = task
         self.steps, self.h, mass = len(path) - 1, scene.delta, scene.cloths[cloth].mass
         self.late = scene.method >= IMPLICIT  # whether springs pull from where a step ends, or from where it begins
         self.rate, self.path = rate if self.late else min(rate, SLOW / scene.delta), path

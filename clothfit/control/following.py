@@ -19,10 +19,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from clothfit.base import interrupts, threads
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array
 from clothfit.base.checkpoint import Checkpoint
 from clothfit.base.memory import free
-from clothfit.control.closed_loop import FINEST, HUGE, ClosedLoop, Costs
+from clothfit.control.closed_loop import FINEST, HUGE, ClosedLoop, Costs, Task
 from clothfit.control.controls import Controls
 from clothfit.control.keyframes import Key, last_step, path, without_fixed
 from clothfit.engine import rollout
@@ -230,7 +230,8 @@ def follow(
         acting = ~scene.cloths[cloth].fixed & (True if controls.forces is None else controls.forces[cloth])
         share = None if budget is None else (budget - (interrupts.now() - clock)) / (len(cloths) - number)
         with threads.single(), interrupts.limited(share):
-            loop, descent, status = solved(scene, cloth, own, alone[:, part], acting, costs, report, kept, share)
+            task = Task(scene, cloth, own, acting, costs)
+            loop, descent, status = solved(task, alone[:, part], report, kept, share is not None)
         if not descent.best.value < HUGE:
             raise Diverged(f"{scene.name}: no motion through the keys stays finite; try shorter steps", 0)
         found.append((status, descent.best.gradient / (loop.steepest or 1.0)))
@@ -246,18 +247,14 @@ def follow(
 
 
 def solved(
-    scene: Scene, cloth: int, keys: Sequence[Key], alone: Array, pushed: Flags, costs: Costs, report: Report,
-    kept: Kept, budget: float | None = None,
-) -> tuple[ClosedLoop, Descent, Status]:  # fmt: skip
+    task: Task, alone: Array, report: Report, kept: Kept, patient: bool
+) -> tuple[ClosedLoop, Descent, Status]:
     """The closed loop of a cloth, what its descent came to, and how that ended."""
-    fixed = scene.cloths[cloth].fixed
-    keys = [own for key in keys if len((own := without_fixed(key, fixed)).vertices)]
-    steps = max((key.step for key in keys), default=1)
-    if cloth in kept.searches:
-        loop, f, ended = kept.restored(scene, cloth, keys, pushed, costs)
-    else:
-        loop, f, ended = begun(scene, cloth, keys, alone[: steps + 1], pushed, costs, report)
-    descent = Descent(loop, f, report, patient=budget is not None, keep=partial(kept.note, cloth))
+    fixed, cloth = task.scene.cloths[task.cloth].fixed, task.cloth
+    task = task._replace(keys=[own for key in task.keys if len((own := without_fixed(key, fixed)).vertices)])
+    steps = max((key.step for key in task.keys), default=1)
+    loop, f, ended = kept.restored(task) if cloth in kept.searches else begun(task, alone[: steps + 1], report)
+    descent = Descent(loop, f, report, patient=patient, keep=partial(kept.note, cloth))
     status = descent.run() if ended is None else ended
     kept.note(cloth, descent, status)
     return loop, descent, status
@@ -297,13 +294,11 @@ class Kept:
     file: Checkpoint | None
     searches: dict[int, Search]
 
-    def restored(
-        self, scene: Scene, cloth: int, keys: Sequence[Key], pushed: Flags, costs: Costs
-    ) -> tuple[ClosedLoop, Array, Status | None]:
+    def restored(self, task: Task) -> tuple[ClosedLoop, Array, Status | None]:
         """The loop of a cloth, the forces to go on with, and how its search ended, if it has."""
-        own = self.searches[cloth]
+        own = self.searches[task.cloth]
         with interrupts.grace(np.inf):
-            loop = ClosedLoop(scene, cloth, keys, own.path, pushed, own.rate, costs)
+            loop = ClosedLoop(task, own.path, own.rate)
         loop.resume(own.multipliers, own.penalty, own.steepest)
         return loop, own.forces, Status(own.ended) if own.ended else None
 
@@ -317,44 +312,41 @@ class Kept:
         self.file.keep(lambda: packed(self.searches), now=ended is not None)
 
 
-def begun(
-    scene: Scene, cloth: int, keys: Sequence[Key], alone: Array, pushed: Flags, costs: Costs, report: Report
-) -> tuple[ClosedLoop, Array, Status | None]:
+def begun(task: Task, alone: Array, report: Report) -> tuple[ClosedLoop, Array, Status | None]:
     """The closed loop of a cloth and the forces f to begin with: those of a loop with steps twice as long, if there can
     be one, as it takes half the time; else along the first path through the keys. And the status where the user has
     asked for the end meanwhile.
     """
-    own, steps = scene.cloths[cloth], len(alone) - 1
+    scene, keys, steps = task.scene, task.keys, len(alone) - 1
+    own = scene.cloths[task.cloth]
     if scene.method < IMPLICIT or steps < FEWEST or any(key.step % 2 for key in keys):
         still = np.where(own.fixed[None, :, None], alone, alone[:1])
         paths = [path(each, keys, own.springs, own.fixed) for each in (alone, still)]
         with interrupts.grace(np.inf):
-            loop = stable(scene, cloth, keys, paths, pushed, costs)
+            loop = stable(task, paths)
         return loop, np.zeros_like(loop.places), None
     longer = scene.with_step(2.0 * scene.delta, steps // 2 + 1)
     halved = [replace(key, step=key.step // 2) for key in keys]
-    coarse, f, ended = begun(longer, cloth, halved, alone[::2], pushed, costs, report)
+    coarse, f, ended = begun(task._replace(scene=longer, keys=halved), alone[::2], report)
     descent = Descent(coarse, f, report, COARSE[scene.method])
     ended = descent.run() if ended is None else ended
     with interrupts.grace(np.inf):
         places = splined(np.arange(0.0, steps + 1.0, 2.0), descent.best.x, "keys")(np.arange(steps + 1))
         places[:, own.fixed] = alone[:, own.fixed]
-        loop = stable(scene, cloth, keys, [places], pushed, costs)
+        loop = stable(task, [places])
         loop.resume(**coarse.way)
         loop.evaluations += coarse.evaluations
     forces = np.where(loop.unknown[:, :, None], np.repeat(descent.best.u, 2, axis=0), 0.0)
     return loop, forces, ended if ended is Status.INTERRUPTED else None
 
 
-def stable(
-    scene: Scene, cloth: int, keys: Sequence[Key], paths: Sequence[Array], pushed: Flags, costs: Costs
-) -> ClosedLoop:
+def stable(task: Task, paths: Sequence[Array]) -> ClosedLoop:
     """The closed loop along the path that takes less effort, with springs just stiff enough to be stable."""
     tried: list[tuple[float, ClosedLoop]] = []
     for rate in RATES:
         tried = []
         for each in paths:
-            loop = ClosedLoop(scene, cloth, keys, each, pushed, rate, costs)
+            loop = ClosedLoop(task, each, rate)
             value, gradient = loop(np.zeros_like(loop.places))
             size = float(np.linalg.norm(gradient))
             calm = size / np.sqrt(2.0 * loop.h) <= CALM * np.sqrt(4.0 * max(value, 1e-300))

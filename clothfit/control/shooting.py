@@ -43,6 +43,7 @@ Moves: TypeAlias = Callable[[int, Indices], Array]
 @dataclass(frozen=True, eq=False)
 class Shot:
     """The motions that controls lead to, of the cloths that have keys; None where one diverges."""
+
     z: Array
     systems: dict[int, System]
     motions: dict[int, Rollout]
@@ -50,6 +51,7 @@ class Shot:
 
 class Shooting:
     """The residuals of a steered scene by the numbers z (Q,) of its controls."""
+
     def __init__(self, scene: Scene, keys: Sequence[Key], controls: Controls, steps: int, costs: Costs) -> None:
         """`scene` is steered (`controls.steered`)."""
         self.scene, self.keys, self.controls, self.steps, self.most = scene, list(keys), controls, steps, costs.most
@@ -292,6 +294,7 @@ def columns(system: System, directions: Sequence[tuple[str, int, Array]], width:
 
 class Pushed(Carried):
     """A sensitivity of which some columns are forces."""
+
     def __init__(self, system: System, given: Columns, directions: Sequence[tuple[str, int, Array]]) -> None:
         super().__init__(system, given)
         pushes = [(column, change) for kind, column, change in directions if kind == "force"]

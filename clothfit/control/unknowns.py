@@ -40,6 +40,7 @@ SLOW = 0.1
 @dataclass(frozen=True, eq=False)
 class Block:
     """Q numbers, and values (V,) of one kind of one cloth, or of all where that is −1."""
+
     kind: str  # of `Elements`
     cloth: int
     start: Array  # (V,), in the kind's unit

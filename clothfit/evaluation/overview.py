@@ -166,26 +166,23 @@ def beyond_bounds(scene: Scene) -> list[str]:
     return found
 
 
-def unknown_fields(scene: Scene) -> list[str]:
-    """The places of fields that neither the format nor this program knows; each field once, where it occurs first."""
-    return sorted(found for found, _ in strange_fields(scene))
-
-
 def misspelt_fields(scene: Scene) -> list[str]:
-    """A sentence for each of these fields whose name is nearly that of one which the program knows and the scene lacks.
+    """A sentence for each unknown field whose name is nearly that of one which the program knows and the scene lacks.
     """
-    asked = [(where, question) for where, question in strange_fields(scene) if question]
-    return [f"{where}: the program knows no such field, and keeps it{question}" for where, question in sorted(asked)]
+    asked = [(where, question) for where, question in unknown_fields(scene).items() if question]
+    return [f"{where}: the program knows no such field, and keeps it{question}" for where, question in asked]
 
 
-def strange_fields(scene: Scene) -> list[tuple[str, str]]:
-    """The places of unknown fields, each once, and the question whether another name was meant, or nothing."""
+def unknown_fields(scene: Scene) -> dict[str, str]:
+    """The places of fields that neither the format nor this program knows, each field once, where it occurs first; with
+    the question whether another name was meant, or nothing.
+    """
     found: dict[tuple[str, str], tuple[str, str]] = {}
     for kind, path, item in owners(json.loads(scene.source.text)):
         known = structure.fields(kind) | ({FIELD} if kind == "object" else set())
         for name in sorted(item.keys() - known):
             found.setdefault((kind, name), (place((*path, named(name))), near(name, known - item.keys())))
-    return list(found.values())
+    return dict(sorted(found.values()))
 
 
 def near(wrong: str, names: Collection[str]) -> str:
@@ -209,8 +206,6 @@ def owners(document: Any) -> Iterator[tuple[str, tuple[str | int, ...], Any]]:
         yield from (("keys", (*path, name), item[name]) for name in KEYED if isinstance(item.get(name), dict))
 
 
-
-
 def doubts(size: Sequence[float], mass: float | None = None) -> list[str]:
     """A sentence for each thing that is hard to believe: `size` the sides of the bounding box, m; mass, kg."""
     found = []
@@ -225,8 +220,6 @@ def doubts(size: Sequence[float], mass: float | None = None) -> list[str]:
 def extent(size: Sequence[float]) -> str:
     """The sides of a bounding box, m, for people."""
     return f"{' × '.join(f'{side:.4g}' for side in size)} m"
-
-
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from helpers.physics import chain, scene, thing, xyz
 
 from clothfit.base.errors import InvalidInput
 from clothfit.control import closed_loop
-from clothfit.control.closed_loop import ClosedLoop, Costs
+from clothfit.control.closed_loop import ClosedLoop, Costs, Task
 from clothfit.control.control import find_forces
 from clothfit.control.keyframes import Key
 from clothfit.motion.simulate import simulate
@@ -103,7 +103,7 @@ def test_the_gradient_of_all_costs(flag, method, newton, costs, monkeypatch):
     pushed = ~held & np.isin(np.arange(12), [1, 5, 6, 9])
     x = own.cloths[0].positions
     keys = [at(4, [5, 7], x[[5, 7]] + 0.1), at(8, [2, 6, 8], [x[[2, 6, 8]].mean(axis=0)], share=np.full(3, 1 / 3))]
-    loop = ClosedLoop(own, 0, keys, np.tile(x, (9, 1, 1)), pushed, 20.0, costs)
+    loop = ClosedLoop(Task(own, 0, keys, pushed, costs), np.tile(x, (9, 1, 1)), 20.0)
     loop.penalty = 3.0
     f, d = (rng.normal(size=(8, 12, 3)) * loop.unknown[:, :, None] for _ in range(2))
     loop(f)
