@@ -135,7 +135,8 @@ def vertices(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize)
     own = flat[shown.known]
     return axes.scatter(
         own[:, 0], own[:, 1], s=area, c=shown.values[shown.known], cmap=COLOURS[shown.relative], norm=norm,
-        edgecolors="#b4bac4", linewidths=0.4 if shown.relative and area > 8.0 else 0.0, rasterized=len(flat) > MOST_VECTOR_SHAPES,
+        edgecolors="#b4bac4", linewidths=0.4 if shown.relative and area > 8.0 else 0.0,
+        rasterized=len(flat) > MOST_VECTOR_SHAPES,
     )  # fmt: skip
 
 
