@@ -24,11 +24,11 @@ def encoded(suffix, animation):
 
 @pytest.fixture
 def read(tmp_path):
-    return lambda suffix, data: files.read(f"a.{suffix}", data)
+    return lambda suffix, data: files.read(tmp_path, f"a.{suffix}", data)
 
 
 @EACH
-def test_the_bytes_are_those_of_the_format_and_are_read(suffix):
+def test_the_bytes_are_those_of_the_format_and_are_read(read, suffix):
     assert encoded(suffix, Animation(POINTS, RIGHT, TIMES)) == BYTES[suffix]
     found = read(suffix, BYTES[suffix])
     np.testing.assert_array_equal(found.positions, POINTS)
