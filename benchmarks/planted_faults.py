@@ -125,7 +125,7 @@ FAULTS = (
     Fault("scene/factors: exponent's derivative", "inside[self.row] * self.exponent / p[self.column])",
           "inside[self.row] * self.exponent)", "scene/test_factors.py scene"),
     Fault("formats/axes: mirrored z", 'turned[..., 2] = -points[..., 1] if axes.up == "z"',
-          'turned[..., 2] = points[..., 1] if axes.up == "z"', "formats/test_axes.py formats"),
+          'turned[..., 2] = points[..., 1] if axes.up == "z"', "formats/test_every_format.py formats"),
     Fault("formats/mdd: byte order", 'MDD_FLOAT = "<f4", ">f4"', 'MDD_FLOAT = "<f4", "<f4"',
           "formats/test_point_caches.py formats"),
     Fault("formats/c3d: number of frames", "count = found.word(5) - found.word(4) + 1",

@@ -20,7 +20,6 @@ from itertools import chain, pairwise
 from typing import IO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
@@ -246,15 +245,9 @@ def labels(data: bytes, triangles: Indices) -> tuple[Array | None, Parts]:
     own = [(name.decode(errors="replace"), np.flatnonzero(np.isin(face, members[kind, name])))
            for wanted in KINDS for kind, name in members if kind == wanted]
     number = np.array(corners, np.int64)[fans(count, np.arange(len(corners)))]
-    return _texture(data, number), parts_of(own, triangles)
-
-
-def _texture(data: bytes, number: NDArray[np.int64]) -> Array | None:
-    """The coordinates of the corners (T, 3) that name these numbers."""
-    rows = [_pair(line[1]) for line in COORDINATES.finditer(data)]
-    table = np.array([*rows, (np.nan, np.nan)], np.float64)
-    there = (number >= 0) & (number < len(rows))
-    return known(table[np.where(there, number, len(rows))])
+    table = np.array([*(_pair(line[1]) for line in COORDINATES.finditer(data)), (np.nan, np.nan)], np.float64)
+    there = (number >= 0) & (number < len(table) - 1)  # the last row is for corners that name none
+    return known(table[np.where(there, number, -1)]), parts_of(own, triangles)
 
 
 def _pair(text: bytes) -> tuple[float, float]:

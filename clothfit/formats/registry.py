@@ -70,8 +70,8 @@ FORMATS = (
     Format("PLY mesh", (".ply",), "ply", RIGHT, PLY, MESH, writes=False, times=False),
     Format("STL mesh", (".stl",), "stl", Z_UP, ((b"solid ", ".stl"),), MESH, writes=False, times=False),
     Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, single=True),
-    Format("TRC markers", (".trc",), "marker_table", Axes("y", "right", 0.001), TRC, markers=True),
-    Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True),
+    Format("TRC markers", (".trc",), "markers", Axes("y", "right", 0.001), TRC, markers=True),
+    Format("CSV markers", (".csv",), "markers", RIGHT, markers=True),
 )
 """The formats of other programs. This program's own, `.npz` and `.npy`, are in `motion`, in the scene's axes."""
 
@@ -89,10 +89,7 @@ class Content(NamedTuple):
 
 ANIMATION = "export it as .glb, .usd, .abc or .obj"
 SURFACE = "export it as .ply, .stl or .obj"
-PICTURE = Content("a picture", remedy="name another file")
-WEB_PAGE = Content("a web page", remedy="download the file itself", kind=PAGE)
 FOR_A_TOOL = Content("an export for another tool", remedy="name the scene that it was made of", kind=EXPORT)
-GIT_LFS = Content("a pointer of Git LFS, not the file itself", remedy="fetch that with: git lfs pull")
 NUMPY = Content("NumPy", ".npy", kind=MOTION)
 ZIP = b"PK\x03\x04"
 PACKED = {
@@ -104,34 +101,33 @@ PACKED = {
 }
 """Zip archives by the name of their first file."""
 
-CONTENTS = {
-    **{begin: Content(each.name.split()[0], suffix) for each in FORMATS for begin, suffix in each.begins},
-    b"\x93NUMPY": NUMPY,
-    b'{"format": "clothfit-': FOR_A_TOOL,
-    b'"""Set the values that clothfit found': FOR_A_TOOL,
-    b"object,vertices,springs,": FOR_A_TOOL,
-    b"object,vertex,x,y,z,": FOR_A_TOOL,
-    b"object,spring,a,b,": FOR_A_TOOL,
-    b'["fileversion", ': Content("a Houdini geometry", remedy=ANIMATION),
-    b"\x1f\x8b": Content("a gzip archive", remedy="unpack it"),
-    ZIP: Content("a zip archive", remedy="unpack it"),
-    b"; FBX": Content("an FBX file", remedy=ANIMATION),
-    b"Kaydara FBX": Content("an FBX file", remedy=ANIMATION),
-    b"BLENDER": Content("a Blender file", remedy=ANIMATION),
-    b"<?xml": Content("an XML file, as COLLADA's and VTK's are", remedy=ANIMATION),
-    b"# vtk DataFile": Content("a VTK file", remedy=SURFACE),
-    b"OFF\n": Content("an OFF mesh", remedy=SURFACE),
-    b"OFF\r": Content("an OFF mesh", remedy=SURFACE),
-    b"$MeshFormat": Content("a Gmsh mesh", remedy=SURFACE),
-    b"\x89HDF": Content("an HDF5 file", remedy="export it in another format"),
-    b"version https://git-lfs": GIT_LFS,
-    b"<!doctype html": WEB_PAGE,
-    b"<html": WEB_PAGE,
-    b"\xff\xd8\xff": PICTURE,
-    b"\x89PNG": PICTURE,
-    b"GIF8": PICTURE,
-    b"%PDF": Content("a PDF document", remedy="name another file"),
-}
+FAMILIAR = {
+    NUMPY: (b"\x93NUMPY",),
+    FOR_A_TOOL: (
+        b'{"format": "clothfit-', b'"""Set the values that clothfit found', b"object,vertices,springs,",
+        b"object,vertex,x,y,z,", b"object,spring,a,b,",
+    ),
+    Content("a Houdini geometry", remedy=ANIMATION): (b'["fileversion", ',),
+    Content("a gzip archive", remedy="unpack it"): (b"\x1f\x8b",),
+    Content("a zip archive", remedy="unpack it"): (ZIP,),
+    Content("an FBX file", remedy=ANIMATION): (b"; FBX", b"Kaydara FBX"),
+    Content("a Blender file", remedy=ANIMATION): (b"BLENDER",),
+    Content("an XML file, as COLLADA's and VTK's are", remedy=ANIMATION): (b"<?xml",),
+    Content("a VTK file", remedy=SURFACE): (b"# vtk DataFile",),
+    Content("an OFF mesh", remedy=SURFACE): (b"OFF\n", b"OFF\r"),
+    Content("a Gmsh mesh", remedy=SURFACE): (b"$MeshFormat",),
+    Content("an HDF5 file", remedy="export it in another format"): (b"\x89HDF",),
+    Content("a pointer of Git LFS, not the file itself", remedy="fetch that with: git lfs pull"): (
+        b"version https://git-lfs",
+    ),
+    Content("a web page", remedy="download the file itself", kind=PAGE): (b"<!doctype html", b"<html"),
+    Content("a picture", remedy="name another file"): (b"\xff\xd8\xff", b"\x89PNG", b"GIF8"),
+    Content("a PDF document", remedy="name another file"): (b"%PDF",),
+}  # fmt: skip
+"""What there is beside these formats, and how it begins."""
+
+CONTENTS = {begin: Content(each.name.split()[0], suffix) for each in FORMATS for begin, suffix in each.begins}
+CONTENTS |= {begin: content for content, begins in FAMILIAR.items() for begin in begins}
 
 FIRST = 1 << 16
 """Bytes that are looked at."""

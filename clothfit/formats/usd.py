@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from typing import IO, Any
 
 import numpy as np
@@ -63,22 +64,17 @@ def arrays_of(path: str | os.PathLike[str], *asked: str) -> dict[str, Any]:
         arrays = os.path.join(folder, "arrays.npz")
         command = [sys.executable, "-P", "-m", READER, copy, arrays, name, *asked]
         around = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "TMPDIR": folder}
-        code, reason = _run(command, {**around, **ALONE}, SHORTEST_TIMEOUT + len(data) / READ_SPEED)
+        code, reason, seconds = -1, b"", SHORTEST_TIMEOUT + len(data) / READ_SPEED
+        with suppress(subprocess.TimeoutExpired):
+            done = subprocess.run(command, env={**around, **ALONE}, stdin=subprocess.DEVNULL, capture_output=True,
+                                  timeout=seconds)  # fmt: skip
+            code, reason = done.returncode, done.stdout
         if code == 3 and reason:
             raise InvalidMotion(json.loads(reason))
         if code:
             raise InvalidMotion(f"{name}: the USD library cannot read it; it is damaged, or of another format")
         with np.load(arrays, allow_pickle=False) as loaded:
             return {key: loaded[key] for key in loaded.files}
-
-
-def _run(command: list[str], around: dict[str, str], seconds: float) -> tuple[int, bytes]:
-    """The exit code of a process and its standard output; −1 when it took too long."""
-    try:
-        done = subprocess.run(command, env=around, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds)
-    except subprocess.TimeoutExpired:
-        return -1, b""
-    return done.returncode, done.stdout
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:

@@ -192,7 +192,10 @@ def fields(
     """
     made: dict[str, Any] = {}
     if warp is not None:
-        made["warp"] = _direction(warp)
+        vector = np.asarray(warp, float)
+        if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+            raise InvalidInput(f"warp: {list(warp)} is not a direction; give three finite numbers that are not all 0")
+        made["warp"] = _vector(vector.tolist())
     named = _regions(mesh, regions)
     if named:
         made["regions"] = [{"name": name, "vertices": own.tolist()} for name, own in named.items()]
@@ -217,14 +220,6 @@ def along(mesh: Mesh) -> Array:
         good = np.isfinite(area) & (np.abs(area) > FLAT * size)
         u = (first * d[:, None] - second * b[:, None]) * np.sign(area)[:, None]  # dP/du · |area|
     return np.where((good & np.isfinite(u).all(axis=1))[:, None], u, 0.0)
-
-
-def _direction(warp: Sequence[float]) -> dict[str, float]:
-    """The field of a direction. Raises InvalidInput."""
-    vector = np.asarray(warp, float)
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise InvalidInput(f"warp: {list(warp)} is not a direction; give three finite numbers that are not all 0")
-    return dict(zip("xyz", vector.tolist(), strict=True))
 
 
 def _regions(mesh: Mesh, given: Mapping[str, npt.ArrayLike]) -> dict[str, Indices]:

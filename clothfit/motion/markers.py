@@ -17,8 +17,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import counted, metres, shown
 from clothfit.formats.files import name_of
-from clothfit.formats.marker_table import table_of
-from clothfit.formats.markers import text_of
+from clothfit.formats.markers import table_of, text_of
 from clothfit.scene.scene import Scene
 
 MAP_COLUMNS = ("marker", "object", "vertex")

@@ -62,7 +62,11 @@ def direction(x: Array, triangles: Indices) -> tuple[Array, Array, Array]:
     best, most = looking(TRIED_YAWS[0], PITCH), 0.0
     for yaw in TRIED_YAWS:
         axes = looking(yaw, PITCH)
-        shown = sum(float(np.nansum(np.abs(_areas(_along(frame, axes), triangles)))) for frame in frames)
+        shown = 0.0
+        for frame in frames:
+            a, b, c = (_along(frame, axes)[triangles[:, corner], :2].T for corner in range(3))
+            (u, v), (p, q) = b - a, c - a
+            shown += float(np.nansum(np.abs(u * q - v * p)))
         if shown > (CLEARLY_MORE if most else 1.0) * most:
             best, most = axes, shown
     return best
@@ -126,9 +130,3 @@ def thinned(x: Array, triangles: Indices, most: int) -> Indices:
 
 def _along(x: Array, axes: tuple[Array, Array, Array]) -> Array:
     return np.asarray(x @ np.stack(axes, axis=1))
-
-
-def _areas(flat: Array, triangles: Indices) -> Array:
-    a, b, c = (flat[triangles[:, corner]] for corner in range(3))
-    (u, v), (p, q) = (b - a)[:, :2].T, (c - a)[:, :2].T
-    return np.asarray(u * q - v * p)

@@ -164,7 +164,8 @@ def logarithmic(axes: Axes, values: Array) -> None:
     """Make the vertical axis, of lengths in m, logarithmic where any value is above 0."""
     own = values[np.isfinite(values) & (values > SMALLEST_LENGTH)]
     if not len(own):
-        empty(axes, "no difference")
+        axes.set(xticks=[], yticks=[])
+        axes.annotate("no difference", (0.5, 0.5), xycoords="axes fraction", ha="center", fontsize=9, color=QUIET)
         return
     axes.set_yscale("log")
     decades = np.log10(own.max() / own.min())
@@ -182,12 +183,6 @@ def logarithmic_ticks(
     axis.set_major_locator(LogLocator(subs=parts, numticks=count))
     axis.set_major_formatter(FuncFormatter(lambda value, _: name(value)))
     axis.set_minor_formatter(NullFormatter())
-
-
-def empty(axes: Axes, why: str) -> None:
-    """Say why a chart is empty."""
-    axes.set(xticks=[], yticks=[])
-    axes.annotate(why, (0.5, 0.5), xycoords="axes fraction", ha="center", fontsize=9, color=QUIET)
 
 
 def blank(axes: Axes, camera: Camera) -> None:

@@ -8,7 +8,7 @@ other tolerances are faint. Each line has a marker of its own as well as a colou
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -77,10 +77,15 @@ def lines(found: WorkPrecision) -> Iterator[Line]:
             yield Line(label, colour, marker, rows, tolerance in (None, found.tolerance))
 
 
+def places(rows: Iterable[Row], floor: float) -> tuple[list[float], list[float]]:
+    """The costs and the errors of rows, these `floor` at least."""
+    points = [row.cost_and_error for row in rows]
+    return [cost for cost, _ in points], [max(error, floor) for _, error in points]
+
+
 def draw_line(axes: Axes, line: Line, floor: float) -> None:
     """Draw a line with its markers; a main line is named in the legend."""
-    x = [row.cost_and_error[0] for row in line.rows]
-    y = [max(row.cost_and_error[1], floor) for row in line.rows]
+    x, y = places(line.rows, floor)
     if line.main:
         axes.plot(x, y, color=line.colour, marker=line.marker, markersize=6, linewidth=1.6, label=line.label, zorder=3,
                   markeredgecolor="white", markeredgewidth=0.8)
@@ -93,8 +98,7 @@ def draw_front(axes: Axes, found: WorkPrecision, floor: float) -> None:
     best = sorted((row for row in found.rows if row.pareto), key=lambda row: row.cost_and_error)
     if not best:
         return
-    x = [row.cost_and_error[0] for row in best]
-    y = [max(row.cost_and_error[1], floor) for row in best]
+    x, y = places(best, floor)
     axes.step(x, y, where="post", color=INK, linewidth=6, alpha=0.13, zorder=1, label="Pareto-best")
     before = ""
     for row, a, b in zip(best, x, y, strict=True):
@@ -141,7 +145,7 @@ def draw_own(axes: Axes, found: WorkPrecision, floor: float) -> None:
     """Draw a ring around the scene's own setting."""
     if found.own.status != "done":
         return
-    x, y = found.own.cost_and_error[0], max(found.own.cost_and_error[1], floor)
+    (x,), (y,) = places([found.own], floor)
     axes.plot([x], [y], marker="o", markersize=14, fillstyle="none", color=INK, zorder=6)
     ground = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
     axes.annotate("the scene's own", (x, y), xytext=(10, 10), textcoords="offset points", fontsize=9, color=INK,

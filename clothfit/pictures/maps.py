@@ -30,6 +30,7 @@ MOST_VECTOR_SHAPES = 3000
 """Most shapes that a .svg or .pdf holds as such; more are stored as an image."""
 
 MAP_ASPECT = (0.5, 1.0)  # height by width of a map, at least and at most
+COLOURS = ("viridis", "coolwarm")  # of values, and of deviations, which diverge from a middle
 
 
 class Map(NamedTuple):
@@ -56,16 +57,14 @@ def maps(scene: Scene, truth: Scene | None = None) -> list[Map]:
             if truth is not None:
                 size = deviation(values, parameters(truth)[block.part].reshape(values.shape))
             found.setdefault(block.name, []).append((places, size, known.all(axis=1) & np.isfinite(size)))
-    return [joined(KIND[name], parts, truth is not None) for name, parts in found.items()]
-
-
-def joined(kind: Kind, parts: Sequence[tuple[Array, Array, Flags]], relative: bool) -> Map:
-    """One map from the places, values and known flags of all objects."""
-    places, values, known = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    if len(values) > MOST_MAP_VALUES:
-        some = np.sort(np.random.default_rng(0).choice(len(values), MOST_MAP_VALUES, replace=False))
-        places, values, known = places[some], values[some], known[some]
-    return Map(kind, places, values, known.astype(bool), relative)
+    made = []
+    for name, parts in found.items():
+        places, values, known = (np.concatenate(each) for each in zip(*parts, strict=True))
+        if len(values) > MOST_MAP_VALUES:
+            some = np.sort(np.random.default_rng(0).choice(len(values), MOST_MAP_VALUES, replace=False))
+            places, values, known = places[some], values[some], known[some]
+        made.append(Map(KIND[name], places, values, known.astype(bool), truth is not None))
+    return made
 
 
 def deviation(values: Array, true: Array) -> Array:
@@ -135,8 +134,9 @@ def vertices(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize)
     axes.scatter(flat[lost, 0], flat[lost, 1], s=0.4 * area, c=NOT_IDENTIFIABLE, linewidths=0)
     own = flat[shown.known]
     return axes.scatter(
-        own[:, 0], own[:, 1], s=area, c=shown.values[shown.known], cmap=colours(shown), norm=norm, edgecolors="#b4bac4",
-        linewidths=0.4 if shown.relative and area > 8.0 else 0.0, rasterized=len(flat) > MOST_VECTOR_SHAPES,
+        own[:, 0], own[:, 1], s=area, c=shown.values[shown.known], cmap=COLOURS[shown.relative], norm=norm,
+        edgecolors="#b4bac4", linewidths=0.4 if shown.relative and area > 8.0 else 0.0,
+        rasterized=len(flat) > MOST_VECTOR_SHAPES,
     )  # fmt: skip
 
 
@@ -151,15 +151,11 @@ def springs(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize) 
     width = thick * np.clip(np.median(length) / np.maximum(length, 1e-300), 0.3, 1.0)
     lost = LineCollection(list(flat[~known]), colors=NOT_IDENTIFIABLE, linewidths=0.5 * width[~known], rasterized=dots)
     axes.add_collection(lost, autolim=False)
-    lines = LineCollection(list(flat[known]), cmap=colours(shown), norm=norm, linewidths=width[known], rasterized=dots)
+    colours = {"cmap": COLOURS[shown.relative], "norm": norm}
+    lines = LineCollection(list(flat[known]), linewidths=width[known], rasterized=dots, **colours)  # type: ignore[arg-type]
     lines.set_array(values[known])
     axes.add_collection(lines, autolim=False)
     return lines
-
-
-def colours(shown: Map) -> str:
-    """The name of the colour map; deviations have one that diverges from a middle."""
-    return "coolwarm" if shown.relative else "viridis"
 
 
 def single_values(scene: Scene, truth: Scene | None = None) -> Sequence[str]:

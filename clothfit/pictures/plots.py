@@ -71,8 +71,13 @@ def strip(
     figure.subplots_adjust(left=0.012, right=0.988, bottom=0.09, top=0.98, wspace=0.03)
     for axes, frame in zip(panels[0], shown, strict=True):
         still(axes, on, int(frame), x[frame], None if over is None else over[frame])
-        if marks is not None:
-            mark(axes, on, int(frame), x[frame], marks)
+        if marks is not None:  # forces as arrows, and the places that means are to be at
+            tails, tips = scenery.arrows(on, int(frame), x[frame], marks)
+            if len(tails):
+                way: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "headwidth": 4.0, "headlength": 4.5}
+                axes.quiver(*tails.T, *(tips - tails).T, **way, width=0.006, minlength=0.0, color=ARROW, zorder=3)
+            means = scenery.dots(on, int(frame), marks)
+            axes.plot(*means.T, "o", color=TARGET_COLOUR, markersize=6.0, markeredgecolor=INK, zorder=4)
         label = f"{times[frame]:.2f} s" + (" – key" if frame in due else "")
         axes.set_xlabel(label, fontsize=9, color=INK if frame in due else QUIET, labelpad=3)
     blown = len(shown) if np.ptp(on.wind, axis=0).any() else 1
@@ -90,16 +95,6 @@ def chosen(frames: int, due: Sequence[int] = ()) -> Sequence[int]:
         if frame not in found and free:
             found[min(free, key=lambda i: abs(found[i] - frame))] = frame
     return sorted(found)
-
-
-def mark(axes: Axes, on: Stage, frame: int, x: Array, marks: Marks) -> None:
-    """Draw forces as arrows, and the places that means are to be at."""
-    tails, tips = scenery.arrows(on, frame, x, marks)
-    if len(tails):
-        way: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "headwidth": 4.0, "headlength": 4.5}
-        axes.quiver(*tails.T, *(tips - tails).T, **way, width=0.006, minlength=0.0, color=ARROW, zorder=3)
-    means = scenery.dots(on, frame, marks)
-    axes.plot(*means.T, "o", color=TARGET_COLOUR, markersize=6.0, markeredgecolor=INK, zorder=4)
 
 
 def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
@@ -211,35 +206,22 @@ def composed(
     sizes = [top, height, *[ROW_HEIGHT] * len(rows)]
     figure = Figure(figsize=(PAGE_WIDTH, sum(sizes)), facecolor="white")
     bands: Any = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False)
-    legend = () if over is None else names if own is None else CONTROLLED[: len(own.legend)]
-    head(bands[0, 0], top, title, summary, legend)
+    head, line = bands[0, 0], 1.0 - 0.6 * HEAD_HEIGHT / top
+    head.text(0.012, line, title, fontsize=13, fontweight="bold", color=INK, va="center")
+    head.text(0.988, line, summary, fontsize=9, color=QUIET, va="center", ha="right")
+    for left, text, colour in () if over is None else names if own is None else CONTROLLED[: len(own.legend)]:
+        head.text(left, 0.5 * LEGEND_HEIGHT / top, text, fontsize=9, color=colour, va="center")
     strip(bands[1, 0], on, times, x, over, own)
-    for band, parts in zip(bands[2:, 0], rows, strict=True):
-        place(band, parts)
+    for band, parts in zip(bands[2:, 0], rows, strict=True):  # a row of maps alone is not stretched to the whole width
+        fractions = [part.share for part in parts]
+        free = 0.0 if max(fractions) >= CHART_SHARE else max(0.0, IN_A_ROW * MAP_SHARE - sum(fractions))
+        widths = [*fractions, free] if free else fractions
+        right = 0.985 if fractions[-1] >= CHART_SHARE else 0.94  # room for colour bars and text beyond
+        grid = band.add_gridspec(1, len(widths), width_ratios=widths, left=0.062, right=right,
+                                 bottom=0.165, top=0.845, wspace=0.24)  # fmt: skip
+        for column, part in enumerate(parts):
+            part.draw(band.add_subplot(grid[0, column]))
     return figure
-
-
-def place(band: SubFigure, parts: Sequence[Part]) -> None:
-    """Draw the parts of a row side by side; a row of maps alone is not stretched to the whole width."""
-    fractions = [part.share for part in parts]
-    free = 0.0 if max(fractions) >= CHART_SHARE else max(0.0, IN_A_ROW * MAP_SHARE - sum(fractions))
-    widths = [*fractions, free] if free else fractions
-    right = 0.985 if fractions[-1] >= CHART_SHARE else 0.94  # room for colour bars and text beyond
-    grid = band.add_gridspec(1, len(widths), width_ratios=widths, left=0.062, right=right,
-                             bottom=0.165, top=0.845, wspace=0.24)  # fmt: skip
-    for column, part in enumerate(parts):
-        part.draw(band.add_subplot(grid[0, column]))
-
-
-def head(
-    band: SubFigure, height: float, title: str, summary: str, legend: Sequence[tuple[float, str, str]]
-) -> None:
-    """Write the title, the summary, and what the colours mean."""
-    line = 1.0 - 0.6 * HEAD_HEIGHT / height
-    band.text(0.012, line, title, fontsize=13, fontweight="bold", color=INK, va="center")
-    band.text(0.988, line, summary, fontsize=9, color=QUIET, va="center", ha="right")
-    for left, text, colour in legend:
-        band.text(left, 0.5 * LEGEND_HEIGHT / height, text, fontsize=9, color=colour, va="center")
 
 
 def comparison(over: Compared) -> Figure:

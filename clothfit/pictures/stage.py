@@ -113,30 +113,22 @@ def stage(
     if middle.any():
         seen = framed(axes, some(motions[0] - middle[:, None]))
     else:
-        balls = [ball(c, s.radius) for c, s in zip(centres.mean(axis=0), scene.spheres, strict=True)]
+        signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+        # the corners of a cube in a sphere: as much of it as a picture must show
+        balls = [c + 0.75 * s.radius * signs for c, s in zip(centres.mean(axis=0), scene.spheres, strict=True)]
         looks = {0, len(when) // 2, len(when) - 1}
         bodies = [each.at(frame) for each in others if not each.endless for frame in looks]
         seen = framed(axes, np.concatenate([*map(some, motions), *balls, *bodies]))
-    owners, give = np.array(cloth, np.int32), GIVE * mean_edge(motions[0][0], triangles)
+    x = motions[0][0]
+    edges = np.linalg.norm(x[triangles] - x[np.roll(triangles, 1, axis=1)], axis=2)  # m
+    owners, give = np.array(cloth, np.int32), GIVE * float(np.nanmean(edges)) if edges.size else 0.0
     return Stage(scene, triangles, owners, shaped(seen, *shape), middle, centres, others, air, give)
-
-
-def mean_edge(x: Array, triangles: Indices) -> float:
-    """Mean length of the sides of triangles (T, 3) between points x (n, 3), m; 0 without any."""
-    lengths = np.linalg.norm(x[triangles] - x[np.roll(triangles, 1, axis=1)], axis=2)
-    return float(np.nanmean(lengths)) if lengths.size else 0.0
 
 
 def some(x: Array) -> Array:
     """Points (K, 3) of a motion (F, n, 3); of a large one a sample."""
     frames, count = x.shape[:2]
     return x[:: max(1, frames // MOST_FRAMED_FRAMES), :: max(1, count // MOST_FRAMED_VERTICES)].reshape(-1, 3)
-
-
-def ball(centre: Array, radius: float) -> Array:
-    """The corners (8, 3) of a cube in a sphere: as much of it as a picture must show."""
-    signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
-    return np.asarray(centre + 0.75 * radius * signs)
 
 
 def middles(x: Array) -> Array:
@@ -169,33 +161,25 @@ def drawn(on: Stage, frame: int, x: Array, over: Array | None, width: int) -> Ar
     height = round(width * on.camera.aspect)
     image = np.tile([int(GROUND[at : at + 2], 16) / 255.0 for at in (1, 3, 5)], (height, width, 1))
     depth = np.full((height, width), BEHIND)
-    spheres(on, frame, image, depth)
-    bodies(on, frame, image, depth)
+    colliders(on, frame, image, depth)
     veil, veil_depth = image.copy(), depth.copy()
-    cloths(on, frame, x, COLOURS[on.cloth % len(CLOTHS)], image, depth)
+    places = project(on.camera, x - on.middle[frame])
+    surface(on, places, on.triangles, COLOURS[on.cloth % len(CLOTHS)], 0.0, image, depth)
     if over is not None:
         green, before = np.tile(TARGET_COLOUR, (len(on.triangles), 1)), veil_depth.copy()
-        cloths(on, frame, over, green, veil, veil_depth)
+        surface(on, project(on.camera, over - on.middle[frame]), on.triangles, green, 0.0, veil, veil_depth)
         seen = veil_depth < before
         image[seen] += TARGET_OPACITY * (veil[seen] - image[seen])
     return np.round(255.0 * image).astype(np.uint8)
 
 
-def cloths(on: Stage, frame: int, x: Array, colours: Array, image: Array, depth: Array) -> None:
-    """Draw the faces of positions x (n, 3) in these colours (K, 3) into the image and the depths."""
-    surface(on, project(on.camera, x - on.middle[frame]), on.triangles, colours, 0.0, image, depth)
-
-
-def spheres(on: Stage, frame: int, image: Array, depth: Array) -> None:
-    """Draw the spheres into the image and the depths."""
+def colliders(on: Stage, frame: int, image: Array, depth: Array) -> None:
+    """Draw the spheres and the other colliders into the image and the depths."""
+    width = image.shape[1]
     for centre, sphere in zip(on.centres[frame], on.scene.spheres, strict=True):
-        place = in_pixels(on, project(on.camera, centre - on.middle[frame]), image.shape[1])
-        radius, scale = SPHERE_SIZE * sphere.radius, pixels_per_metre(on, image.shape[1])
+        place = in_pixels(on, project(on.camera, centre - on.middle[frame]), width)
+        radius, scale = SPHERE_SIZE * sphere.radius, pixels_per_metre(on, width)
         fill_sphere(place, radius, scale, np.array(SPHERE_COLOUR), TO_LIGHT, image, depth)
-
-
-def bodies(on: Stage, frame: int, image: Array, depth: Array) -> None:
-    """Draw the other colliders."""
     for solid in on.solids:
         colours = solid.tone[solid.triangles[:, :1]] * np.array(SPHERE_COLOUR)
         places = project(on.camera, solid.at(frame) - on.middle[frame])

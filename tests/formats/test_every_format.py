@@ -1,6 +1,11 @@
-"""Every format: there and back in any axes to its own precision, damage, garbage, what is not there."""
+"""Every format: there and back in any axes to its own precision, damage, garbage, what is not there; axes in closed
+forms; files whose content is not what their suffix says.
+"""
 
+import gzip
+import io
 import random
+import zipfile
 from itertools import product
 
 import numpy as np
@@ -15,13 +20,21 @@ import clothfit
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.writing import write_atomically
 from clothfit.formats import glb
-from clothfit.formats.axes import Axes, Convention, Reading
+from clothfit.formats.axes import SCENE as OWN
+from clothfit.formats.axes import Axes, Convention, Reading, facing, from_scene, to_scene
 from clothfit.formats.registry import FORMATS, foreign
+from clothfit.formats.registry import read as read_known
+from clothfit.meshes.mesh import read_mesh
+from clothfit.motion.foreign import load
 
 SCENE = clothfit.load(trial("nG", 5))
 MOTION = clothfit.simulate(SCENE)
 LARGEST = np.abs(MOTION.positions).max()
 HALF = 2.0**-24 * LARGEST  # of the last of float32's 24 bits
+
+def blenders(name):
+    return (TESTS / "formats" / "blender" / name).read_bytes()
+
 
 # Suffix: the largest error of a coordinate, m (text is exact but for the unit), and what the file tells of its axes.
 PRECISION = {
@@ -31,6 +44,21 @@ PRECISION = {
 }  # fmt: skip
 AXES = [Axes(up, hand, scale) for up, hand, scale in product("yz", ("left", "right"), (1.0, 0.01))]
 FEW_OF_USD = {".usda": [None], ".usdc": [Axes("z", "left", 0.01)]}  # which a process reads
+
+
+# The front is where the cross product of two sides, taken by its formula, points: in either handedness.
+@pytest.mark.parametrize("axes", AXES)
+def test_axes_keep_lengths_what_is_up_and_the_front_and_only_right_handed_ones_are_mirrored(axes):
+    points = np.random.default_rng(0).normal(size=(4, 5, 3))
+    assert (to_scene(points, OWN) == points).all()
+    np.testing.assert_allclose(from_scene(to_scene(points, axes), axes), points, rtol=4e-16)  # two roundings
+    image = to_scene(np.eye(3), axes) / axes.scale
+    np.testing.assert_array_equal(image["xyz".index(axes.up)], [0, 1, 0])
+    assert np.linalg.det(image) == pytest.approx(-1 if axes.handedness == "right" else 1)
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 1]])
+    (a, b, c), image = facing(np.array([[0, 1, 2]]), axes)[0], to_scene(corners, axes)
+    front = to_scene(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axes)
+    assert np.dot(front, np.cross(image[b] - image[a], image[c] - image[a])) > 0
 
 
 def library(name):
@@ -55,9 +83,6 @@ def test_a_motion_comes_back_in_any_axes_to_the_precision_of_the_format(tmp_path
     np.testing.assert_allclose(found.times, MOTION.times, rtol=1.2e-7)  # float32, in glTF, and the rate in C3D
     assert (found.vertex_counts, found.observed) == (MOTION.vertex_counts, None)
 
-
-def blenders(name):
-    return (TESTS / "formats" / "blender" / name).read_bytes()
 
 
 PLY = (
@@ -105,6 +130,9 @@ def test_garbage_a_folder_and_nothing_are_refused_with_the_name(tmp_path, suffix
     for data in GARBAGE:
         with pytest.raises(InvalidMotion, match=rf"a\{suffix}: "):
             read(tmp_path, f"a{suffix}", data)
+    (tmp_path / f"a{suffix}").write_bytes(b"")
+    with pytest.raises(InvalidMotion, match=rf"^a\{suffix}: it is empty; export it again$"):
+        read_known(foreign(f"a{suffix}"), tmp_path / f"a{suffix}")
     (tmp_path / f"b{suffix.upper()}").mkdir()
     for name, message in ((f"b{suffix.upper()}", "is a folder"), (f"c{suffix}", "there is no such file")):
         with pytest.raises(InvalidMotion, match=message):
@@ -135,3 +163,64 @@ def test_a_sequence_that_cannot_be_written_whole_leaves_nothing_new(tmp_path, be
     with pytest.raises(InvalidInput, match="cannot write"):
         clothfit.save_motion(MOTION, str(tmp_path / "a_*.obj"), SCENE)
     assert [path.name for path in tmp_path.glob("a_*")] == list(before)
+
+
+# Files whose content is not what their suffix says: the message says what they are.
+
+
+PAGE = b"<!DOCTYPE html>\n<html><head><title>404</title></head></html>"
+POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.usdc", blenders("sheet.abc"), "its content is Alembic; rename it to .abc"),
+        ("a.usdc", b"", "it is empty; export it again"),
+        ("a.abc", blenders("sheet.usdc"), "its content is USD; rename it to .usdc"),
+        ("a.obj", blenders("sheet-text.stl"), "its content is STL; rename it to .stl"),
+        ("a.stl", blenders("sheet.glb"), "its content is glTF; rename it to .glb"),
+        ("a.obj", gzip.compress(b"v 0 0 0\n", mtime=0), "it is a gzip archive; unpack it"),
+        ("a.glb", PAGE, "it is a web page; download the file itself"),
+        ("a.csv", POINTER, "it is a pointer of Git LFS, not the file itself; fetch that with: git lfs pull"),
+        ("a.obj", b"OFF\n3 1 0\n", "it is an OFF mesh; export it as .ply, .stl or .obj"),
+        ("a.obj", b"# vtk DataFile Version 3.0\n", "it is a VTK file; export it as .ply, .stl or .obj"),
+        ("a.pc2", b"BLENDER-v402", "it is a Blender file; export it as .glb, .usd, .abc or .obj"),
+    ],
+)
+def test_a_wrong_suffix_is_named(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InvalidMotion) as caught:
+        read_known(foreign(name), tmp_path / name)
+    assert str(caught.value) == f"{name}: {message}"
+
+
+def packed(name):
+    """A zip archive of one file."""
+    with zipfile.ZipFile(out := io.BytesIO(), "w") as archive:
+        archive.writestr(name, b"anything")
+    return out.getvalue()
+
+
+# A file with any suffix may be one of this program's, as a pipe has no name.
+def test_an_unknown_suffix_is_refused_unless_the_content_is_known(tmp_path):
+    np.savez(tmp_path / "other.npz", vertices=np.zeros(3))
+    for name, content, message in (
+        ("a.vtk", b"hello", r"no motion format has that suffix; known are .*; export it as one"),
+        ("a.fbx", (tmp_path / "other.npz").read_bytes(), r"its content is NumPy; rename it to \.npz"),
+        ("a.usdz", packed("shirt.usdc"), "it is a USDZ package; unpack it, as a zip archive, and name the USD file in"),
+        ("a.zip", packed("shirt.png"), "it is a zip archive; unpack it"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InvalidInput, match=rf"{name}: {message}"):
+            load(tmp_path / name, None, Reading())
+        with pytest.raises(InvalidInput, match=rf"{name}: {message.replace('motion', 'mesh')}"):
+            read_mesh(tmp_path / name)
+    positions = np.random.default_rng(0).normal(size=(2, 4, 3))
+    for name, save in (
+        ("a.motion", lambda file: np.savez(file, positions=positions)),
+        ("a.dat", lambda file: np.save(file, positions)),
+    ):
+        with open(tmp_path / name, "wb") as file:
+            save(file)
+        np.testing.assert_array_equal(load(tmp_path / name, None, Reading()).motion.positions, positions)

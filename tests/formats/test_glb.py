@@ -33,15 +33,23 @@ def read(tmp_path):
 written = partial(files.written, "a.glb")
 
 
+def split(data):
+    """The document and the numbers of a file."""
+    size = int.from_bytes(data[12:16], "little")
+    return data[20 : 20 + size], data[28 + size :]
+
+
 # By the specification a point is scaled, turned, moved, and then the same by the node above.
-def test_transforms_apply_from_the_node_upwards(read):
+def test_transforms_apply_from_the_node_upwards_and_a_node_that_moves_moves_its_mesh(read):
     turn = [0, 0, HALF, HALF]  # a quarter about z
     lower = {"mesh": 0, "scale": [2, 2, 2], "rotation": turn, "translation": [1, 0, 0]}
     upper = {"children": [1], "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 5, 1]}  # up by 5 in z
-    found = read(made.whole(*made.parts([upper, lower])))
     x, y, z = 2 * CORNERS.T
     expected = np.stack([1 - y, x, z + 5], axis=1)
+    found = read(made.whole(*made.parts([upper, lower])))
     np.testing.assert_allclose(found.positions[0], expected, atol=1e-15)  # the root of a half is rounded
+    found = read(made.moved("translation", [0, 2], np.array([[0, 0, 0], [1, 2, 3]])))
+    np.testing.assert_array_equal(found.positions, np.stack([CORNERS, CORNERS + [1, 2, 3]]))
 
 
 def test_targets_are_added_by_their_weights(read):
@@ -63,11 +71,6 @@ def test_of_other_interpolations_the_keys_are_the_frames(read, kind):
     assert "the keys are the frames" in found.notes[0]
 
 
-def test_a_node_that_moves_moves_its_mesh(read):
-    found = read(made.moved("translation", [0, 2], np.array([[0, 0, 0], [1, 2, 3]])))
-    np.testing.assert_array_equal(found.positions, np.stack([CORNERS, CORNERS + [1, 2, 3]]))
-
-
 @pytest.mark.parametrize(
     ("mode", "indices", "faces"),
     [(4, ([3, 1, 2], dtype), [[3, 1, 2]]) for dtype in ("uint8", "uint16", "uint32")]
@@ -84,45 +87,43 @@ def test_triangles_strips_fans_and_points(read, mode, indices, faces):
     assert (found.times, found.axes) == (None, RIGHT)
 
 
-def test_interleaved_numbers(read):
-    document, numbers = made.parts()
+def interleaved(document, numbers):
     rows = np.hstack([CORNERS, np.full((4, 3), 9.0)]).astype(np.float32)
-    view = numbers.view(rows.tobytes(), byteStride=24)
-    numbers.accessors[0]["bufferView"] = view
-    np.testing.assert_array_equal(read(made.whole(document, numbers)).positions[0], CORNERS)
+    numbers.accessors[0]["bufferView"] = numbers.view(rows.tobytes(), byteStride=24)
+    return CORNERS
 
 
-def test_integers_that_stand_for_fractions(read):
-    document, numbers = made.parts()
+def fractions(document, numbers):
     values = np.array([[127, -127, -128], [0, 64, 1], [1, 2, 3], [4, 5, 6]])
     position = numbers.add(values, "int8", normalized=True)
     document["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = position
-    found = read(made.whole(document, numbers, extensionsRequired=["KHR_mesh_quantization"]))
-    np.testing.assert_array_equal(found.positions[0], np.maximum(values / 127, -1))
+    document["extensionsRequired"] = ["KHR_mesh_quantization"]
+    return np.maximum(values / 127, -1)
 
 
-@pytest.mark.parametrize("based", [True, False])
-def test_sparse_numbers(read, based):
-    document, numbers = made.parts()
+def sparse(document, numbers, based=True):
     indices, values = np.array([1, 3], np.uint16), np.array([[7, 7, 7], [8, 8, 8]], np.float32)
-    sparse = {
+    numbers.accessors[0]["sparse"] = {
         "count": 2,
         "indices": {"bufferView": numbers.view(indices.tobytes()), "componentType": 5123},
         "values": {"bufferView": numbers.view(values.tobytes())},
     }
-    numbers.accessors[0]["sparse"] = sparse
     if not based:
         del numbers.accessors[0]["bufferView"]
     expected = CORNERS * based
-    expected[[1, 3]] = values
-    np.testing.assert_array_equal(read(made.whole(document, numbers)).positions[0], expected)
+    expected[indices] = values
+    return expected
 
 
-def test_numbers_within_the_document(read):
+@pytest.mark.parametrize("stored", [interleaved, fractions, sparse, partial(sparse, based=False)])
+@pytest.mark.parametrize("within", [False, True])
+def test_numbers_are_read_however_they_are_stored_in_a_chunk_or_within_the_document(read, stored, within):
     document, numbers = made.parts()
+    expected = stored(document, numbers)
     uri = "data:application/octet-stream;base64," + base64.b64encode(numbers.data).decode()
-    document["buffers"] = [{"byteLength": len(numbers.data), "uri": uri}]
-    np.testing.assert_array_equal(read(made.container(document)).positions[0], CORNERS)
+    inside = {**document, "buffers": [{"byteLength": len(numbers.data), "uri": uri}]}
+    found = read(made.container(inside) if within else made.whole(document, numbers))
+    np.testing.assert_array_equal(found.positions[0], expected)
 
 
 def test_primitives_follow_each_other_and_share_their_vertices(read):
@@ -137,11 +138,11 @@ def test_primitives_follow_each_other_and_share_their_vertices(read):
 
 def test_meshes_that_keep_their_shape_are_left_out_beside_one_that_does_not(read):
     data = made.moved("weights", [0, 1], [0, 1], nodes=[{"mesh": 0}, {"mesh": 1}], targets=[CORNERS])
-    size = int.from_bytes(data[12:16], "little")
-    document = json.loads(data[20 : 20 + size])
+    text, numbers = split(data)
+    document = json.loads(text)
     document["scenes"] = [{"nodes": [1, 0]}]
     document["meshes"].append({"primitives": [{"attributes": {"POSITION": 0}}]})
-    found = read(made.container(document, data[28 + size :]))
+    found = read(made.container(document, numbers))
     np.testing.assert_array_equal(found.positions, [CORNERS, 2 * CORNERS])
     assert "1 of its meshes do not change their shape" in found.notes[0]
 
@@ -151,7 +152,7 @@ def test_round_trip_to_the_tolerance_that_is_told(read):
     data = written(motion)
     found = read(data)
     largest = np.linalg.norm(found.positions - motion.positions, axis=2).max()
-    extras = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["meshes"][0]["extras"]
+    extras = json.loads(split(data)[0])["meshes"][0]["extras"]
     assert largest <= glb.TOLERANCE
     assert extras["largestError"] == pytest.approx(largest, rel=1e-6)  # the same numbers, added in another order
     assert extras["targets"] == len(extras["targetNames"])
@@ -202,8 +203,7 @@ def test_pygltflib_finds_base_targets_and_weights(tmp_path):
     weights = array(sampler.output, 1).reshape(-1, len(targets))
     positions = array(primitive.attributes.POSITION, 3) + np.einsum("fk,knc->fnc", weights, targets)
     assert animation.channels[0].target.path == "weights"
-    assert weights.min() >= 0  # Blender and Unity clamp others
-    assert weights.max() <= 1
+    assert 0 <= weights.min() <= weights.max() <= 1  # Blender and Unity clamp others
     np.testing.assert_array_equal(np.float32(mesh.weights), weights[0])  # the first frame, where nothing plays
     assert np.linalg.norm(positions - motion.positions, axis=2).max() <= glb.TOLERANCE
     np.testing.assert_allclose(array(sampler.input, 1)[:, 0], motion.times, rtol=6e-8)
@@ -224,25 +224,19 @@ def test_counts_are_held_against_the_file_and_the_memory(read, monkeypatch, coun
         read(made.whole(document, numbers))
 
 
-def changed(data, chance):
-    """A file with something else in its document: another value, another token."""
-    size = int.from_bytes(data[12:16], "little")
-    text = with_token(chance, data[20 : 20 + size])
-    if chance.randrange(2):
-        text = json.dumps(changed_document(chance, lambda: json.loads(data[20 : 20 + size]))).encode()
-    return made.container(text, data[28 + size :])
-
-
 # Other damage: test_every_format.
 def test_damaged_documents_are_refused_or_read_and_nothing_else(read):
     chance = random.Random(0)
     nodes = [{"children": [1]}, {"mesh": 0, "scale": [1, 2, 3]}]
     turning = made.moved("rotation", [0, 1], np.ones((2, 4)), nodes=nodes)
-    goods = written(wave(6, count=8)), turning
-    refused = 0
+    goods, refused = [split(written(wave(6, count=8))), split(turning)], 0
     for i in range(400):
+        text, numbers = goods[i % 2]
+        other = with_token(chance, text)
+        if chance.randrange(2):
+            other = json.dumps(changed_document(chance, partial(json.loads, text))).encode()
         try:
-            assert np.isfinite(read(changed(goods[i % 2], chance)).positions).all()
+            assert np.isfinite(read(made.container(other, numbers)).positions).all()
         except InvalidMotion:
             refused += 1
     assert refused > 150  # so that damage was done
@@ -274,20 +268,24 @@ def test_texture_coordinates_that_cannot_be_are_left_out(read, index):
     document, numbers = made.parts()
     document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = index
     found = read(made.whole(document, numbers))
-    assert found.texture is None
-    assert len(found.triangles) == len(FACES)
+    assert (found.texture, len(found.triangles)) == (None, len(FACES))
 
 
 # Motions on few shapes: their number, their error.
 
 
 # Displacements from the first frame of a motion of rank 3 have rank 3 at most; the rest is rounding to float32, whose
-# relative error is 6e-8, of numbers up to about 5 that are added.
+# relative error is 6e-8, of numbers up to about 5 that are added. One that goes one way keeps its first frame as base.
 def test_a_motion_of_few_shapes_takes_few_targets():
-    motion = wave(rank=3)
-    morphs = reduced(motion.positions, 1e-5)
+    morphs = reduced(wave(rank=3).positions, 1e-5)
     assert len(morphs.targets) == 3
     assert morphs.error < 2e-6
+    first, way = np.random.default_rng(2).normal(size=(2, 9, 3))
+    for sign in (1, -1):
+        morphs = reduced(first + sign * np.linspace(0, 1, 12)[:, None, None] * way, 1e-5)
+        assert len(morphs.targets) == 1
+        np.testing.assert_allclose(morphs.base, first, atol=1e-6)  # float32 of numbers up to 3
+        np.testing.assert_allclose(morphs.targets[0], sign * way, atol=1e-6)
 
 
 # Frames of more and more different sizes, or coordinates; of frames there are fewer than coordinates, or more.
@@ -308,23 +306,13 @@ def test_the_largest_error_is_below_the_tolerance_and_one_target_less_is_not_eno
 def test_weights_within_0_and_1_give_the_motion_and_use_all_of_it(shape):
     positions = np.random.default_rng(1).normal(size=shape)
     morphs = reduced(positions, 1e-5)
-    assert morphs.weights.min() >= 0
-    assert morphs.weights.max() <= 1
+    assert 0 <= morphs.weights.min() <= morphs.weights.max() <= 1
     whole = morphs.base + np.einsum("fk,knc->fnc", morphs.weights.astype(float), morphs.targets.astype(float))
     assert np.linalg.norm(whole - positions, axis=2).max() == pytest.approx(morphs.error, abs=1e-12)
     assert morphs.error < 1e-5
     if shape[0] > 1:
         np.testing.assert_array_equal(morphs.weights.min(axis=0), 0)
         np.testing.assert_array_equal(morphs.weights.max(axis=0), 1)
-
-
-def test_a_cloth_that_moves_one_way_keeps_its_first_frame_as_the_base():
-    first, way = np.random.default_rng(2).normal(size=(2, 9, 3))
-    for sign in (1, -1):
-        morphs = reduced(first + sign * np.linspace(0, 1, 12)[:, None, None] * way, 1e-5)
-        assert len(morphs.targets) == 1
-        np.testing.assert_allclose(morphs.base, first, atol=1e-6)  # float32 of numbers up to 3
-        np.testing.assert_allclose(morphs.targets[0], sign * way, atol=1e-6)
 
 
 # Values between keys: closed forms.

@@ -1,11 +1,11 @@
 """Joints of animations: what Blender says of the bones of an arm, and what its files of the same arm give."""
 
 import json
-import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.scene_files import container
 from helpers.scenes import cloth, document
 
 from clothfit.base.errors import InvalidInput, InvalidMotion, InvalidScene
@@ -67,11 +67,8 @@ def test_a_pin_and_a_collider_are_rigid_on_a_joint(path):
 
 def glb(tmp_path, root):
     """A GLB file of a document without numbers."""
-    text = json.dumps({"asset": {"version": "2.0"}, **root}).encode()
-    text += b" " * (-len(text) % 4)
-    path = tmp_path / "made.glb"
-    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 20 + len(text)) + struct.pack("<I4s", len(text), b"JSON") + text)
-    return path
+    (tmp_path / "made.glb").write_bytes(container({"asset": {"version": "2.0"}, **root}))
+    return tmp_path / "made.glb"
 
 
 def test_a_joint_below_others_that_stand_still_has_one_place(tmp_path):
@@ -104,12 +101,9 @@ def test_what_is_no_joint_says_why(tmp_path, root, message):
         joints.read(glb(tmp_path, root), "knee")
 
 
-def test_a_bone_that_the_file_lacks_is_named(path):
+def test_what_lacks_the_joint_or_has_none_says_so(path, tmp_path):
     with pytest.raises(InvalidMotion, match="there is no joint hand"):
         joints.read(path, "hand")
-
-
-def test_other_files_have_no_joints(tmp_path):
     (tmp_path / "a.pc2").write_bytes(b"")
     with pytest.raises(InvalidInput, match=r"joints are in \.glb, \.gltf and \.usd files"):
         joints.read(tmp_path / "a.pc2", "knee")

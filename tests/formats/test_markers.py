@@ -158,16 +158,12 @@ def test_ezc3d_reads_the_same(read, tmp_path, number, scale):
     np.testing.assert_array_equal(other, found.positions)
 
 
-@pytest.mark.parametrize(("screen", "up"), [("+Y", "y"), ("+Z", "z"), ("-X", "z")])
-def test_the_axis_that_is_up_on_the_screen(read, screen, up):
-    assert read(made.c3d(TWO, more=lambda p: made.texts(p, 1, "Y_SCREEN", screen)), "c3d").axes.up == up
-
-
-def test_what_a_c3d_file_does_not_tell_is_told(read):
+def test_the_axis_that_is_up_on_the_screen_and_what_a_c3d_file_does_not_tell(read):
+    for screen, up in (("+Y", "y"), ("+Z", "z"), ("-X", "z")):
+        data = made.c3d(TWO, more=lambda processor, screen=screen: made.texts(processor, 1, "Y_SCREEN", screen))
+        assert read(data, "c3d").axes.up == up
     found = read(made.c3d(TWO), "c3d")
-    assert found.axes == MILLI
-    assert found.names == ("marker 1", "marker 2")
-    assert len(found.notes) == 2
+    assert (found.axes, found.names, len(found.notes)) == (MILLI, ("marker 1", "marker 2"), 2)
 
 
 def test_angles_and_forces_are_no_markers(read):

@@ -1,31 +1,28 @@
 """OBJ files and sequences: closed forms, the round trip to the last bit, an independent reader, hostile text."""
 
 import io
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from helpers import files
 
 from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.base.writing import write_atomically
 from clothfit.formats import obj
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import Axes
+from clothfit.formats.axes import RIGHT
 
-RIGHT = Axes("y", "right", 1.0)
 SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+CORNERS = [[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]]
 FAN = [[0, 1, 2], [0, 2, 3]]
 
 
-def read(folder, data, name="a.obj"):
-    (folder / name).write_bytes(data)
-    return obj.read(folder / name)
-
-
-def written(path, animation):
-    for name, data in obj.encoded(path, animation).items():
-        with open(name, "wb") as file:
-            data(file)
+@pytest.fixture
+def read(tmp_path):
+    return partial(files.read, tmp_path, "a.obj")
 
 
 def wild(frames=3, points=7):
@@ -50,10 +47,10 @@ def wild(frames=3, points=7):
         b"g left\nf 1 2 3\no other\ns 1\nusemtl red\nf 1 3 4",
     ],
 )
-def test_faces_in_all_their_spellings(tmp_path, faces):
-    found = read(tmp_path, SQUARE + faces)
+def test_faces_in_all_their_spellings(read, faces):
+    found = read(SQUARE + faces)
     assert found.triangles.tolist() == FAN
-    assert found.positions.tolist() == [[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]]
+    assert found.positions.tolist() == CORNERS
     assert (found.axes, found.times) == (RIGHT, None)
 
 
@@ -68,14 +65,14 @@ def test_faces_in_all_their_spellings(tmp_path, faces):
         b"v 0 0 0 1\nv 1 0 0 0.5 0.5 0.5\nv 1.0 1e0 -0 # there\nv 0 \\\n 1 0",
     ],
 )
-def test_vertices_in_all_their_spellings(tmp_path, data):
-    found = read(tmp_path, data)
-    assert found.positions.tolist() == [[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]]
+def test_vertices_in_all_their_spellings(read, data):
+    found = read(data)
+    assert found.positions.tolist() == CORNERS
     assert found.triangles is None
 
 
-def test_a_negative_corner_counts_from_its_own_line(tmp_path):
-    found = read(tmp_path, b"v 0 0 0\nv 1 0 0\nv 1 1 0\nf -3 -2 -1\nv 0 0 1\nv 1 0 1\nv 1 1 1\nf -3 -2 -1\n")
+def test_a_negative_corner_counts_from_its_own_line(read):
+    found = read(b"v 0 0 0\nv 1 0 0\nv 1 1 0\nf -3 -2 -1\nv 0 0 1\nv 1 0 1\nv 1 1 1\nf -3 -2 -1\n")
     assert found.triangles.tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
@@ -84,7 +81,8 @@ def test_a_negative_corner_counts_from_its_own_line(tmp_path):
 
 def test_a_sequence_comes_back_to_the_last_bit(tmp_path):
     path = str(tmp_path / "a_*.obj")
-    written(path, Animation(wild(), RIGHT, triangles=np.array(FAN, np.int32)))
+    for name, data in obj.encoded(path, Animation(wild(), RIGHT, triangles=np.array(FAN, np.int32))).items():
+        write_atomically(name, data)
     assert sorted(each.name for each in tmp_path.iterdir()) == ["a_0000.obj", "a_0001.obj", "a_0002.obj"]
     found = obj.read(path)
     np.testing.assert_array_equal(found.positions, wild())
@@ -99,18 +97,13 @@ def test_frames_are_in_the_order_of_their_numbers(tmp_path, numbers):
     assert obj.read(tmp_path / "a*.obj").positions[:, 0, 0].tolist() == list(numbers)
 
 
-def test_another_program_reads_what_is_written(tmp_path):
-    (data,) = obj.encoded("one.obj", Animation(wild(1), RIGHT, triangles=np.array(FAN, np.int32))).values()
-    file = io.BytesIO()
-    data(file)
-    mesh = trimesh.load(io.BytesIO(file.getvalue()), file_type="obj", process=False, maintain_order=True)
+def test_another_program_reads_what_is_written_and_what_it_writes_is_read(read):
+    data = files.written("one.obj", Animation(wild(1), RIGHT, triangles=np.array(FAN, np.int32)))
+    mesh = trimesh.load(io.BytesIO(data), file_type="obj", process=False, maintain_order=True)
     np.testing.assert_allclose(mesh.vertices, wild(1)[0], rtol=1e-15)
     assert mesh.faces.tolist() == FAN
-
-
-def test_what_another_program_writes_is_read(tmp_path):
     mesh = trimesh.creation.icosphere(subdivisions=2)
-    found = read(tmp_path, trimesh.exchange.obj.export_obj(mesh, digits=17).encode())
+    found = read(trimesh.exchange.obj.export_obj(mesh, digits=17).encode())
     np.testing.assert_allclose(found.positions[0], mesh.vertices, rtol=1e-15, atol=1e-16)  # 17 decimals
     assert found.triangles.tolist() == mesh.faces.tolist()
 
@@ -142,13 +135,13 @@ def test_many_frames_need_a_place_for_their_numbers():
         (SQUARE + b"f " + b"1 " * 999_999, "line 5: a face"),
     ],
 )
-def test_wrong_text_is_told_with_its_line(tmp_path, data, message):
+def test_wrong_text_is_told_with_its_line(read, data, message):
     with pytest.raises(InvalidMotion, match=f"a.obj: {message}"):
-        read(tmp_path, data)
+        read(data)
 
 
 @pytest.mark.parametrize(
-    ("files", "message"),
+    ("sequence", "message"),
     [
         ({}, "there is no file of that name with a number"),
         ({"a1.obj": SQUARE, "a01.obj": SQUARE}, "a01.obj and a1.obj are both frame 1"),
@@ -158,8 +151,8 @@ def test_wrong_text_is_told_with_its_line(tmp_path, data, message):
         ({"a1.obj": SQUARE, "a2.obj": b"v 1 2"}, "a2.obj: line 1"),
     ],
 )
-def test_wrong_sequences(tmp_path, files, message):
-    for name, data in files.items():
+def test_wrong_sequences(tmp_path, sequence, message):
+    for name, data in sequence.items():
         (tmp_path / name).write_bytes(data)
     with pytest.raises(InvalidMotion, match=message):
         obj.read(tmp_path / "a*.obj")

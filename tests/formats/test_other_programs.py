@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats import alembic, glb, marker_table, stl, usd
+from clothfit.formats import alembic, glb, markers, stl, usd
 from clothfit.formats.axes import Axes
 from clothfit.formats.registry import foreign
 from clothfit.meshes.mesh import read_mesh
@@ -111,7 +111,7 @@ def test_stl_files_have_the_vertices_and_the_area_that_trimesh_finds(name, verti
 
 # pyomeca's test data, Apache-2.0
 def test_the_trajectories_of_vicon_nexus():
-    found = marker_table.read(shared("vicon-trajectories.csv"))
+    found = markers.read(shared("vicon-trajectories.csv"))
     assert found.axes == Axes("z", "right", 0.001)
     assert found.positions.shape == (61, 51, 3)
     assert found.names[:2] == ("boite:gauche_ext", "boite:gauche_int")
@@ -121,14 +121,14 @@ def test_the_trajectories_of_vicon_nexus():
 
 def test_a_trc_file_with_commas_that_ends_early(tmp_path):
     path = shared("commas.trc")
-    found = marker_table.read(path)
+    found = markers.read(path)
     assert found.notes == ("it ends early: 652 frames are promised, 54 are there",)
     assert found.positions.shape == (54, 51, 3)
     assert found.names[:3] == ("ASISl", "ASISr", "PSISl")
     np.testing.assert_array_equal(found.positions[1, 0], [733.4084, 81.0119, 191.8306])
     np.testing.assert_allclose(found.times, np.arange(54) / 100, atol=1e-12)  # text with two decimals
     (tmp_path / "cut.trc").write_text(path.read_text().rstrip()[:-2])  # a last number that is cut would be another one
-    np.testing.assert_array_equal(marker_table.read(tmp_path / "cut.trc").positions, found.positions[:53])
+    np.testing.assert_array_equal(markers.read(tmp_path / "cut.trc").positions, found.positions[:53])
 
 
 def test_buffers_beside_a_gltf_are_read_in_its_folder_and_nowhere_else(tmp_path):

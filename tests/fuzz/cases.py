@@ -21,8 +21,7 @@ from helpers.files import damaged
 
 from clothfit.base.checkpoint import archived, opened
 from clothfit.cli.program import run
-from fuzz.moving import KEYED, TABLE, moving
-from fuzz.mutations import KINDS, motion, scene, text_bytes, with_token
+from fuzz.mutations import KEYED, KINDS, TABLE, motion, moving, scene, text_bytes, with_token
 
 CODES = (0, 3, 4, 5)
 """The exit codes that a file can lead to: done, invalid, diverged, not converged."""

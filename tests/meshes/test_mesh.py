@@ -1,4 +1,6 @@
-"""The builder of meshes and objects, against the editor's own export and closed forms."""
+"""The builder of meshes and objects, against the editor's own export and closed forms; meshes from files: axes, units,
+which way faces look, and what is no mesh.
+"""
 
 import json
 from functools import partial
@@ -11,7 +13,7 @@ from helpers.scenes import document
 import clothfit
 from clothfit import InvalidInput
 from clothfit.meshes import mesh
-from clothfit.meshes.mesh import Mesh
+from clothfit.meshes.mesh import Mesh, read_mesh, turned
 
 FLOAT32 = 2e-6  # the editor computes in float32: a few roundings of 6e-8, times areas and squared lengths
 
@@ -146,3 +148,85 @@ SIZES = [(-1, 1.0), (4, 0.0), (4, 1.0, -1.0), (4, float("nan")), (10, 1e308, 1e3
 def test_what_is_no_cloth_is_refused(make, message):
     with pytest.raises(InvalidInput, match=message):
         make()
+
+
+# Meshes from files.
+
+
+CORNERS = np.array([[1.0, 2, 3], [2, 2, 3], [1, 4, 3], [1, 2, 7]])
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def obj(points, faces=((1, 2, 3), (1, 4, 2))):
+    rows = [f"v {x} {y} {z}" for x, y, z in points] + ["f " + " ".join(map(str, face)) for face in faces]
+    return "\n".join(rows)
+
+
+def test_right_handed_files_are_mirrored_as_unity_does_and_keep_their_front(folder):
+    (folder / "a.obj").write_text(obj(CORNERS))
+    found, notes = read_mesh("a.obj")
+    np.testing.assert_array_equal(found.positions, CORNERS * [-1, 1, 1])
+    assert sorted(found.triangles[0]) == [0, 1, 2]
+    assert notes[0] == "read as y up, right-handed, metres"
+    # In a right-handed file a face looks along (b - a) x (c - a); in left-handed axes along the opposite of the mirror.
+    a, b, c = CORNERS[[0, 1, 2]]
+    outside = np.cross(b - a, c - a) * [-1, 1, 1]
+    a, b, c = found.positions[found.triangles[0]]
+    assert np.cross(b - a, c - a) @ outside > 0
+
+
+def test_what_the_user_knows_better(folder):
+    (folder / "a.obj").write_text(obj(CORNERS))
+    found, notes = read_mesh("a.obj", up="z", handedness="left", scale=0.01)
+    np.testing.assert_allclose(found.positions, 0.01 * CORNERS[:, [0, 2, 1]] * [1, 1, -1], rtol=1e-15)
+    assert notes[0] == "read as z up, left-handed, units of 0.01 m"
+    for scale in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(InvalidInput, match=r"^scale must be above 0"):
+            read_mesh("a.obj", scale=scale)
+
+
+def test_of_an_animated_file_the_first_frame_is_taken(folder):
+    scene = clothfit.new_scene(mesh.plane(2, 1.0), frames=4)
+    clothfit.save_motion(clothfit.simulate(scene), "m.glb", scene)
+    found, _ = read_mesh("m.glb")
+    np.testing.assert_allclose(found.positions, scene.cloths[0].positions, atol=2e-5)  # to 1e-5 m
+    np.testing.assert_array_equal(np.sort(found.triangles), np.sort(scene.cloths[0].triangles))
+
+
+def test_of_a_sequence_the_first_file_alone_is_read(folder):
+    (folder / "s_9.obj").write_text(obj(CORNERS))
+    (folder / "s_10.obj").write_text("not read")
+    np.testing.assert_array_equal(read_mesh("s_*.obj")[0].positions, CORNERS * [-1, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [("a.npz", "o", "no mesh format has that suffix; known are .obj"), ("a", "o", "has that suffix"),
+     ("a.npz", "", "it is empty; export it again"),
+     ("a.csv", "", "CSV markers hold no faces; a mesh is needed, in .obj"), ("a.obj", "v 0 0 0\n", "has no faces"),
+     ("a.ply", "", "it is empty"), ("a.ply", "a", "has no header"),
+     ("a.obj", obj([(0, 0, 0), ("inf", 0, 0), (0, 1, 0)], [(1, 2, 3)]), "")],
+)  # fmt: skip
+def test_what_is_no_mesh_is_refused(folder, name, text, message):
+    (folder / name).write_text(text)
+    with pytest.raises(InvalidInput, match=f"^{name}.*: .*{message}"):
+        read_mesh(name)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "expected"),
+    # Unity's axes are left-handed: a quarter turn about y takes z to x, about x takes y to z, about z takes x to y.
+    [((0, 90, 0), [[0, 0, -1], [0, 1, 0], [1, 0, 0]]), ((90, 0, 0), [[1, 0, 0], [0, 0, 1], [0, -1, 0]]),
+     ((0, 0, 90), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+     ((90, 90, 0), [[0, 0, -1], [1, 0, 0], [0, -1, 0]])],  # about x first: y to z, then with z to x
+)  # fmt: skip
+def test_turns_are_unitys(degrees, expected):
+    np.testing.assert_allclose(turned(np.eye(3), degrees), expected, atol=1e-15)  # of sines and cosines
+    turn = turned(np.eye(3), np.add(degrees, (20, -50, 130))).T
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(turn) == pytest.approx(1.0, rel=1e-14)

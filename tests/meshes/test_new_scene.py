@@ -82,11 +82,6 @@ def test_what_the_format_does_not_have_is_refused_by_the_check_of_scenes(options
         new_scene(TWO, **options)
 
 
-def test_of_a_path_it_says_how_to_read_it():
-    with pytest.raises(InvalidInput, match=r"mesh: a path is given, 'a.obj'; read it: clothfit.read_mesh\('a.obj'\)"):
-        new_scene("a.obj")
-
-
 # Which vertices of a new cloth are held.
 
 
@@ -124,6 +119,7 @@ def test_vertices_are_chosen_by_a_box_a_side_or_numbers(flags, expected):
 @pytest.mark.parametrize(
     ("choose", "message"),
     [
+        (partial(new_scene, "a.obj"), r"mesh: a path is given, 'a.obj'; read it: clothfit.read_mesh\('a.obj'\)"),
         *[(partial(at_side, SHEET, *asked), "^fix side: ") for asked in
           (("inside", None), ("top", None), ("left", -1.0), ("left", np.nan))],
         *[(partial(listed, 16, [ends]), "the mesh has vertices 0 to 15") for ends in
@@ -165,37 +161,27 @@ def counts(scene):
     return dict(zip(groups.names, np.bincount(groups.of).tolist(), strict=True))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_direction_in_which_u_grows_is_that_of_the_texture(seed):
+def test_the_direction_in_which_u_grows_is_that_of_the_texture():
     """u = x·a, v = x·b in the plane y = 0; the direction has no change of v and a positive one of u."""
-    rng = np.random.default_rng(seed)
-    a, b = rng.standard_normal((2, 3)) * [1, 0, 1]
-    direction = along(textured(plane(3, 1.0), a, b))
-    assert (direction @ a > 0).all()
-    assert direction @ b == pytest.approx(np.zeros(len(direction)), abs=1e-12)  # rounding
-
-
-def test_a_texture_without_area_or_with_gaps_has_no_direction():
-    mesh = textured(plane(1, 1.0), [1.0, 0, 0], [2.0, 0, 0])
-    assert not along(mesh).any()
+    for a, b in np.random.default_rng(0).standard_normal((3, 2, 3)) * [1, 0, 1]:
+        direction = along(textured(plane(3, 1.0), a, b))
+        assert (direction @ a > 0).all()
+        assert direction @ b == pytest.approx(np.zeros(len(direction)), abs=1e-12)  # rounding
+    assert not along(textured(plane(1, 1.0), [1.0, 0, 0], [2.0, 0, 0])).any()  # without area
     holes = textured(plane(1, 1.0), [1.0, 0, 0], [0, 0, 1.0])
     holes.texture[0, 1] = np.nan
     assert along(holes).any(axis=1).tolist() == [False, *[True] * 7]
 
 
-def test_a_texture_turned_by_a_right_angle_swaps_the_directions():
+def test_a_texture_turned_by_a_right_angle_swaps_the_directions_and_the_warp_comes_before_it():
     assert "families" not in new_scene(textured(plane(4, 1.0, 0.6), [1.0, 0, 0], [0, 0, 1.0])).source.text
-    plain = counts(new_scene(plane(4, 1.0, 0.6)))
-    turned = counts(new_scene(textured(plane(4, 1.0, 0.6), [0, 0, 1.0], [1.0, 0, 0])))
+    plain, mesh = counts(new_scene(plane(4, 1.0, 0.6))), textured(plane(4, 1.0, 0.6), [0, 0, 1.0], [1.0, 0, 0])
+    turned = counts(new_scene(mesh))
     assert turned["edges along"] == plain["edges across"]
     assert turned["bending across"] == plain["bending along"]
     assert turned["edges diagonal"] == plain["edges diagonal"]
-
-
-def test_the_warp_comes_before_the_texture():
-    mesh = textured(plane(4, 1.0, 0.6), [0, 0, 1.0], [1.0, 0, 0])
     scene = new_scene(mesh, warp=(2, 0, 0))
-    assert counts(scene) == counts(new_scene(plane(4, 1.0, 0.6)))
+    assert counts(scene) == plain
     assert scene.cloths[0].layout.warp.tolist() == [2.0, 0.0, 0.0]
 
 

@@ -110,19 +110,15 @@ def test_a_cube_with_split_corners_gets_its_8_vertices_back_and_is_closed():
     assert closed.volume == pytest.approx(1.0, rel=1e-12)  # of the unit cube; a few additions
 
 
-def test_every_vertex_of_the_mesh_stays_where_it_was():
-    before = torn(mesh.plane(5, 2.0, 1.0))
+def test_every_vertex_stays_where_it_was_and_springs_of_a_welded_plane_are_those_of_the_plane():
+    whole, before = mesh.plane(5, 2.0, 1.0), torn(mesh.plane(5, 2.0, 1.0))
     welded = weld(before)
     np.testing.assert_array_equal(welded.mesh.positions[welded.vertices], before.positions)
     np.testing.assert_array_equal(welded.vertices[before.triangles], welded.mesh.triangles)
-
-
-def test_springs_of_a_welded_plane_are_those_of_the_plane():
-    whole, again = mesh.plane(5, 2.0), weld(torn(mesh.plane(5, 2.0))).mesh
-    a, b = mesh.springs(whole, 30.0), mesh.springs(again, 30.0)
-    ends = [np.sort(np.linalg.norm(m.positions[s.ends].mean(axis=1), axis=1)) for m, s in ((whole, a), (again, b))]
+    both = [(each, mesh.springs(each, 30.0)) for each in (whole, welded.mesh)]
+    ends = [np.sort(np.linalg.norm(m.positions[s.ends].mean(axis=1), axis=1)) for m, s in both]
     np.testing.assert_allclose(*ends, rtol=1e-12)  # the same springs at the same places; means of two numbers
-    np.testing.assert_allclose(np.sort(a.stiffness), np.sort(b.stiffness), rtol=1e-12)  # sums in another order
+    np.testing.assert_allclose(*(np.sort(made.stiffness) for _, made in both), rtol=1e-12)  # sums in another order
 
 
 def test_what_no_cloth_can_have_is_left_out():
@@ -203,14 +199,11 @@ def test_the_sizes_of_parts_are_those_of_trimesh():
     assert sorted(first.tolist()) == [0, 12, 174]  # behind 12 and 162 vertices
 
 
-def test_places_are_one_from_each_to_the_next():
+def test_places_are_one_from_each_to_the_next_unless_that_joins_everything_and_takes_the_memory():
     row = np.array([[0.0, 0, 0], [5, 0, 0], [1, 0, 0], [2, 0, 0], [5.5, 0, 0]])
     assert together(row, 1.0).tolist() == [0, 1, 0, 0, 1]
     assert together(row, 0.9).tolist() == [0, 1, 2, 3, 1]
     assert together(row[[0, 0, 1]], 0.0).tolist() == [0, 0, 2]
-
-
-def test_a_distance_that_joins_everything_is_refused_before_it_takes_memory():
     with pytest.raises(InvalidInput, match="too many others"):
         together(np.random.default_rng(0).random((20_000, 3)), 10.0)
 
