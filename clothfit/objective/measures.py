@@ -186,36 +186,31 @@ class EdgeLength:
         self.frame, spring = np.nonzero(goal.observed[:, ends].all(axis=2))
         self.groups = len(self.frame)
         self.a, self.b = ends[spring].T
-        self.goal = self._lengths(goal.positions)
+        self.goal = self._edges(goal.positions)[0]
         self.seen = marked(ends[spring[goal.places[self.frame] > 0]], goal.observed.shape[1])
         first, second = (self.frame, self.a), (self.frame, self.b)
         self.weights = both(goal.weights[first], goal.weights[second]) if len(goal.weights) else None
 
-    def _edges(self, s: Array) -> Array:
-        return np.asarray(s[self.frame, self.a] - s[self.frame, self.b])
-
-    def _lengths(self, s: Array) -> Array:
-        return np.asarray(np.linalg.norm(self._edges(s), axis=1, keepdims=True))
-
-    def _directions(self, s: Array) -> Array:
-        edges = self._edges(s)
-        lengths = np.linalg.norm(edges, axis=1, keepdims=True)
-        return edges / np.where(lengths > 0, lengths, 1.0)
+    def _edges(self, s: Array) -> tuple[Array, Array]:
+        """Lengths (R, 1) and directions (R, 3)."""
+        edges = np.asarray(s[self.frame, self.a] - s[self.frame, self.b])
+        lengths = np.asarray(np.linalg.norm(edges, axis=1, keepdims=True))
+        return lengths, edges / np.where(lengths > 0, lengths, 1.0)
 
     def residual(self, s: Array) -> Array:
         """Difference of the lengths (R, 1), m."""
-        return self._lengths(s) - self.goal
+        return self._edges(s)[0] - self.goal
 
     def pullback(self, s: Array, r: Array) -> Array:
         """Jᵀ r (F, n, 3)."""
-        out, pull = np.zeros_like(s), r * self._directions(s)
+        out, pull = np.zeros_like(s), r * self._edges(s)[1]
         np.add.at(out, (self.frame, self.a), pull)
         np.add.at(out, (self.frame, self.b), -pull)
         return out
 
     def jacobian(self, s: Array) -> csr_array:
         """J (R, 3 F n)."""
-        d = self._directions(s)
+        d = self._edges(s)[1]
         columns = np.stack([coordinates(self.frame, end, s.shape[1]) for end in (self.a, self.b)])
         return matrix(np.arange(len(d))[:, None], columns, np.stack([d, -d]), (len(d), s.size))
 

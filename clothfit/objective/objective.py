@@ -8,7 +8,7 @@ the cost to about 1e-8; to 1e-14, as far as rounding allows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from functools import cached_property, partial
 from typing import Any, NamedTuple, TypeAlias
@@ -34,9 +34,9 @@ from clothfit.objective.comparison import OWN, Comparison, loss_named, objective
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.memory_needs import Needs
-from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, moved, unseen
+from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, unseen
 from clothfit.objective.run import Recent, Run, at_rest, seen_in, still
-from clothfit.objective.running_cost import SquaredDistances, running_cost
+from clothfit.objective.running_cost import KeptStates, SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target, without_start
 from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters
 from clothfit.scene.scene import Scene, check_is_scene
@@ -170,10 +170,14 @@ class Objective:
     @cached_property
     def travel(self) -> float:
         """Root mean square distance, m, of the observed positions from where their cloths start."""
+        return self._distance(at_rest)
+
+    def _distance(self, show: Callable[[Run, Observer], object]) -> float:
+        """Root mean square distance of the observed positions, m, in motions that `show` shows to an observer."""
         squares = 0.0
         for run in self.runs:
-            distances = unweighted(run)
-            at_rest(run, distances.update)
+            distances = SquaredDistances(run.comparison.goal._replace(weights=np.zeros((0, 0))))  # each counts once
+            show(run, distances.update)
             squares += distances.value
         return float(np.sqrt(squares / max(self.observations, 1)))
 
@@ -252,33 +256,24 @@ class Objective:
         """Root mean square distance of the observed positions at p (P,), m, for any objective; NaN where nothing is
         observed. Raises Diverged.
         """
-        if not self.observations:
-            return np.nan
-        squares = 0.0
-        for run in self.runs:
-            distances = unweighted(run)
-            self.simulate(run, p, distances.update)
-            squares += distances.value
-        return float(np.sqrt(squares / max(self.observations, 1)))
+        return self._distance(lambda run, observe: self.simulate(run, p, observe)) if self.observations else np.nan
 
-    def cost(self, p: Array) -> float:
-        """G(p), m², for p (P,). Raises Diverged."""
+    def cost(self, p: Array, cloth: int | None = None) -> float:
+        """G(p), m², for p (P,), or the part of one fitted cloth where it joins none. Raises Diverged."""
         if self.joint:
             self.place(p)
             return sum(whole.evaluated()[0] for whole in self.wholes.values())
-        return sum(self.cost_of_run(run, p) for run in self.runs)
-
-    def cost_of_run(self, run: Run, p: Array) -> float:
-        """The part of G(p), m², that one run contributes. Raises Diverged."""
-        cost = running_cost(run.comparison)
-        self.simulate(run, p, cost.update)
-        return cost.value
+        costs = list[float]()
+        for run in (run for run in self.runs if cloth in (run.cloth, None)):
+            cost = running_cost(run.comparison)
+            self.simulate(run, p, cost.update)
+            costs.append(cost.value)
+        return sum(costs)
 
     def cost_or_infinity(self, p: Array, cloth: int | None = None) -> float:
-        """G(p), m², or the part of one fitted cloth; infinite where the simulation diverges or the cost overflows."""
-        runs = [run for run in self.runs if cloth in (run.cloth, None)]
+        """The same; infinite where the simulation diverges or the cost overflows."""
         try:
-            value = self.cost(p) if self.joint else sum(self.cost_of_run(run, p) for run in runs)
+            value = self.cost(p, cloth)
         except Diverged:
             return np.inf
         return value if np.isfinite(value) else np.inf
@@ -333,7 +328,9 @@ class Objective:
     def place(self, p: Array) -> None:
         """Put all objects of a cost of one's own where p (P,) takes them. Raises Diverged."""
         for run in self.runs:
-            self.simulate(run, p, moved(self.wholes[run.experiment], run.cloth))
+            kept = KeptStates(run.comparison)
+            self.simulate(run, p, kept.update)
+            self.wholes[run.experiment].place(run.cloth, kept.states)
 
     def positions(self, p: Array) -> list[Array]:
         """The positions (T + 1, n, 3), m, of each run at p (P,), after every step. Raises Diverged."""
@@ -401,11 +398,6 @@ class Objective:
 def keep(x: Array, chunk: Rollout) -> None:
     """Copy the states after the steps of a chunk into those of the whole motion (T + 1, n, 3)."""
     x[chunk.first + 1 : chunk.first + 1 + chunk.steps] = chunk.x[1:]
-
-
-def unweighted(run: Run) -> SquaredDistances:
-    """The squared distances of a run, m², each of which counts once."""
-    return SquaredDistances(run.comparison.goal._replace(weights=np.zeros((0, 0))))
 
 
 def cost_and_gradient(

@@ -22,11 +22,10 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.rollout import Rollout
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.comparison import MATRIX_ENTRY, OWN, Comparison, Loss, by_state
-from clothfit.objective.target import Frames, Target, sample
+from clothfit.objective.target import Target, sample
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -191,14 +190,3 @@ def unseen(scene: Scene, frames: int | None = None) -> Motion:
     positions, observed = np.full((count, vertices, 3), np.nan), np.zeros((count, vertices), bool)
     times = scene.delta * np.arange(count, dtype=np.float64)
     return Motion(positions, times, scene.vertex_counts, observed, scene.name)
-
-
-def moved(whole: Whole, cloth: int) -> Callable[[Rollout], None]:
-    """An observer that puts an object where a simulation takes it."""
-    frames = Frames(whole.goal)
-
-    def update(chunk: Rollout) -> None:
-        own = frames.of(chunk)
-        whole.motion.of(cloth)[own] = sample(frames.cut(own, chunk), chunk.x)
-
-    return update

@@ -136,17 +136,15 @@ class Recent:
             shown(run, tape, observers)
             return system, tape
         kept, key = self._kept[run.cloth, run.experiment], key_of(p)
-        system, tape = kept.pop(key) if key in kept else self._begun(run, p)
+        if key not in kept:  # a tape that holds all states, and nothing yet
+            system, steps = run.changed(p), max(run.steps, 1)
+            kept[key] = system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)), run.forms)
+        system, tape = kept.pop(key)
         shown(run, tape, observers)
         kept[key] = system, tape
         while len(kept) > KEPT:
             del kept[next(iter(kept))]
         return system, tape
-
-    def _begun(self, run: Run, p: Array) -> tuple[System, Tape]:
-        """A tape that holds all states, and nothing yet."""
-        system, steps = run.changed(p), max(run.steps, 1)
-        return system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)), run.forms)
 
 
 def key_of(p: Array) -> bytes:

@@ -193,7 +193,12 @@ class KeptStates:
     def __init__(self, comparison: Comparison) -> None:
         self.comparison, self.frames = comparison, Frames(comparison.goal)
         self.states = np.empty_like(comparison.goal.positions)
-        self.bytes, self.residual_bytes = STATE_COPIES * self.states.nbytes, comparison.jacobian_bytes
+        self.bytes = STATE_COPIES * self.states.nbytes
+
+    @property
+    def residual_bytes(self) -> int:
+        """What its residuals keep; a cost of one's own is asked for them."""
+        return self.comparison.jacobian_bytes
 
     @property
     def value(self) -> float:
@@ -236,6 +241,3 @@ class KeptStates:
         residuals = self.residuals(free)
         changing = residuals.r[residuals.last >= 0]
         return float((changing**2).sum()), len(changing)
-
-
-RunningCost: TypeAlias = SquaredDistances | KeptStates

@@ -55,15 +55,13 @@ class Sums(NamedTuple):
         total = float(self.sizes.sum())
         return float(self.products.sum()) / total if total > 0 else 0.0
 
-    def normalised(self) -> Array:
-        """c (K,); products that are small beside the others count less."""
+    def z(self) -> float:
+        """How many standard deviations the sum of c (K,) is above that of independent signs; products that are small
+        beside the others count less.
+        """
         floor = NEAR_ZERO**2 * float(self.sizes.mean()) if len(self.sizes) else 0.0
         known = self.sizes > 0
-        return np.asarray(self.products[known] / np.maximum(self.sizes[known], floor))
-
-    def z(self) -> float:
-        """How many standard deviations the sum is above that of independent signs."""
-        c = self.normalised()
+        c = self.products[known] / np.maximum(self.sizes[known], floor)
         squares = float((c * c).sum())
         return float(c.sum()) / np.sqrt(squares) if squares > 0 else 0.0
 

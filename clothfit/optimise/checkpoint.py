@@ -90,11 +90,6 @@ def opened(
     return file, file.read(count) if resume else None
 
 
-def encoded(identity: Mapping[str, str], state: State) -> bytes:
-    """The bytes of a file."""
-    return files.encoded(FIT, identity, state._asdict())
-
-
 def decoded(data: bytes, name: str) -> tuple[dict[str, str], State]:
     """Identity and state in the bytes of a file, called `name` in messages. Raises InvalidInput."""
     identity, state, _ = files.decoded(FIT, data, name)
@@ -169,7 +164,10 @@ def identity(scene: Scene, targets: Sequence[Experiment] | None, start: object, 
     if targets is not None:
         parts: list[bytes | Array] = []
         for target in targets:
-            parts += [*arrays(target), b"" if target.scene is scene else dumps(target.scene)]
+            motion = target.motion
+            given = (motion.positions, motion.times, motion.observed, motion.weights)
+            parts += [np.zeros(0) if array is None else np.asarray(array, float) for array in given]
+            parts.append(b"" if target.scene is scene else dumps(target.scene))
             parts += [] if target.scene is scene else arrays_from_files(target.scene)
         compared = digest(*parts)
     first = dumps(start) if isinstance(start, Scene) else start
@@ -180,13 +178,6 @@ def identity(scene: Scene, targets: Sequence[Experiment] | None, start: object, 
     files = arrays_from_files(scene)
     inputs = {"input files": digest(*files)} if files else {}
     return {**own, **inputs, **texts}
-
-
-def arrays(target: Experiment) -> list[Array]:
-    """The arrays of a motion; (0,) for one that it does not have."""
-    motion = target.motion
-    found = (motion.positions, motion.times, motion.observed, motion.weights)
-    return [np.zeros(0) if array is None else np.asarray(array, float) for array in found]
 
 
 def plainly(value: object) -> str:

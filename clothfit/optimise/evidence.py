@@ -16,10 +16,10 @@ Q values, r directions that the data show, N residuals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ from clothfit.base.arrays import Array
 from clothfit.base.eigen import independent, pseudo_inverse
 from clothfit.kernels import lapack
 from clothfit.kernels.parallel import together
+
+T = TypeVar("T")
 
 ENOUGH = 0.02
 """Relative change of the widths, and of σ², that ends the search for them."""
@@ -39,7 +41,7 @@ RIDGE = 1e-14
 """Added to a matrix, relative to its largest entry, so that what nothing determines does not stop its inversion."""
 
 LARGE = 200
-"""Data from which on parts are taken on two threads."""
+"""Data, or rows, from which on parts are taken on two threads: to begin one takes 50 µs."""
 
 UNSEEN = 1e-3
 """What the data add to the precision of a value, relative to that of the widest prior, that is left out."""
@@ -93,8 +95,7 @@ def most_likely(
     parts = separate(seen.data, effects, free)
     for _ in range(rounds):
         found, expected, determined, left = np.zeros(len(tau)), np.zeros(len(tau)), 0.0, seen.rest
-        rounds_of = [partial(part.sums, tau, sigma2) for part in parts]
-        sums = together(rounds_of) if len(seen.data) >= LARGE else [each() for each in rounds_of]
+        sums = at_once([partial(part.sums, tau, sigma2) for part in parts], len(seen.data))
         for part, own in zip(parts, sums, strict=True):
             found[part.which] += own.found
             expected[part.which] += own.expected
@@ -167,6 +168,11 @@ def separate(data: Array, effects: Sequence[Array], free: Array) -> list[Part]:
     return parts
 
 
+def at_once(made: Sequence[Callable[[], T]], size: int) -> list[T]:
+    """What functions without arguments make of the parts of a problem of this size, on two threads where that pays."""
+    return together(made) if size >= LARGE else [each() for each in made]
+
+
 def inverse(matrix: Array) -> Array:
     """Inverse of a symmetric matrix (Q, Q) that is positive semidefinite but for rounding; NaN where the matrix holds
     what is not finite.
@@ -177,9 +183,9 @@ def inverse(matrix: Array) -> Array:
     ridge, parts = RIDGE * len(matrix) * size, independent(matrix)
     if len(parts) == 1:
         return inverse_of_part(matrix, ridge)
-    made = [partial(inverse_of_part, matrix[np.ix_(own, own)], ridge) for own in parts]
     found = np.zeros_like(matrix)
-    for own, part in zip(parts, together(made) if len(matrix) >= LARGE else [each() for each in made], strict=True):
+    made = at_once([partial(inverse_of_part, matrix[np.ix_(own, own)], ridge) for own in parts], len(matrix))
+    for own, part in zip(parts, made, strict=True):
         found[np.ix_(own, own)] = part
     return found
 

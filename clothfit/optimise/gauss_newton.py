@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -135,7 +135,10 @@ def minimise(
             return model, prior, Status.CONVERGED
         last = saving, model.cost
         value = model.cost + prior.value(model.y, sigma2)
-        total = partial(penalised, problem, prior, sigma2)
+
+        def total(y: Array, prior: Prior = prior, sigma2: float = sigma2) -> float:
+            return problem.cost(y) + prior.value(y, sigma2)
+
         step, radius, new = descend(total, value, near, radius)
         if new is None:
             return model, prior, ended(saving <= patience.flat * model.cost)
@@ -156,8 +159,11 @@ def quadratic(problem: Problem, model: Model, prior: Prior, sigma2: float) -> Qu
     """Cost and penalty near the point of a model."""
     A = prior.matrix(sigma2)
     H, g = model.H + A, model.g + A @ (model.y - prior.centre)
-    lower, upper = problem.lower - model.y, problem.upper - model.y
-    return Quadratic(model.y, H, g, lower, upper, scale_of(model, problem), problem.waiting)
+    lower, upper, scale = problem.lower - model.y, problem.upper - model.y, None
+    if problem.widths is not None and model.cost > 0:  # the residuals' change, relative to their size, and the width
+        with np.errstate(over="ignore"):
+            scale = np.asarray(np.sqrt(model.H.diagonal() / model.cost + 1.0 / problem.widths**2))
+    return Quadratic(model.y, H, g, lower, upper, scale, problem.waiting)
 
 
 def is_small(
@@ -180,21 +186,6 @@ def ended(converged: bool) -> Status:
     return Status.CONVERGED if converged else Status.STALLED
 
 
-def penalised(problem: Problem, prior: Prior, sigma2: float, y: Array) -> float:
-    """Cost and penalty at y."""
-    return problem.cost(y) + prior.value(y, sigma2)
-
-
-def scale_of(model: Model, problem: Problem) -> Array | None:
-    """The length (Q,) of a change of 1 of each coordinate where the trust region is no ball: that of the residuals'
-    change, relative to their size, and of the change relative to the width. None where it is 1.
-    """
-    if problem.widths is None or not model.cost > 0:
-        return None
-    with np.errstate(over="ignore"):
-        return np.asarray(np.sqrt(model.H.diagonal() / model.cost + 1.0 / problem.widths**2))
-
-
 @dataclass(frozen=True)
 class Quadratic:
     """A model of cost and penalty at y, and its minimum within the bounds. The length of a step d is |S d|."""
@@ -204,7 +195,7 @@ class Quadratic:
     g: Array
     lower: Array  # of a step
     upper: Array
-    scale: Array | None = None  # (Q,), the diagonal of S; None: all 1
+    scale: Array | None = None  # (Q,), the diagonal of S, the length of a change of 1 of each coordinate; None: all 1
     waiting: Callable[[], None] | None = None  # as of `Problem`
 
     @cached_property

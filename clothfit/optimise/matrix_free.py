@@ -85,11 +85,6 @@ class BlockGradients:
         self.W, self.SW = np.zeros((len(X), 0)), np.zeros((len(X), 0))  # with D = 1, by the change of variables √D x
 
     @property
-    def rank(self) -> int:
-        """Directions so far."""
-        return self.W.shape[1]
-
-    @property
     def inner(self) -> Array:
         """Wᵀ S W, symmetric to the last bit."""
         inner = self.W.T @ self.SW
@@ -136,7 +131,6 @@ class Simulated(NamedTuple):
     system: System
     memory: TrajectoryMemory
     by_position: csr_array  # ∂r/∂x
-    residuals: Array  # r of the run
 
 
 class Products:
@@ -146,16 +140,14 @@ class Products:
         """The linear systems of the sweeps are solved to `tolerance`, relative. Raises Diverged."""
         self.part, self.tolerance, self.p = part, tolerance, part.parameters(y)
         self.factor = part.search.coordinates.derivative(self.p)
-        self.runs = [self._simulated(run) for run in part.objective.runs]
-        self.r = np.concatenate([each.residuals for each in self.runs])
-
-    def _simulated(self, run: Run) -> Simulated:
-        objective, at = self.part.objective, KeptStates(run.comparison)
-        system = run.changed(self.p)
-        tape = Tape(system, run.steps, objective.tolerance, objective.plan(run), run.forms)
-        shown(run, tape, [at.update])
-        by_position = run.comparison.jacobian_of(at.states)
-        return Simulated(run, system, tape, by_position, run.comparison.residual_of(at.states))
+        self.runs, residuals, objective = list[Simulated](), list[Array](), part.objective
+        for run in objective.runs:
+            system, at = run.changed(self.p), KeptStates(run.comparison)
+            tape = Tape(system, run.steps, objective.tolerance, objective.plan(run), run.forms)
+            shown(run, tape, [at.update])
+            self.runs.append(Simulated(run, system, tape, run.comparison.jacobian_of(at.states)))
+            residuals.append(run.comparison.residual_of(at.states))
+        self.r = np.concatenate(residuals)
 
     def _tangents(self, z: Array) -> Iterator[tuple[Simulated, Array]]:
         """Each run, and the change of its motion (T + 1, n, 3) along z (Q,)."""
@@ -184,7 +176,7 @@ class Products:
     def back(self, w: Array) -> Array:
         """Jᵀ w (Q,)."""
         gradient, start = np.zeros(len(self.p)), 0
-        for run, system, memory, B, _ in self.runs:
+        for run, system, memory, B in self.runs:
             weight = (B.T @ w[start : start + B.shape[0]]).reshape(-1, *system.x0.shape)
             start += B.shape[0]
             self.part.objective.add_pullback(run, self.p, system, memory, weight, gradient, self.tolerance)

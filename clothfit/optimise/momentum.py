@@ -119,7 +119,7 @@ def fit(
             return places, p[places]
         column = np.full(len(p), -1, np.int32)
         column[places] = np.arange(len(places))
-        parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
+        parts = [rows_of(run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
         equations = Equations([part for part, _ in parts], treatment.anchored)
         within = lower[places], upper[places]
         return places, solve(equations, p[places], *within, None if treatment.summed else parts, heard)
@@ -172,7 +172,7 @@ def information(objective: Objective, p: Array, fitted: Flags, factor: Array) ->
         column = np.full(len(p), -1, np.int32)
         for block in own:
             column[block.part] = np.where(fitted[block.part], (np.cumsum(fitted) - 1)[block.part], -1)
-        part = rows_of(objective, run, p, own, column, TREATMENTS[0], len(places))
+        part = rows_of(run, p, own, column, TREATMENTS[0], len(places))
         steps = run.steps - (1 if run.system.method == EXPLICIT else 0)
         if part[0].counts.sum() < 3 * steps * int(run.system.vertex.free.sum()):
             return None
@@ -189,13 +189,7 @@ Part = tuple[Rows, Callable[[Form, Places], Balances]]
 
 
 def rows_of(
-    objective: Objective,
-    run: Run,
-    p: Array,
-    own: Sequence[Block],
-    column: Indices,
-    treatment: Treatment,
-    width: int | None = None,
+    run: Run, p: Array, own: Sequence[Block], column: Indices, treatment: Treatment, width: int | None = None
 ) -> Part:
     """The rows of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
     `column` (P,) has.
@@ -347,16 +341,12 @@ def nearest_half(rows: Equations, known: Flags, q: Array) -> Array:
     """The parameters (Q,) that balance the half of the steps which is nearest to balance, from q (Q,) on."""
     half: Flags = np.zeros(len(known), bool)
     for _ in range(ROUNDS):
-        before, half = half, nearest(rows.sizes(q)[0], known)
+        size = rows.sizes(q)[0]
+        before, half = half, known & (size <= np.median(size[known]))
         if np.array_equal(half, before):
             break
         q = balanced(rows, half)
     return q
-
-
-def nearest(size: Array, known: Flags) -> Flags:
-    """The half of the known steps (S,) with the least residuals (S,)."""
-    return np.asarray(known & (size <= np.median(size[known])))
 
 
 def in_balance(rows: Equations, known: Flags, q: Array) -> Flags:

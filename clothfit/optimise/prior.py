@@ -103,13 +103,13 @@ class Prior:
     tau: tuple[float, ...]  # for each group that of single values, then one for each of its patterns
     learns: bool = True  # τ from the data, the mean free
     narrowest: float = NARROWEST  # of what is learned of single values
-    patterns: tuple[tuple[Array, ...], ...] = ()  # Bₖ (n, ·) of each group, of mean square row sum 1; (): none at all
+    patterns: tuple[tuple[Array, ...], ...] = ()  # Bₖ (n, ·) of each group, of mean square row sum 1
 
     @cached_property
     def widths(self) -> tuple[tuple[float, ...], ...]:
         """The τ of each group."""
         found, first = [], 0
-        for own in self._patterns:
+        for own in self.patterns:
             found.append(self.tau[first : first + 1 + len(own)])
             first += 1 + len(own)
         return tuple(found)
@@ -119,23 +119,20 @@ class Prior:
         """The standard deviation of a value of each group: all that its τ add up to."""
         return tuple(float(np.sqrt(np.sum(np.square(each)))) for each in self.widths)
 
-    @property
-    def _patterns(self) -> tuple[tuple[Array, ...], ...]:
-        return self.patterns or ((),) * len(self.groups)
-
     def matrix(self, sigma2: float) -> Array:
         """The penalty's matrix (Q, Q): penalty = (y − y₀)ᵀ A (y − y₀)."""
         A = np.zeros((len(self.centre), len(self.centre)))
         for group, (own, *_), (B, inner) in zip(self.groups, self.widths, self._shared, strict=True):
-            spread = np.eye(len(group)) - (1.0 / len(group) if self.learns else 0.0)
-            A[np.ix_(group, group)] += sigma2 / own**2 * (spread - symmetric(B @ inner @ B.T))
+            spread, shared = np.eye(len(group)) - (1.0 / len(group) if self.learns else 0.0), B @ inner @ B.T
+            A[np.ix_(group, group)] += sigma2 / own**2 * (spread - (shared + shared.T) / 2.0)  # symmetric to the bit
         return A
 
     def value(self, y: Array, sigma2: float) -> float:
         """The penalty at y (Q,)."""
         total = 0.0
         for group, (own, *_), (B, inner) in zip(self.groups, self.widths, self._shared, strict=True):
-            away = self.deviation(y, group)
+            away = y[group] - self.centre[group]
+            away = away - away.mean() if self.learns else away
             along = B.T @ away
             total += sigma2 / own**2 * float(away @ away - along @ inner @ along)
         return total
@@ -146,7 +143,7 @@ class Prior:
         is (P − B (τ² T⁻¹ + BᵀB)⁻¹ Bᵀ) / τ², P the projection to what has no mean.
         """
         found = []
-        for group, (own, *more), patterns in zip(self.groups, self.widths, self._patterns, strict=True):
+        for group, (own, *more), patterns in zip(self.groups, self.widths, self.patterns, strict=True):
             B = np.concatenate([np.zeros((len(group), 0)), *patterns], axis=1)
             B = B - B.mean(axis=0)
             ratio = np.repeat([(own / tau) ** 2 for tau in more], [each.shape[1] for each in patterns])
@@ -164,7 +161,7 @@ class Prior:
     def drawn(self, generator: np.random.Generator) -> Array:
         """A deviation (Q,) from the centre as the belief expects it, without what is free."""
         z = np.zeros(len(self.centre))
-        for group, (own, *more), patterns in zip(self.groups, self.widths, self._patterns, strict=True):
+        for group, (own, *more), patterns in zip(self.groups, self.widths, self.patterns, strict=True):
             if not np.isfinite(own):  # nothing is believed
                 continue
             z[group] = own * generator.standard_normal(len(group))
@@ -180,7 +177,7 @@ class Prior:
         """
         found, A, means = list[float](), self.times(z), [self.times(x) for x in scatter]
         for group, widths, patterns, (B, inner) in zip(
-            self.groups, self.widths, self._patterns, self._shared, strict=True
+            self.groups, self.widths, self.patterns, self._shared, strict=True
         ):
             for tau, pattern in zip(widths, (None, *patterns), strict=True):
                 size, seen = effect(pattern, A[group]), [effect(pattern, each[group]) for each in means]
@@ -198,16 +195,6 @@ class Prior:
         for group, (own, *_) in zip(self.groups, self.widths, strict=True):
             out[group] = 1.0 / own**2
         return out
-
-    def deviation(self, y: Array, group: Indices) -> Array:
-        """y − y₀ of one group, without its mean where that is free."""
-        away = y[group] - self.centre[group]
-        return np.asarray(away - away.mean() if self.learns else away)
-
-    def alone(self, tau: float) -> Prior:
-        """The belief in the scatter of single values alone, of this width where it is learned."""
-        widths = tuple(tau if self.learns else each[0] for each in self.widths)
-        return replace(self, tau=widths, patterns=())
 
     def reopened(self) -> Prior:
         """The prior with widths that are at least those before the data were asked: where few frames are fitted values
@@ -237,7 +224,7 @@ class Prior:
         free = np.zeros((len(y), len(self.groups) + len(others)))  # what no scatter holds: means, and all else
         free[others, len(self.groups) :] = np.eye(len(others))
         effects, least, doubts = [], list[float](), list[float]()
-        for i, (group, patterns) in enumerate(zip(self.groups, self._patterns, strict=True)):
+        for i, (group, patterns) in enumerate(zip(self.groups, self.patterns, strict=True)):
             free[group, i] = 1.0
             effects += [seen.L[group].T, *(seen.L[group].T @ B for B in patterns)]
             least += [self.narrowest, *[NARROWEST] * len(patterns)]
@@ -275,11 +262,6 @@ def trace(pattern: Array | None, B: Array, inner: Array, count: int, learns: boo
     own = pattern - pattern.mean(axis=0) * learns
     along = B.T @ own
     return float(np.vdot(own, own) - np.vdot(along, inner @ along))
-
-
-def symmetric(matrix: Array) -> Array:
-    """A matrix (n, n) that is symmetric but for rounding, to the last bit."""
-    return np.asarray((matrix + matrix.T) / 2.0)
 
 
 def none(count: int) -> Prior:

@@ -315,7 +315,7 @@ class Search:
     def take_over(self, model: str, substeps: int, evaluations: int, seconds: float, computing: float) -> None:
         """Take over what a choice before the search has found, the model and the steps to a frame, and what it took."""
         self.model, self.substeps = model, substeps
-        self.budget.count_beside(evaluations)
+        self.budget.beside += evaluations
         self.progress.began -= seconds
         self.progress.began_computing -= computing
 
@@ -393,7 +393,7 @@ class Search:
         y, signs = self.y, np.where(np.arange(int(self.fitted.sum())) % 2 == 0, 1.0, -1.0)
         shift = SHAKE * self.coordinates.weight[self.fitted] * signs
         points = [self.parameters(y + shift), self.parameters(y - shift)]
-        self.budget.count_beside(len(points))
+        self.budget.beside += len(points)
         return [self.objective.cost_or_infinity(p) for p in points]
 
     def _steepness(self) -> float:

@@ -65,10 +65,6 @@ class Budget:
         """Count an evaluation of an optimiser."""
         self.history.append(best_cost)
 
-    def count_beside(self, simulations: int) -> None:
-        """Count simulations around a point; they do not change where the search ends."""
-        self.beside += simulations
-
     def enter_stage(self) -> None:
         """Begin a stage: a search by other parameters."""
         self.stage = len(self.history)

@@ -1,8 +1,8 @@
 """The trajectory fit: the cost of whole motions as the problem that Gauss–Newton solves.
 
 Few parameters or small cloths: the sensitivity of each motion to all of them, dense, summed into the normal equations
-(`accumulate`). Many parameters on large cloths: the Jacobian is never formed; SciPy's trust-region method
-asks for its products with vectors, each a tangent or an adjoint sweep along the motion.
+(`accumulate`). Many parameters on large cloths: the Jacobian is never formed (`matrix_free`); its products with vectors
+are tangent and adjoint sweeps along the motion.
 
 The normal equations of a fit: H = JᵀJ and g = Jᵀr of the residuals r and their derivative J by Q coordinates.
 
@@ -139,10 +139,6 @@ class Trajectory:
         """Parameters (P,) at coordinates y (Q,)."""
         return self.search.parameters(y)
 
-    def columns(self, p: Array) -> tuple[Indices, Array]:
-        """Which coordinate moves each parameter (P,), −1 for none, and how much at p (P,)."""
-        return np.where(self.fitted, np.cumsum(self.fitted) - 1, -1), self.search.coordinates.derivative(p)
-
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Ends (Q,) of the coordinates."""
@@ -199,18 +195,14 @@ class Trajectory:
         return np.asarray(self.search.coordinates.weight[self.fitted])
 
     def cost(self, y: Array) -> float:
-        """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""
+        """The cost at y, which becomes the best point where it is, as only all frames can say; infinite where the
+        simulation diverges. Raises Stop as a visit of the search does.
+        """
         p = self.parameters(y)
         cost = self.search.measure(p, self.objective)
-        self.remember(p, cost)
-        return cost
-
-    def remember(self, p: Array, cost: float) -> None:
-        """Make parameters (P,) of that cost the best point where they are, which only all frames can say. Raises Stop
-        when the error is small enough.
-        """
         if self.objective is self.search.objective:
             self.search.accept(p, cost)
+        return cost
 
     def residuals(self) -> int:
         """Number of residuals that a parameter can change."""
@@ -222,11 +214,11 @@ class Trajectory:
         """
         self.search.count()
         p = self.parameters(y)
-        column, factor = self.columns(p)
+        column, factor = np.cumsum(self.fitted) - 1, self.search.coordinates.derivative(p)
         H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         parts, places = list[Callable[[], tuple[Array, Array, float]]](), list[Indices]()
         for run in self.objective.runs:
-            acting = np.where(self.acts(run), column, -1)
+            acting = np.where(self.acts(run) & self.fitted, column, -1)  # the coordinate that moves each parameter
             own, place = np.unique(acting[acting >= 0], return_inverse=True)
             local = np.full(len(p), -1, np.int32)
             local[acting >= 0] = place

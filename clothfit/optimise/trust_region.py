@@ -37,7 +37,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen, independent
 from clothfit.kernels import lapack
-from clothfit.kernels.parallel import together
+from clothfit.optimise.evidence import at_once
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -52,9 +52,6 @@ RADIUS_ROUNDS = 20
 
 SINGULAR, UNSURE = 1e-13, 1e-9
 """Reciprocal conditions below which H counts as singular, and below which it hardly determines some direction."""
-
-LARGE = 200
-"""Coordinates from which on parts pay that are factorised on two threads: to begin one takes 50 µs."""
 
 
 class Quadratic:
@@ -87,8 +84,7 @@ class Quadratic:
 
     def each(self, make: Callable[[Array], T]) -> list[T]:
         """What a function makes of each block."""
-        made = [partial(make, block) for block in self.blocks]
-        return together(made) if len(self.g) >= LARGE else [make() for make in made]
+        return at_once([partial(make, block) for block in self.blocks], len(self.g))
 
     def whole(self, parts: list[Array]) -> Array:
         """One vector (Q,) from those of the blocks."""

@@ -84,6 +84,7 @@ VALUES = [
     ("target scene.json --seed -1", "invalid value for '--seed'"),
     ("check scene.json --seed -1", "invalid value for '--seed'"),
     ("check scene.json --memory lots", "--memory: 'lots' is not a size"),
+    ("estimate scene.json --memory 0", "--memory must be between 1 byte and 8 EiB; '0' was given"),
     ("check scene.json --memory 1kB", "--memory: 1 kB is too little"),
     ("evaluate scene.json --speed --error 0", "--error must be above 0 and finite; 0 was given"),
     ("evaluate scene.json --speed --error nan", "--error must be above 0 and finite; nan was given"),

@@ -22,7 +22,7 @@ OFF_GRID = DELTA * np.arange(10) * 0.77  # uniform, so that a spectrum takes it 
 RANDOM = RNG.bit_generator.state
 LOSSES = [Loss(), Loss("soft_l1", 0.05), Loss("huber", 0.05)]
 MIXED = {"position": 2.0, "velocity": 0.01, "edge-length": 0.5, "spectrum": 1.5}
-EACH = [*({name: 1.0} for name in OBJECTIVES), MIXED]
+EACH = [*({name: 1.0} for name in OBJECTIVES), {"position": 2.0}, MIXED]
 
 
 @pytest.fixture(autouse=True)
@@ -132,15 +132,6 @@ def test_a_weight_is_that_many_frames():
     assert Comparison(weighted, SYSTEM).total_weight == counts.sum()
 
 
-def test_the_general_way_agrees_with_the_compiled_one():
-    made = captured({"position": 2.0})
-    x = states()
-    value, derivative = cost_and_derivative(made, x)
-    r, J = residual(made, x), jacobian(made, x)
-    assert value == pytest.approx(r @ r, rel=1e-13)  # rounding
-    np.testing.assert_allclose(derivative.ravel(), 2 * J.T @ r, atol=1e-13 * np.abs(derivative).max())
-
-
 # --- all objectives and losses
 
 
@@ -169,9 +160,11 @@ def test_the_derivative_is_that_of_the_cost(objective, loss):
 @pytest.mark.parametrize("objective", EACH)
 def test_the_derivative_is_twice_the_pulled_back_residual(objective, loss):
     made, x = captured(objective, loss), states()
-    derivative = cost_and_derivative(made, x)[1]
-    back = 2 * jacobian(made, x).T @ residual(made, x)
+    value, derivative = cost_and_derivative(made, x)
+    r = residual(made, x)
+    back = 2 * jacobian(made, x).T @ r
     np.testing.assert_allclose(back, derivative.ravel(), atol=1e-13 * np.abs(derivative).max())  # rounding
+    assert not made.loss.is_linear or value == pytest.approx(r @ r, rel=1e-13)  # rounding
 
 
 @pytest.mark.parametrize("objective", EACH)
@@ -227,13 +220,6 @@ def test_small_gaps_cost_their_squares_and_large_ones_their_lengths(name):
         assert cost(made, wanted.positions + size * gap) == pytest.approx(expected, rel=1e-5)
 
 
-@pytest.mark.parametrize("name", ["soft_l1", "huber"])
-def test_a_large_scale_is_no_loss(name):
-    wanted, x = goal(), states()
-    robust, plain = (cost(Comparison(wanted, SYSTEM, loss=loss), x) for loss in (Loss(name, 1e5), Loss()))
-    assert robust == pytest.approx(plain, rel=1e-9)  # z = 1e-11
-
-
 @pytest.mark.parametrize("name", ["linear", "soft_l1", "huber"])
 def test_the_losses_are_those_of_scipy(name):
     # residuals that nothing changes, so that SciPy gives the cost of the start; it halves the sum
@@ -259,8 +245,3 @@ def test_objectives_that_cannot_be_are_refused(objective, message):
     with pytest.raises(InvalidInput) as caught:
         objective_weights(objective)
     assert str(caught.value).startswith(message)
-
-
-def test_a_name_alone_has_weight_one():
-    assert objective_weights("velocity") == {"velocity": 1.0}
-    assert objective_weights(MIXED) == MIXED

@@ -1,6 +1,5 @@
 """What users have of an objective: few names, the motion, and its products."""
 
-import numba
 import numpy as np
 import pytest
 from helpers.scenes import cloth, document, even
@@ -33,7 +32,6 @@ def test_it_shows_its_sizes_in_a_line(scene):
 
 
 @pytest.mark.slow  # compiles a gradient
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="slow without compilation")
 class TestDerivatives:
     def test_the_positions_are_those_of_a_simulation(self):
         two = [cloth(3, 3, optimizationSettings="nG"), cloth(3, 2), cloth(2, 2, optimizationSettings="Ln")]

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from helpers.costs import cost, cost_and_derivative, jacobian, residual
-from helpers.marks import compiled
 from helpers.physics import rotation, scene
 from helpers.scenes import cloth, even, trial
 
@@ -15,7 +14,6 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.comparison import OBJECTIVES, Comparison
-from clothfit.objective.identifiability import identifiable
 from clothfit.objective.measures import basis
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import target
@@ -156,7 +154,6 @@ CAPTURES = {"every step": {}, "every third": {"every": 3}, "30 a second": {"fps"
 MIXED = {"position": 1.0, "velocity": 0.01, "edge-length": 2.0, "spectrum": 0.5}
 
 
-@compiled
 @pytest.mark.parametrize("loss", ["linear", "huber", "soft_l1"])
 @pytest.mark.parametrize("objective", [*OBJECTIVES, MIXED], ids=str)
 def test_the_gradient_through_the_simulation(objective, loss):
@@ -167,20 +164,11 @@ def test_the_gradient_through_the_simulation(objective, loss):
     scale = None if loss == "linear" else 0.01
     objective = Objective(made, goal, objective=objective, loss=loss, loss_scale=scale)
     report = check(objective, p, seed=4)
+    assert loss != "linear" or report.order > 1.9
     assert report.difference < 1e-6  # rounding of the cost, 1e-13, over the step
     assert report.product < 1e-12  # linear systems are solved to 1e-14
 
 
-@compiled
-@pytest.mark.parametrize("objective", ["velocity", MIXED], ids=str)
-def test_the_order_of_the_taylor_remainder(objective):
-    made = load(trial("LL", 16, 3, 3, vertMass=[0.05 + 0.005 * i for i in range(9)]))
-    p = parameters(made)
-    goal = degrade(simulate(with_parameters(made, 1.3 * p), tolerance=1e-14), fps=37)
-    assert check(Objective(made, goal, objective=objective), p, seed=4).order > 1.9
-
-
-@compiled
 @pytest.mark.parametrize("capture", CAPTURES)
 @pytest.mark.parametrize("objective", [*OBJECTIVES, MIXED], ids=str)
 def test_a_fit_recovers_what_is_hidden(objective, capture):
@@ -191,24 +179,11 @@ def test_a_fit_recovers_what_is_hidden(objective, capture):
     assert found.rmse < 1e-5
 
 
-@compiled
-@pytest.mark.parametrize("objective", ["position", "velocity"])
-def test_one_mass_per_vertex_from_frames_off_the_steps(objective):
-    made = load(trial("Ln"))
-    goal = degrade(record_target(made), fps=70)
-    found = estimate(made, goal, start=0.02, objective=objective, method="l-bfgs-b")
-    kept = identifiable(made)
-    np.testing.assert_allclose(parameters(found.scene)[kept], parameters(made)[kept], rtol=1e-3)
-    assert found.rmse < 1e-6
-
-
-@compiled
 def test_a_hidden_truth_can_be_looked_for_with_any_objective():
     found = estimate(load(even("nG", 40)), objective={"edge-length": 1.0, "spectrum": 0.1})
     np.testing.assert_allclose(parameters(found.scene), 30.0, rtol=1e-4)  # as above
 
 
-@compiled
 def test_the_rmse_of_a_fit_is_that_of_positions():
     made = load(even("nG"))
     goal = record_target(made)
@@ -219,7 +194,6 @@ def test_the_rmse_of_a_fit_is_that_of_positions():
     assert found.cost < 1e-6
 
 
-@compiled
 @pytest.mark.parametrize("loss", ["huber", "soft_l1"])
 def test_outliers_do_not_decide_a_robust_fit(loss):
     made = load(even("GG", 31))
@@ -235,7 +209,6 @@ def test_outliers_do_not_decide_a_robust_fit(loss):
     assert errors[1] < 0.1 * errors[0]
 
 
-@compiled
 def test_weights_leave_out_what_is_known_to_be_wrong():
     made = load(even("GG"))
     goal = record_target(made)

@@ -1,24 +1,27 @@
-"""The whole gradient: Taylor ladder, central difference and dot products, over all forces, settings and schemes."""
+"""The whole gradient over all forces, settings and schemes; costs of fewer frames, and the motions that are kept."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import costs
 from helpers.marks import FITS
 from helpers.physics import METHODS, TIGHT, ball, scene, thing, xyz
-from helpers.scenes import cloth, even, load_text
+from helpers.scenes import cloth, even, trial
+from helpers.strangers import small
 
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, central_difference_error, check
 from clothfit.engine.rollout import rollout
+from clothfit.engine.tape import Tape
+from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import as_motion
+from clothfit.motion.motion import Motion, as_motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
+from clothfit.objective.run import KEPT
 from clothfit.scene.block import flagged
 from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import load
 
 pytestmark = FITS
 
@@ -48,13 +51,8 @@ KINDS = {
 
 def variant(objects, method, newton, **fields):
     delta, frames = (0.02, FRAMES) if method == "implicit" else (0.005, 3 * FRAMES)
-    made = {
-        "integrationMethod": METHODS[method],
-        "forwardSubSteps": newton,
-        "delta": delta,
-        "optimizationIterations": frames,
-    }
-    return scene(*objects, **{**made, **fields})
+    made = {"integrationMethod": METHODS[method], "forwardSubSteps": newton, "delta": delta}
+    return scene(*objects, **{**made, "optimizationIterations": frames, **fields})
 
 
 def truth(made, factor=1.15):
@@ -225,16 +223,6 @@ def test_the_truth_has_no_cost_and_no_gradient():
     assert np.abs(gradient).max() == 0.0
 
 
-def test_the_tangent_is_the_change_of_the_motion():
-    made = variant([sheet(dragCoefficient=0.4)], "implicit", 1, **WIND, **SPHERE)
-    objective, p = Objective(made, truth(made)), parameters(made)
-    direction, t = p * np.random.default_rng(14).normal(size=p.shape), 1e-6
-    (change,) = objective.tangent(p, direction)
-    ends = [simulate(with_parameters(made, p + s * direction), tolerance=TIGHT).positions for s in (t, -t)]
-    # rounding of positions 1e-14 / 1e-6 against changes of 1e-2
-    np.testing.assert_allclose(change, (ends[0] - ends[1]) / (2 * t), atol=1e-6 * np.abs(change).max())
-
-
 @pytest.mark.parametrize("kind", ["partly seen", "skipped", "shorter"])
 def test_the_gradient_with_targets_as_captures_have_them(kind):
     made = variant([sheet(dragCoefficient=0.4)], "implicit", 1, **WIND)
@@ -267,9 +255,7 @@ DIVERGED = r"^scene: objects\[0\] diverged at step \d+ \(t = [\d.]+ s\); try a s
 
 
 def test_a_cost_that_overflows_is_a_divergence():
-    stiff = thing(
-        [(0, 0, 0), (0, -1, 0)], [(0, 1)], mass=0.5, stiffness=20.0, fixed=[0], optimizationSettings="nL"
-    )  # fmt: skip
+    stiff = thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], mass=0.5, stiffness=20.0, fixed=[0], optimizationSettings="nL")
     made = variant([stiff], "explicit", 1, delta=0.1, optimizationIterations=60)
     objective = Objective(made, simulate(made))
     for evaluate in (objective.cost, objective.cost_and_gradient, lambda p: objective.tangent(p, p)):
@@ -290,17 +276,6 @@ def test_a_vector_of_another_length_is_refused():
         Objective(made, simulate(made)).cost_and_gradient(np.ones(3))
 
 
-def test_the_derivative_by_position_is_what_the_gradient_pulls_back():
-    made = variant([sheet()], "implicit", 1)
-    objective, p = Objective(made, truth(made)), parameters(made)
-    memory, _ = rollout(objective.runs[0].system, FRAMES - 1, TIGHT)
-    by_position = costs.cost_and_derivative(objective.runs[0].comparison, memory.x)[1]
-    direction = p * np.random.default_rng(17).normal(size=p.shape)
-    (change,) = objective.tangent(p, direction)
-    forward, back = np.vdot(by_position, change), objective.cost_and_gradient(p)[1] @ direction
-    assert abs(forward - back) < 1e-12 * abs(back)  # linear systems are solved to 1e-14
-
-
 def test_the_scene_makes_its_blocks_once(monkeypatch):
     made = variant([sheet()], "implicit", 1)
     motion, calls = truth(made), []
@@ -311,7 +286,7 @@ def test_the_scene_makes_its_blocks_once(monkeypatch):
 
 
 def test_a_growing_cost_grows_to_the_cost():
-    truth = load_text(json.dumps(even("nG", 40)))
+    truth = load(even("nG", 40))
     objective = Objective(truth, simulate(truth), 1e-10)
     p = 2.0 * parameters(truth)
     grown = list(objective.growing_cost(p))
@@ -323,7 +298,7 @@ def test_a_growing_cost_grows_to_the_cost():
 
 @pytest.mark.parametrize("how", [{"loss": "huber", "loss_scale": 0.1}, {"objective": "velocity"}])
 def test_other_costs_than_squares_are_known_at_their_end(how):
-    truth = load_text(json.dumps(even("nG", 20)))
+    truth = load(even("nG", 20))
     objective = Objective(truth, simulate(truth), 1e-10, **how)
     p = 2.0 * parameters(truth)
     *before, last = objective.growing_cost(p)
@@ -332,6 +307,105 @@ def test_other_costs_than_squares_are_known_at_their_end(how):
 
 
 def test_the_growing_cost_of_a_motion_that_diverges_is_infinite():
-    truth = load_text(json.dumps(even("nG", 40, integrationMethod=0)))
-    objective = Objective(truth, simulate(load_text(json.dumps(even("nG", 40)))), 1e-10)
+    objective = Objective(load(even("nG", 40, integrationMethod=0)), simulate(load(even("nG", 40))), 1e-10)
     assert list(objective.growing_cost(np.array([1e4])))[-1].cost == np.inf
+
+
+# --- the motions that an objective keeps: simulated once, the same as anew, and few
+
+
+def objective(**options):
+    scene = small("nL", method=3)
+    return Objective(scene, simulate(scene, tolerance=1e-12), 1e-10, **options)
+
+
+def test_a_cost_and_its_derivatives_need_one_motion(monkeypatch):
+    aim, begun, tape = objective(), [], Tape.__init__
+    p = 1.1 * parameters(aim.scene)
+    monkeypatch.setattr(Tape, "__init__", lambda *given: begun.append(1) or tape(*given))
+    assert not aim.remembers(p)
+    cost, (again, gradient) = aim.cost(p), aim.cost_and_gradient(p)
+    change = aim.tangent(p, np.ones(len(p)))[0]
+    assert len(begun) == 1
+    assert aim.remembers(p.copy())
+    fresh = objective()
+    assert (cost, again) == (fresh.cost(p), cost)
+    np.testing.assert_array_equal(gradient, objective().cost_and_gradient(p)[1])
+    np.testing.assert_array_equal(change, objective().tangent(p, np.ones(len(p)))[0])
+
+
+def test_few_motions_are_kept():
+    aim = objective()
+    points = [parameters(aim.scene) * factor for factor in 1.0 + 0.1 * np.arange(KEPT + 1)]
+    for p in points:
+        aim.cost(p)
+    assert [aim.remembers(p) for p in points] == [False] + KEPT * [True]
+
+
+def test_little_memory_keeps_none():
+    aim = objective(memory=10_000_000)  # a twentieth of which is less than 24 steps of 16 vertices, twice
+    p = parameters(aim.scene)
+    aim.cost(p)
+    assert aim.remembers(p)
+    aim = objective(memory=500_000)
+    aim.cost(p)
+    assert not aim.remembers(p)
+
+
+# --- fewer frames, and what an objective says of how far its target moves
+
+
+SCENE = load(trial("nL", 12, 3, 3))
+MOTION = simulate(SCENE, tolerance=TIGHT)
+P = 1.3 * parameters(SCENE)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 5, 12, 99])
+def test_fewer_frames_cost_what_these_cost(frames):
+    aim = Objective(SCENE, MOTION, TIGHT)
+    part = aim.until(frames)
+    x = simulate(load(trial("nL", 12, 3, 3, springStiffness=P.tolist())), tolerance=TIGHT).positions
+    expected = ((x - MOTION.positions)[:frames] ** 2).sum()
+    assert part.cost(P) == pytest.approx(expected, rel=1e-9, abs=1e-25)  # solves to 1e-14; nothing at the start
+    assert part.frames == min(frames, 12)
+    assert part.steps == min(frames, 12) - 1
+    assert part.tolerance == aim.tolerance
+
+
+def test_costs_of_positions_add_up_over_frames():
+    aim = Objective(SCENE, MOTION, TIGHT)
+    costs = [aim.until(frames).cost(P) for frames in range(2, 13)]
+    assert (np.diff(costs) > 0).all()
+    assert costs[-1] == aim.cost(P)
+
+
+def test_the_rest_of_what_was_asked_stays():
+    options = {"objective": {"position": 1.0, "velocity": 0.01}, "loss": "huber", "loss_scale": 0.02}
+    part = Objective(SCENE, degrade(MOTION, observed=0.7), TIGHT, 9, **options).until(6, 1e-6)
+    same = Objective(SCENE, degrade(MOTION, observed=0.7), 1e-6, 6, **options)
+    assert part.tolerance == 1e-6
+    assert part.cost(P) == same.cost(P)
+    assert Objective(SCENE, MOTION, TIGHT, 5).until(8).steps == 4  # no more than there was
+
+
+def test_each_experiment_has_its_own_end():
+    longer = load(trial("nL", 20, 3, 3))
+    aim = Objective(SCENE, [MOTION, (simulate(longer), longer)], TIGHT, [6, 20])
+    assert aim.steps == 19
+    assert [run.comparison.last_step for run in aim.until(10).runs] == [5, 9]
+
+
+def test_still_is_the_cost_of_a_cloth_that_does_not_move():
+    aim = Objective(SCENE, MOTION, TIGHT)
+    assert aim.still == pytest.approx(((MOTION.positions - SCENE.cloths[0].positions) ** 2).sum(), rel=1e-12)
+    resting = Motion(np.array([SCENE.cloths[0].positions] * 12), MOTION.times, MOTION.vertex_counts)
+    assert Objective(SCENE, resting).still == 0.0
+
+
+def test_the_first_step_is_the_first_at_which_anything_is_seen():
+    made = load(even("nG", 20))
+    motion = simulate(made)
+    assert Objective(made, motion).first_step == 1
+    late = Motion(motion.positions[7:], motion.times[7:] + 0.005, motion.vertex_counts)
+    assert Objective(made, late).first_step == 8  # between the steps 7 and 8
+    assert Objective(made, motion).until(1).first_step == 0

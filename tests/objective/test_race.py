@@ -1,16 +1,16 @@
 """A race of points: which costs it knows, what it leaves out, and what it does not depend on."""
 
-import json
 import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from helpers.scenes import even, load_text
+from helpers.scenes import even
 
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters
+from clothfit.scene.scene import load
 from clothfit.strategy.wide_search import race
 
 FACTORS = [3.0, 1.1, 0.5, 1.6, 0.8, 0.2]
@@ -19,7 +19,7 @@ FACTORS = [3.0, 1.1, 0.5, 1.6, 0.8, 0.2]
 @pytest.fixture(scope="module")
 def target():
     """An objective of one value, and points around its truth."""
-    truth = load_text(json.dumps(even("nG", 40)))
+    truth = load(even("nG", 40))
     return Objective(truth, simulate(truth), 1e-10), [factor * parameters(truth) for factor in FACTORS]
 
 
@@ -55,9 +55,7 @@ def test_those_above_a_limit_are_not_either(target, costs):
 
 
 def test_a_motion_that_diverges_costs_more_than_any_other():
-    even_truth = load_text(json.dumps(even("nG", 40)))
-    explicit = load_text(json.dumps(even("nG", 40, integrationMethod=0)))
-    objective = Objective(explicit, simulate(even_truth), 1e-10)
+    objective = Objective(load(even("nG", 40, integrationMethod=0)), simulate(load(even("nG", 40))), 1e-10)
     found = race(objective, [np.array([1e4]), np.array([1e-3])], 2)
     assert found.costs[0] == np.inf
     assert np.isfinite(found.costs[1])

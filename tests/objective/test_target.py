@@ -22,17 +22,19 @@ def motion(times, observed=None, weights=None):
     return Motion(RNG.normal(size=(len(times), 5, 3)), times, (2, 3), observed, "walk.npz", weights=weights)
 
 
-@pytest.mark.parametrize(("last", "steps"), [(None, [0, 2, 5]), (5, [0, 2, 5]), (4, [0, 2]), (2, [0, 2]), (0, [0])])
-def test_a_target_ends_at_the_last_step_asked_for(last, steps):
-    goal = target(motion(DELTA * np.array([0, 2, 5])), 0, DELTA, last)
-    assert goal.step.tolist() == steps
-    assert (goal.positions.shape, goal.observed.shape) == ((len(steps), 2, 3), (len(steps), 2))
+ENDS = {
+    (0, 2, 5): [(None, 3, 5), (5, 3, 5), (4, 2, 2), (2, 2, 2), (0, 1, 0)],
+    (0.5, 1.25, 1.75, 2.5): [(None, 4, 3), (3, 4, 3), (2, 3, 2), (1, 1, 1), (0, 0, 0)],  # which need the step after
+}
+"""Of frames at these steps the last step asked for, how many frames there are, and the last step needed."""
 
 
-@pytest.mark.parametrize(("last", "frames", "needed"), [(None, 4, 3), (3, 4, 3), (2, 3, 2), (1, 1, 1), (0, 0, 0)])
-def test_frames_between_steps_need_the_step_after_them(last, frames, needed):
-    goal = target(motion(DELTA * np.array([0.5, 1.25, 1.75, 2.5])), 0, DELTA, last)
-    assert (len(goal.step), goal.last_step) == (frames, needed)
+@pytest.mark.parametrize("places", ENDS, ids=str)
+def test_a_target_ends_at_the_last_step_asked_for(places):
+    for last, frames, needed in ENDS[places]:
+        goal = target(motion(DELTA * np.array(places)), 0, DELTA, last)
+        assert (goal.step.tolist(), goal.last_step) == ([int(place) for place in places[:frames]], needed)
+        assert (goal.positions.shape, goal.observed.shape) == ((frames, 2, 3), (frames, 2))
 
 
 def test_times_in_single_precision_are_multiples_of_the_step():

@@ -15,7 +15,7 @@ from clothfit.optimise.gauss_newton import (
     Quadratic,
     descend,
     minimise,
-    scale_of,
+    quadratic,
 )
 from clothfit.optimise.prior import first, none
 
@@ -231,14 +231,15 @@ def test_a_scaled_step_changes_neither_residuals_nor_coordinates_by_more_than_th
     made = rosenbrock()
     y = np.array([-1.2, 1.0])
     model, problem = made.model(y), replace(made.problem, widths=np.array([0.5, 2.0]))
-    near = Quadratic(y, model.H, model.g, made.lower, made.upper, scale_of(model, problem))
+    near = quadratic(problem, model, none(2), 1.0)
     for radius in (1e-3, 0.1):
         step = near.within(radius)
         assert near.length(step) == pytest.approx(radius, rel=0.02)  # within a percent, by its own account
         assert np.linalg.norm(made.jacobian(y) * step / np.sqrt(model.cost)) <= 1.02 * radius
         assert np.linalg.norm(step / problem.widths) <= 1.02 * radius
-    assert scale_of(model, made.problem) is None
-    assert scale_of(made.model(np.ones(2)), problem) is None  # nothing is left that a change could be relative to
+    assert quadratic(made.problem, model, none(2), 1.0).scale is None
+    nothing = made.model(np.ones(2))  # is left that a change could be relative to
+    assert quadratic(problem, nothing, none(2), 1.0).scale is None
 
 
 def test_a_coordinate_that_no_residual_shows_is_not_moved_far():

@@ -1,18 +1,21 @@
-"""The fit without matrices: products with the derivative of the residuals, and the same minimum."""
+"""The fit without matrices: products, block conjugate gradients, samples of the posterior, and the same minimum."""
 
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers.marks import FITS
 from helpers.physics import TIGHT, scene, xyz
-from helpers.scenes import cloth, even
+from helpers.scenes import cloth, even, trial
+from scipy import stats
 
 from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.matrix_free import Products
+from clothfit.optimise.matrix_free import BlockGradients, Products, Sampling
+from clothfit.optimise.prior import first
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.optimise.trajectory import Trajectory
@@ -85,3 +88,130 @@ def test_noise_leaves_the_same_minimum(monkeypatch):
     # The valley's floor is flat: 288 residuals less some 70 parameters leave a cost of 217 of the noise's squares,
     # which is uncertain by 21 of them; both end within 4 of each other.
     assert costs[0] == pytest.approx(costs[1], rel=2e-2)
+
+
+# --- samples of the posterior by products: their covariance and step are those of the matrix
+
+
+NOISE = 1e-3
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """A noisy trajectory, its coordinates and its prior."""
+    made = load(trial("LL", 25))
+    aim = Objective(made, degrade(record_target(made), NOISE, observed=0.8, seed=2), 1e-12)
+    part = Trajectory(Search(aim, parameters(made), 0.0, 10**6), aim)
+    y = part.search.y
+    groups = part.prior(y, None).groups
+    return part, y, replace(first(y - 0.1, groups, None), tau=(0.3, 0.2)), Products(part, y, 1e-12)
+
+
+@pytest.mark.parametrize("wide", [True, False])
+def test_all_rounds_give_the_step_and_the_covariance_of_the_matrix(noisy, wide):
+    part, y, prior, products = noisy
+    model, A = part.model(y), prior.matrix(NOISE**2)
+    K, count = np.linalg.inv(model.H + A), 64
+    sampling = Sampling(products, prior, y, NOISE**2, count, np.random.default_rng(1), wide=wide)
+    while sampling.block.W.shape[1] < len(y) and sampling.round() > 1e-9:
+        pass
+    step = -K @ (model.g + A @ (y - prior.centre))
+    np.testing.assert_allclose(sampling.step, step, atol=1e-5 * np.abs(step).max())  # a condition of 1e6, rounding
+    # the squares of `count` samples over the variance are chi-square: all within what one in 1e5 leaves, and their mean
+    ratio = sampling.deviation**2 / (NOISE**2 * np.diag(K))
+    low, high = stats.chi2.ppf([1e-5 / len(y), 1 - 1e-5 / len(y)], count) / count
+    assert (ratio > low).all()
+    assert (ratio < high).all()
+    away = np.linalg.solve(np.linalg.cholesky(NOISE**2 * K), sampling.samples)  # independent, of variance 1
+    assert np.mean(away**2) == pytest.approx(1.0, abs=5 * np.sqrt(2 / away.size))
+    determined = np.trace(model.H @ K)
+    assert sampling.determined == pytest.approx(determined, abs=5 * np.sqrt(2 * len(y) / count))
+
+
+def test_few_rounds_leave_them_too_wide_or_too_narrow_as_asked(noisy):
+    part, y, prior, products = noisy
+    exact = NOISE * np.sqrt(np.diag(np.linalg.inv(part.model(y).H + prior.matrix(NOISE**2))))
+    found = []
+    for wide in (True, False):
+        sampling = Sampling(products, prior, y, NOISE**2, 16, np.random.default_rng(1), wide=wide)
+        sampling.round()
+        found.append(np.median(sampling.deviation / exact))
+    assert found[0] > 1.5
+    assert found[1] < 0.7
+
+
+def test_what_the_data_push_against_a_bound_stays(noisy):
+    _, y, prior, products = noisy
+    none = np.zeros(len(y), bool)
+    free = Sampling(products, prior, y, NOISE**2, 2, np.random.default_rng(1))
+    place = int(np.argmax(np.abs(free.gradient) / np.sqrt(free.diagonal)))
+    at = none.copy()
+    at[place] = True
+    ends = (at, none) if free.gradient[place] > 0 else (none, at)
+    pushed = Sampling(products, prior, y, NOISE**2, 2, np.random.default_rng(1), ends)
+    pulled = Sampling(products, prior, y, NOISE**2, 2, np.random.default_rng(1), ends[::-1])
+    for sampling in (pushed, pulled):
+        sampling.round()
+    assert pushed.step[place] == 0.0
+    assert (pushed.samples[place] == 0.0).all()
+    assert pulled.step[place] != 0.0
+    assert free.shown.all()
+
+
+# --- block conjugate gradients: exact in as many directions as there are unknowns, and never further from the solution
+
+
+def problem(size, count, seed=0, spread=1e4):
+    """S with eigenvalues over `spread`, right sides, and the solutions."""
+    rng = np.random.default_rng(seed)
+    V = np.linalg.qr(rng.normal(size=(size, size)))[0]
+    S = V * np.geomspace(1.0, spread, size) @ V.T
+    B = rng.normal(size=(size, count))
+    return S, B, np.linalg.solve(S, B)
+
+
+def begun(S, B, X=None, diagonal=None):
+    X = np.zeros_like(B) if X is None else X
+    return BlockGradients(lambda z: S @ z, B, X, S @ X, np.diag(S) if diagonal is None else diagonal)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_as_many_directions_as_unknowns_solve_the_equations(count, seed):
+    S, B, exact = problem(24, count, seed)
+    own = begun(S, B, np.random.default_rng(9).normal(size=B.shape))
+    while own.W.shape[1] < 24 and own.round():
+        pass
+    assert own.W.shape[1] <= 24
+    np.testing.assert_allclose(own.X, exact, atol=1e-9 * np.abs(exact).max())  # rounding times a condition of 1e4
+
+
+def test_each_round_is_nearer_in_the_norm_of_the_matrix():
+    S, B, exact = problem(60, 4)
+    own, errors = begun(S, B), []
+    for _ in range(10):
+        own.round()
+        away = own.X - exact
+        errors.append(np.einsum("qk,qp,pk->k", away, S, away))
+    assert (np.diff(errors, axis=0) < 0).all()
+
+
+def test_no_right_side_is_further_from_its_solution_than_alone():
+    S, B, exact = problem(200, 8, spread=1e3)
+    own, alone = begun(S, B), begun(S, B[:, :1])
+    for _ in range(12):
+        own.round()
+        alone.round()
+    (error, more) = (away @ S @ away for away in (each.X[:, 0] - exact[:, 0] for each in (own, alone)))
+    assert error < more  # the least over a space that holds the other's
+
+
+def test_right_sides_that_depend_on_each_other_add_no_directions():
+    S, B, exact = problem(30, 2)
+    own = begun(S, np.stack([B[:, 0], 2.0 * B[:, 0], 0.0 * B[:, 0], B[:, 1]], axis=1))
+    assert own.round()
+    assert own.W.shape[1] == 2
+    while own.W.shape[1] < 30 and own.round():
+        pass
+    np.testing.assert_allclose(own.X[:, 1], 2.0 * exact[:, 0], atol=1e-9 * np.abs(exact).max())
+    np.testing.assert_allclose(own.X[:, 2], 0.0, atol=1e-12)

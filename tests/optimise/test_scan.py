@@ -17,23 +17,9 @@ pytestmark = FITS
 
 def flag(settings="nG", frames=80, nx=4, ny=3, stiffness=30.0, mass=0.01, **fields):
     """A small cloth in a strong wind."""
-    n, springs = nx * ny, len(cloth(nx, ny)["springStiffness"])
-    own = cloth(
-        nx,
-        ny,
-        size=0.3,
-        optimizationSettings=settings,
-        vertMass=[mass] * n,
-        springStiffness=[stiffness] * springs,
-        dragCoefficient=1.5,
-        damping=0.02,
-    )
+    values = {"vertMass": [mass] * (nx * ny), "springStiffness": [stiffness] * len(cloth(nx, ny)["springStiffness"])}
+    own = cloth(nx, ny, 0.3, optimizationSettings=settings, **values, dragCoefficient=1.5, damping=0.02)
     return scene(own, optimizationIterations=frames, windVel=xyz((9, 0.5, 4)), **fields)
-
-
-def brute(aim, axis):
-    """The costs of all values of an axis."""
-    return np.array([aim.cost_or_infinity(np.array([value])) for value in axis])
 
 
 @pytest.mark.parametrize("settings", ["nG", "Gn"])
@@ -42,7 +28,7 @@ def test_it_finds_the_best_of_400_values(settings):
     other = flag(settings, stiffness=47.0, mass=0.013)
     aim = Objective(made, simulate(other, tolerance=1e-10), 1e-6)
     axis = np.geomspace(LOWER, UPPER, POINTS[1])
-    costs = brute(aim, axis)
+    costs = np.array([aim.cost_or_infinity(np.array([value])) for value in axis])
     lowest = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:])) + 1
     assert len(lowest) > 1  # more minima than one: where a descent ends depends on where it starts
     ((bracket,), *_) = scan(aim, 0, parameters(made))
@@ -79,12 +65,7 @@ def test_a_motion_that_is_followed_has_its_whole_cost(frames):
     whole = course.cost(p, np.inf)
     assert whole == pytest.approx(aim.cost(p), rel=1e-3)  # systems solved to 3e-4
     assert course.cost(p, 1.001 * whole) == whole
-
-
-def test_a_motion_that_costs_more_is_not_followed():
-    aim = Objective(flag(frames=40), simulate(flag(frames=40, stiffness=60.0), tolerance=1e-10), 1e-4)
-    course, p = Course(aim, 0), np.array([3.0])
-    assert course.cost(p, 0.01 * course.cost(p, np.inf)) == np.inf
+    assert frames < 40 or course.cost(p, 0.01 * whole) == np.inf  # what costs more is not followed
 
 
 def test_where_it_diverges_it_is_infinite():
@@ -128,7 +109,7 @@ def test_minima_and_brackets():
     assert [brackets(axis, i) for i in range(3)] == [(1.0, 1.0, 2.0), (1.0, 2.0, 4.0), (2.0, 4.0, 4.0)]
 
 
-@pytest.mark.parametrize("frames", [4, 25, 120])
+@pytest.mark.parametrize("frames", [4, 80])
 def test_a_few_dozen_motions_find_one_value(frames, monkeypatch):
     followed = []
     original = Course.cost

@@ -1,20 +1,23 @@
-"""The model of a whole motion's cost: its slope, its Jacobian, its residuals, its prior."""
+"""The model of a whole motion's cost: its slope, its Jacobian, its residuals, its prior, its normal equations."""
 
 import numpy as np
 import pytest
-from helpers.costs import residual, simulate_all
+from helpers.costs import jacobian, residual, simulate_all
 from helpers.marks import FITS
 from helpers.physics import METHODS, TIGHT, scene, xyz
 from helpers.scenes import cloth, even, trial
 
 from clothfit.derivative import sensitivity
+from clothfit.derivative.sensitivity import columns, sweep
 from clothfit.kernels import parallel
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import residual_count
-from clothfit.objective.running_cost import free_columns
+from clothfit.objective.running_cost import MatrixResiduals, free_columns
+from clothfit.optimise import trajectory as normal
 from clothfit.optimise.prior import FIRST_TAU, first
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
@@ -172,13 +175,6 @@ def test_the_residuals_are_those_that_a_parameter_can_change():
     assert part.residuals() == 3 * shown.sum()
 
 
-def test_the_columns_of_free_coordinates():
-    (run,) = Objective(load(trial("LL", 4, 3, 3)), simulate(load(trial("LL", 4, 3, 3)))).runs
-    x = np.arange(4 * 9 * 3).reshape(4, 9, 3)
-    free = run.system.vertex.free
-    np.testing.assert_array_equal(free_columns(free, run.steps), x[1:, free].reshape(-1))
-
-
 def test_the_prior_groups_what_scatters_around_a_fabric():
     part = trajectory("several")
     sizes = [16, 16]  # stiffnesses and rest lengths of the first cloth; one value each does not scatter
@@ -207,3 +203,92 @@ def test_with_two_threads_a_model_is_the_same_to_the_last_bit(method, monkeypatc
     assert found[0].cost == found[1].cost
     np.testing.assert_array_equal(found[0].H, found[1].H)
     np.testing.assert_array_equal(found[0].g, found[1].g)
+
+
+# --- the normal equations, a few steps at a time, against the whole Jacobian
+
+
+FRAMES, DELTA = 12, 0.02
+OBJECTIVES = ["position", "velocity", "edge-length", "spectrum", {"position": 1.0, "edge-length": 2.0, "velocity": 0.1}]
+TIMES = {
+    "steps": np.arange(FRAMES) * DELTA,
+    "between": (np.arange(FRAMES - 1) + 0.3) * DELTA,
+    "every second": np.arange(0, FRAMES, 2) * DELTA,
+    "two in a step": np.arange(20) * 0.5 * DELTA,
+}
+CHUNKS = {"one step": 1, "two steps": 250, "all": 10**9}  # 19 columns of 21 coordinates
+
+
+def objective(kind, times):
+    """A small cloth in the wind against the motion of other parameters, seen at some times."""
+    made = scene(
+        cloth(3, 3, optimizationSettings="LG", dragCoefficient=0.3, fit={"springRestLength": "L"}),
+        optimizationIterations=FRAMES,
+        windVel=xyz((3, 1, -2)),
+    )
+    p = parameters(made)
+    x = simulate(with_parameters(made, 1.3 * p), tolerance=TIGHT).positions
+    places = times / DELTA
+    below = np.minimum(places.astype(int), FRAMES - 2)
+    share = (places - below)[:, None, None]
+    seen = np.random.default_rng(5).uniform(size=(len(times), 9)) < (1.0 if kind == "spectrum" else 0.8)
+    motion = Motion((1 - share) * x[below] + share * x[below + 1], times, (9,), seen)
+    return Objective(made, motion, TIGHT, objective=kind), p
+
+
+def parts(aim, p):
+    """∂r/∂x of the free coordinates, r, the sweep, and its size."""
+    (run,) = aim.runs
+    system, memory = simulate_all(aim, run, p)
+    wanted = columns(system, aim.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
+    by_position = jacobian(run.comparison, memory.x)[:, free_columns(system.vertex.free, run.steps)]
+    size = (3 * int(system.vertex.free.sum()), len(p))
+    return by_position, residual(run.comparison, memory.x), lambda: sweep(system, memory, wanted), size
+
+
+@pytest.mark.parametrize("chunk", CHUNKS)
+@pytest.mark.parametrize("times", TIMES)
+@pytest.mark.parametrize("kind", OBJECTIVES, ids=str)
+def test_it_is_the_product_of_the_whole_jacobian(kind, times, chunk, monkeypatch):
+    aim, p = objective(kind, TIMES[times])
+    by_position, r, steps, size = parts(aim, p)
+    J = by_position @ np.concatenate([step.copy() for step in steps()])
+    monkeypatch.setattr(normal, "CHUNK", CHUNKS[chunk])
+    H, g = normal.accumulate(MatrixResiduals(by_position, r, size[0]), steps(), np.zeros(size))
+    assert np.abs(J).max() > 0
+    # sums of some hundred products in another order
+    np.testing.assert_allclose(H, J.T @ J, atol=1e-13 * np.abs(J.T @ J).max())
+    np.testing.assert_allclose(g, J.T @ r, atol=1e-13 * np.abs(J).max() * np.abs(r).sum())
+
+
+def test_random_rows_that_end_anywhere(monkeypatch):
+    from scipy.sparse import random_array
+
+    rng = np.random.default_rng(8)
+    rows, count, steps = 6, 4, 9
+    by_position = random_array((40, rows * steps), density=0.05, rng=rng, format="csr")  # some rows are empty
+    X, r = rng.normal(size=(steps, rows, count)), rng.normal(size=40)
+    J = by_position @ X.reshape(-1, count)
+    for chunk in (1, 50, 75, 10**6):
+        monkeypatch.setattr(normal, "CHUNK", chunk)
+        H, g = normal.accumulate(MatrixResiduals(by_position, r, rows), iter(X), np.zeros((rows, count)))
+        np.testing.assert_allclose(H, J.T @ J, atol=1e-13)  # rounding of numbers of about 1
+        np.testing.assert_allclose(g, J.T @ r, atol=1e-13)
+
+
+def test_the_array_that_the_sweep_uses_again_is_not_kept(monkeypatch):
+    from scipy.sparse import eye_array
+
+    array, expected = np.zeros((2, 1)), np.zeros(1)
+
+    def steps():
+        for t in range(3):
+            array[:] = t + 1.0
+            yield array
+
+    r = np.arange(6.0)
+    expected = np.repeat([1.0, 2.0, 3.0], 2) @ r
+    for chunk in (1, 100):
+        monkeypatch.setattr(normal, "CHUNK", chunk)
+        H, g = normal.accumulate(MatrixResiduals(eye_array(6, format="csr"), r, 2), steps(), np.zeros((2, 1)))
+        assert (H[0, 0], g[0]) == (2 * (1 + 4 + 9), expected)
