@@ -132,26 +132,19 @@ def neighbours(triangles: Indices) -> Indices:
     met = edges_of(triangles)
     of = met.of[:, [2, 0, 1]].reshape(-1)  # of AB, BC, CA; there side k is opposite corner k
     ways = np.bincount(met.of.reshape(-1), along(triangles).reshape(-1), len(met.uses))
-    for wrong, fault in (
-        (met.uses == 1, "is not closed: {} of one triangle only"),
-        (met.uses > 2, "{} of more than two triangles"),
-        (ways != 1, "at {} two triangles face opposite ways"),
+    sides = "edge is a side", "edges are sides"
+    for wrong, words, fault in (
+        (met.uses == 1, sides, "is not closed: {} of one triangle only"),
+        (met.uses > 2, sides, "{} of more than two triangles"),
+        (ways != 1, ("edge", "edges"), "at {} two triangles face opposite ways"),
     ):
         if wrong.any():
             first = "between vertices {} and {}".format(*met.ends[np.flatnonzero(wrong)[0]])
-            raise InvalidInput(f"{fault.format(sides(wrong, fault))}, the first {first}")
+            raise InvalidInput(f"{fault.format(counted(int(wrong.sum()), *words))}, the first {first}")
     pairs = np.argsort(of, kind="stable").reshape(-1, 2)
     other = np.empty(len(of), np.int32)
     other[pairs] = pairs[:, ::-1]
     return (other // 3).reshape(-1, 3)
-
-
-def sides(wrong: Flags, fault: str) -> str:
-    """So many edges, with their verb where the sentence begins with it or needs it."""
-    count = int(wrong.sum())
-    if fault.startswith("at "):
-        return counted(count, "edge", "edges")
-    return counted(count, "edge is a side", "edges are sides")
 
 
 def check_frames(frames: Array, triangles: Indices, place: str) -> None:
