@@ -63,7 +63,10 @@ def body_of(collider: Collider) -> Moving:
         have = f"{own.values.shape[1]} points" if own.values.ndim == 3 else "one signal"
         raise InvalidScene(f"{body.motion.place}.file: has {have} for the {count} vertices of the mesh")
     frames = own.values[:, first] * collider.size
-    check_frames(frames, surface.triangles, body.motion.place)
+    for k, frame in enumerate(frames):
+        flat = without_area(frame, surface.triangles)
+        if len(flat):
+            raise InvalidScene(f"{body.motion.place}.file: frame {k}: triangle {flat[0]} of the mesh has no area")
     return Moving(surface._replace(place=frames[0]), count, own.times, frames, body.motion.place)
 
 
@@ -91,7 +94,11 @@ def closed(mesh: Mesh) -> tuple[Flags, Surface]:
     """Which vertices of a mesh are left once those at one place are joined, (n,), and the surface that they make.
     Raises InvalidInput where it is not closed.
     """
-    check_areas(mesh, mesh.triangles)
+    if not len(mesh.triangles):
+        raise InvalidInput("has no triangles")
+    flat = without_area(mesh.positions, mesh.triangles)
+    if len(flat):
+        raise InvalidInput(f"triangle {flat[0]} has no area ({counted(len(flat), 'such triangle', 'such triangles')})")
     lot = together(mesh.positions, tiny(mesh))
     triangles = lot[mesh.triangles]
     a, b, c = triangles.T
@@ -107,15 +114,6 @@ def closed(mesh: Mesh) -> tuple[Flags, Surface]:
     if np.linalg.det(corners).sum() < 0.0:  # six times the volume: the sides AB, BC, CA become AC, CB, BA
         surface = surface._replace(triangles=surface.triangles[:, [0, 2, 1]], across=across[:, [2, 1, 0]])
     return kept, surface
-
-
-def check_areas(mesh: Mesh, triangles: Indices) -> None:
-    """Raise InvalidInput where a mesh has no triangle, or one without area."""
-    if not len(triangles):
-        raise InvalidInput("has no triangles")
-    flat = without_area(mesh.positions, triangles)
-    if len(flat):
-        raise InvalidInput(f"triangle {flat[0]} has no area ({counted(len(flat), 'such triangle', 'such triangles')})")
 
 
 def without_area(place: Array, triangles: Indices) -> Indices:
@@ -145,14 +143,6 @@ def neighbours(triangles: Indices) -> Indices:
     other = np.empty(len(of), np.int32)
     other[pairs] = pairs[:, ::-1]
     return (other // 3).reshape(-1, 3)
-
-
-def check_frames(frames: Array, triangles: Indices, place: str) -> None:
-    """Raise InvalidScene where a triangle has no area at a frame of a motion."""
-    for k, frame in enumerate(frames):
-        flat = without_area(frame, triangles)
-        if len(flat):
-            raise InvalidScene(f"{place}.file: frame {k}: triangle {flat[0]} of the mesh has no area")
 
 
 def bodies_of(colliders: Sequence[Collider]) -> list[Moving]:

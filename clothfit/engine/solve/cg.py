@@ -101,8 +101,7 @@ def relaxation(A):
     vertices the measured iterations are fewest near ω = 2/(1 + q^0.2), and few more around it.
     """
     low, high = splat(0.0), splat(0.0)
-    for k in range(len(A.order)):
-        i = A.order[k]
+    for i in A.order:
         low = add(low, column(A.diagonal, i, 0))
         high = add(high, column(A.diagonal, i, 4))
     diagonal = lane0(low) + lane0(high) + lane2(high)
@@ -118,10 +117,8 @@ def relaxation(A):
 @kernel
 def enter(A, subdomain, b, w, x, own):
     """x = w and own = b, (n, 3) each, at the rows of a subdomain; returns |b|² there."""
-    order, _ = ssor.rows(A, subdomain)
     bb = splat(0.0)
-    for k in range(len(order)):
-        i = order[k]
+    for i in ssor.rows(A, subdomain)[0]:
         b_i = load3(b, i)
         bb = fma(b_i, b_i, bb)
         store4(b_i, own, i)
@@ -145,6 +142,5 @@ def is_solved(A, rr, bb, target, w):
 @kernel
 def leave(A, x, w):
     """w (n, 3) = x."""
-    for k in range(len(A.order)):
-        i = A.order[k]
+    for i in A.order:
         store3(load4(x, i), w, i)

@@ -31,10 +31,8 @@ def push(A, row, k, y, out):
 @kernel
 def gather(A, subdomain, far, own):
     """own += far at the rows of the separator, then far = 0: what subdomain 1 pushed to it."""
-    order, _ = rows(A, subdomain)
     zero = splat(0.0)
-    for k in range(len(order)):
-        i = order[k]
+    for i in rows(A, subdomain)[0]:
         store4(add(load4(own, i), load4(far, i)), own, i)
         store4(zero, far, i)
 
@@ -74,10 +72,8 @@ def solve_lower(A, subdomain, inverse, own, r):
 @kernel
 def weigh(A, subdomain, scale, r, z):
     """z = scale · D r; returns r·z."""
-    order, _ = rows(A, subdomain)
     total, factor, zero = splat(0.0), splat(scale), splat(0.0)
-    for k in range(len(order)):
-        i = order[k]
+    for i in rows(A, subdomain)[0]:
         r_i = load4(r, i)
         z_i = clear3(times(A.diagonal, i, mul(factor, r_i), zero))
         store4(z_i, z, i)
@@ -120,10 +116,8 @@ def apply_lower(A, subdomain, inverse, p, t, own, q):
 @kernel
 def advance(A, subdomain, alpha, scale, t, q, x, r, z):
     """x += α t, r −= α q, z = scale · D r; returns r·z."""
-    order, _ = rows(A, subdomain)
     total, step, back, factor, zero = splat(0.0), splat(alpha), splat(-alpha), splat(scale), splat(0.0)
-    for k in range(len(order)):
-        i = order[k]
+    for i in rows(A, subdomain)[0]:
         store4(fma(step, load4(t, i), load4(x, i)), x, i)
         r_i = fma(back, load4(q, i), load4(r, i))
         store4(r_i, r, i)
@@ -150,7 +144,6 @@ def squared_residual(A, subdomain, scale, r, own):
 @kernel
 def clear(A, subdomain, own):
     """own = 0 at the rows of a subdomain."""
-    order, _ = rows(A, subdomain)
     zero = splat(0.0)
-    for k in range(len(order)):
-        store4(zero, own, order[k])
+    for i in rows(A, subdomain)[0]:
+        store4(zero, own, i)
