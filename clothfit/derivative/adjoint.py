@@ -16,7 +16,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import NO_NUMBERS, Array, Elements
 from clothfit.engine.forces import meeting
-from clothfit.engine.inputs.pin_derivatives import forget, pull_start, push_start
+from clothfit.engine.inputs import tables
 from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradient, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken, forms, work_of
@@ -59,7 +59,7 @@ def gradient(
     grad, work, taken = zeros(system, wanted), implicit.workspace(system), Taken(system)
     if system.inputs is not None:
         system.inputs.counted[:] = 0.0
-    forget(system.inputs)
+    tables.forget(system.inputs)
     state, at_start = states(system), np.zeros_like(system.x0)
     sweep = sweep or by_method(system, sweep_explicit_back, sweep_back, sweep_bdf2_back)
     for segment in memory.backward():
@@ -77,7 +77,7 @@ def gradient(
                     sweep(*own, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
             counted.add(work_of(chunk))
             interrupts.check()
-    pull_start(system.inputs, system.h, state[0] + at_start, state[1], grad)
+    tables.pull_start(system.inputs, system.h, state[0] + at_start, state[1], grad)
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, state[1])
         grad = grad._replace(velocity=state[1])
@@ -129,7 +129,7 @@ class Sweep:
         if len(direction.velocity) > 0:
             copy(direction.velocity, self.state[1])
             hold_fixed(system.vertex.free, self.state[1])
-        push_start(system.inputs, system.h, direction, self.state[0], self.state[1])
+        tables.push_start(system.inputs, system.h, direction, self.state[0], self.state[1])
 
     def through(self, chunk: Rollout) -> Array:
         """Change of the positions (T, n, 3) after each step of the next chunk of the motion."""

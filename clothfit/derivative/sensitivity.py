@@ -6,7 +6,7 @@ parameters can move
 
     A dW = Y dX + U dV + M dV + C,     dX⁺ = dX + h dW,     dX, dV, dW (3 f, Q)
 
-for those that are free; pins whose paths are fitted go along with these (`inputs.pin_derivatives`).
+for those that are free; pins whose paths are fitted go along with these (`inputs.tables`).
 A is factorised in blocks (`block_cholesky`); one that is not positive definite is inverted whole. What a cloth that
 touches itself adds is in `contact`.
 """
@@ -24,8 +24,7 @@ from clothfit.derivative import adjoint, block_cholesky
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian, stencil
 from clothfit.engine.forces import meeting, springs
-from clothfit.engine.inputs.pin_derivatives import led, moves_of
-from clothfit.engine.inputs.tables import set_direction, set_inputs, with_constant
+from clothfit.engine.inputs.tables import led, moves_of, set_direction, set_inputs, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse

@@ -92,7 +92,7 @@ def differentiate(system, stencil, x, v, w, u, later, work, out):
     """Fill `out` with the derivative of an iteration from u to w, the first or a `later` one, and work.A with its
     matrix.
     """
-    A, y, s, lam, gy, gu = work.A, work.y, work.s, work.solution, work.gy, work.gu
+    A, y, s, lam, gy, gu, row = work.A, work.y, work.s, work.solution, work.gy, work.gu, out.row
     at, to = u, w  # what the forces are linearised at, and the velocity their model is for
     if system.method == IMPLICIT:
         implicit.linearise(system, x, w, u, later, A, work.b, y, s)
@@ -104,7 +104,13 @@ def differentiate(system, stencil, x, v, w, u, later, work, out):
     for color in range(stencil.colors):
         for c in range(3):
             seed(system.vertex.free, stencil.color, color, c, lam)
-            pull(system, y, at, to, s, v, w, lam, gy, gu, out.row)
+            for each in (gy, gu):
+                each[:] = 0.0
+            for each in (row.mass, row.stiffness, row.rest):
+                each[:] = 0.0
+            total.add_pullback(system, y, at, to, s, lam, system.h, row, gy, gu)
+            add_rows_dot(-1.0, lam, w, row.mass)
+            add_rows_dot(1.0, lam, v, row.mass)
             if system.method != IMPLICIT:
                 total.add_damping(system, y, v, system.h, lam, gu)
             elif later:
@@ -119,19 +125,6 @@ def seed(free, colors, color, c, lam):
         lam[i, 0], lam[i, 1], lam[i, 2] = 0.0, 0.0, 0.0
         if free[i] and colors[i] == color:
             lam[i, c] = 1.0
-
-
-@kernel
-def pull(system, y, u, w, s, v, w_new, lam, gy, gu, row):
-    """Pull lam back through −r: gy, gu and the gradient by the elements, `row`."""
-    gy[:] = 0.0
-    gu[:] = 0.0
-    row.mass[:] = 0.0
-    row.stiffness[:] = 0.0
-    row.rest[:] = 0.0
-    total.add_pullback(system, y, u, w, s, lam, system.h, row, gy, gu)
-    add_rows_dot(-1.0, lam, w_new, row.mass)
-    add_rows_dot(1.0, lam, v, row.mass)
 
 
 @kernel

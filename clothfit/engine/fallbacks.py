@@ -31,27 +31,15 @@ class Fallbacks(NamedTuple):
 
     def sentences(self, steps: int) -> list[str]:
         """What a user should know, for motions of this many steps in all."""
-        found = []
-        if self.direct_solves:
-            found.append(
-                f"{self.direct_solves} linear systems were too stiff for conjugate gradients and were solved directly"
-            )
-        if self.clamped_steps:
-            found.append(
-                f"in {self.clamped_steps} of {steps} steps the cloth was so strongly compressed that the matrix was "
-                "indefinite; they were taken with the springs' push sideways left out of it"
-            )
-        if self.shortened_steps:
-            found.append(
-                f"{self.shortened_steps} of {steps} steps would have added energy and were shortened; "
-                "with a smaller delta there are fewer"
-            )
-        if self.early_contacts:
-            found.append(
-                f"in {self.early_contacts} of {steps} steps contacts began so deep that they would have added energy; "
-                "the steps were taken anew with these contacts in their equations; with a smaller delta there are fewer"
-            )
-        return found
+        said = (
+            "{} linear systems were too stiff for conjugate gradients and were solved directly",
+            f"in {{}} of {steps} steps the cloth was so strongly compressed that the matrix was indefinite; they were "
+            "taken with the springs' push sideways left out of it",
+            f"{{}} of {steps} steps would have added energy and were shortened; with a smaller delta there are fewer",
+            f"in {{}} of {steps} steps contacts began so deep that they would have added energy; the steps were taken "
+            "anew with these contacts in their equations; with a smaller delta there are fewer",
+        )
+        return [sentence.format(count) for count, sentence in zip(self, said, strict=True) if count]
 
 
 NO_FALLBACKS = Fallbacks()

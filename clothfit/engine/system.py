@@ -15,7 +15,7 @@ from clothfit.base.arrays import NO_TABLE, Array, Elements, Flags
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces import applied, bodies, spheres, springs, surfaces, touch, vertex, wind
 from clothfit.engine.forces.selfcontact import force, pairs
-from clothfit.engine.inputs import fitted_paths, pin_derivatives, sampling, tables
+from clothfit.engine.inputs import fitted_paths, sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.kernels.kernel import record
 from clothfit.scene.cloth import SPHERE, Cloth, Collider
@@ -65,7 +65,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
         method=scene.method,
         newton_iterations=scene.newton_iterations,
         guarded=True,
-        vertex=vertex.build(cloth.mass, cloth.fixed, cloth.damping, scene.gravity),
+        vertex=vertex.Vertex(np.array(cloth.mass), float(cloth.damping), np.array(scene.gravity, float), ~cloth.fixed),
         springs=springs.build(np.array(cloth.springs), cloth.rest, cloth.stiffness, cloth.damping, slot),
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
@@ -165,7 +165,7 @@ def with_pins(x0: Array, shift: Array, inputs: tables.Inputs | None) -> Array:
 
 def mobile(system: System) -> Flags:
     """Which vertices (n,) parameters can move: those that are free, and pins whose paths are fitted."""
-    return np.asarray(system.vertex.free | pin_derivatives.led(system.inputs, len(system.x0)))
+    return np.asarray(system.vertex.free | tables.led(system.inputs, len(system.x0)))
 
 
 def with_elements(system: System, values: Elements) -> System:

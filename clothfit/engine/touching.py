@@ -42,6 +42,10 @@ ROUGH = 1e-3
 """Tolerance of the first solutions, which only find pairs."""
 
 
+NOBODY: Any = np.zeros(0, np.int64)
+"""Numbers of no pairs."""
+
+
 class Touch(NamedTuple):
     """What a step had of self-contact."""
 
@@ -111,7 +115,7 @@ def pressed(
     """Take step t of a part by the implicit method, from the pairs that are near."""
     surface, x, v, after = surface_of(system), part.x[t], part.velocity(t), part.x[t + 1]
     begin(system, part, t, work)
-    first, contact, hit = work.solution.copy(), pairs.of_numbers(surface, x, numbers), no_pairs()
+    first, contact, hit = work.solution.copy(), pairs.of_numbers(surface, x, numbers), NOBODY
     active, accuracy = pressing(contact, x, system.h * v), max(tolerance, ROUGH)
     for turn in range(ROUNDS):
         used = active
@@ -158,7 +162,7 @@ def separated(system: System, part: Rollout, t: int, hit: Indices) -> zones.Zone
     positions after it.
     """
     surface, x, after, w = surface_of(system), part.x[t], part.x[t + 1], part.w[t, part.used[t] - 1]
-    made, found, known = None, w.copy(), no_pairs()
+    made, found, known = None, w.copy(), NOBODY
     while len(hit):
         known = np.concatenate([known, hit])
         made = zones.of_pairs(pairs.of_numbers(surface, x, known).vertices, len(x), found)
@@ -167,11 +171,6 @@ def separated(system: System, part: Rollout, t: int, hit: Indices) -> zones.Zone
         arrive(system, x, w, after)
         hit = np.setdiff1d(pairs.crossing(surface, x, after), known)
     return made
-
-
-def no_pairs() -> Indices:
-    """Numbers of no pairs."""
-    return np.zeros(0, np.int64)
 
 
 class Taken(NamedTuple):

@@ -43,8 +43,7 @@ def add_step(system, y, u, h, ahead, A, b):
 def stored_energy(system, y, x):
     """The energy at y of springs and colliders, and of contacts with spheres that there are at x, (n, 3) each, J."""
     held = springs.energy(system.springs, y) + spheres.energy_of_contacts(system.spheres, y, x)
-    held += colliders.energy(system.colliders, y)
-    return held
+    return held + colliders.energy(system.colliders, y)
 
 
 @kernel

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from clothfit.base.arrays import Array, Flags
 from clothfit.engine.solve.sparse import XX, YY, ZZ
 from clothfit.kernels.kernel import kernel
@@ -22,11 +20,6 @@ class Vertex(NamedTuple):
     damping: float  # α, 1/s
     gravity: Array  # g, (3,), m/s²
     free: Flags  # (n,), False where the vertex is fixed
-
-
-def build(mass: Array, fixed: Flags, damping: float, gravity: Array) -> Vertex:
-    """The vertices of a cloth with masses (n,) kg, damping α 1/s and gravity (3,) m/s²."""
-    return Vertex(np.array(mass, float), float(damping), np.array(gravity, float), ~np.asarray(fixed))
 
 
 @kernel

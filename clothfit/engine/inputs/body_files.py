@@ -62,7 +62,10 @@ def body_of(collider: Collider) -> Moving:
         have = f"{own.values.shape[1]} points" if own.values.ndim == 3 else "one signal"
         raise InvalidScene(f"{body.motion.place}.file: has {have} for the {count} vertices of the mesh")
     frames = own.values[:, first] * collider.size
-    check_frames(frames, surface.triangles, body.motion.place)
+    for k, frame in enumerate(frames):
+        flat = without_area(frame, surface.triangles)
+        if len(flat):
+            raise InvalidScene(f"{body.motion.place}.file: frame {k}: triangle {flat[0]} of the mesh has no area")
     return Moving(surface._replace(place=frames[0]), count, own.times, frames, body.motion.place)
 
 
@@ -90,7 +93,11 @@ def closed(mesh: Mesh) -> tuple[Flags, Surface]:
     """Which vertices of a mesh are left once those at one place are joined, (n,), and the surface that they make.
     Raises InvalidInput where it is not closed.
     """
-    check_areas(mesh, mesh.triangles)
+    if not len(mesh.triangles):
+        raise InvalidInput("has no triangles")
+    flat = without_area(mesh.positions, mesh.triangles)
+    if len(flat):
+        raise InvalidInput(f"triangle {flat[0]} has no area ({counted(len(flat), 'such triangle', 'such triangles')})")
     lot = together(mesh.positions, tiny(mesh))
     triangles = lot[mesh.triangles]
     a, b, c = triangles.T
@@ -108,15 +115,6 @@ def closed(mesh: Mesh) -> tuple[Flags, Surface]:
     return kept, surface
 
 
-def check_areas(mesh: Mesh, triangles: Indices) -> None:
-    """Raise InvalidInput where a mesh has no triangle, or one without area."""
-    if not len(triangles):
-        raise InvalidInput("has no triangles")
-    flat = without_area(mesh.positions, triangles)
-    if len(flat):
-        raise InvalidInput(f"triangle {flat[0]} has no area ({counted(len(flat), 'such triangle', 'such triangles')})")
-
-
 def without_area(place: Array, triangles: Indices) -> Indices:
     """The triangles that have only the area that rounding gives them."""
     corner = place[triangles]
@@ -131,34 +129,19 @@ def neighbours(triangles: Indices) -> Indices:
     met = edges_of(triangles)
     of = met.of[:, [2, 0, 1]].reshape(-1)  # of AB, BC, CA; there side k is opposite corner k
     ways = np.bincount(met.of.reshape(-1), along(triangles).reshape(-1), len(met.uses))
-    for wrong, fault in (
-        (met.uses == 1, "is not closed: {} of one triangle only"),
-        (met.uses > 2, "{} of more than two triangles"),
-        (ways != 1, "at {} two triangles face opposite ways"),
+    sides = "edge is a side", "edges are sides"
+    for wrong, words, fault in (
+        (met.uses == 1, sides, "is not closed: {} of one triangle only"),
+        (met.uses > 2, sides, "{} of more than two triangles"),
+        (ways != 1, ("edge", "edges"), "at {} two triangles face opposite ways"),
     ):
         if wrong.any():
             first = "between vertices {} and {}".format(*met.ends[np.flatnonzero(wrong)[0]])
-            raise InvalidInput(f"{fault.format(sides(wrong, fault))}, the first {first}")
+            raise InvalidInput(f"{fault.format(counted(int(wrong.sum()), *words))}, the first {first}")
     pairs = np.argsort(of, kind="stable").reshape(-1, 2)
     other = np.empty(len(of), np.int32)
     other[pairs] = pairs[:, ::-1]
     return (other // 3).reshape(-1, 3)
-
-
-def sides(wrong: Flags, fault: str) -> str:
-    """So many edges, with their verb where the sentence begins with it or needs it."""
-    count = int(wrong.sum())
-    if fault.startswith("at "):
-        return counted(count, "edge", "edges")
-    return counted(count, "edge is a side", "edges are sides")
-
-
-def check_frames(frames: Array, triangles: Indices, place: str) -> None:
-    """Raise InvalidScene where a triangle has no area at a frame of a motion."""
-    for k, frame in enumerate(frames):
-        flat = without_area(frame, triangles)
-        if len(flat):
-            raise InvalidScene(f"{place}.file: frame {k}: triangle {flat[0]} of the mesh has no area")
 
 
 def bodies_of(colliders: Sequence[Collider]) -> list[Moving]:

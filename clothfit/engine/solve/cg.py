@@ -20,9 +20,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from clothfit.base.arrays import Array, aligned, staggered
 from clothfit.engine.solve import joined, sparse, ssor
 from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import add, column, fma, lane0, lane2, load3, load4, splat, store3, store4, sum3
 
 CONVERGED, INDEFINITE, LIMIT = 0, 1, 2
 """How a solve ended: within tolerance; A shown to be not positive definite; iterations used up."""
@@ -58,13 +61,13 @@ def solve(A, b, tolerance, limit, work, w):
     """
     x, r, p, t, q, z, own, inverse = work
     whole = A.subdomains[0]
-    bb = ssor.enter(A, whole, b, w, x, own)
+    bb = enter(A, whole, b, w, x, own)
     joined.add_product(A.joined, -1.0, x, own)
     rr = ssor.residual(A, whole, x, own, r)  # 1: r = b − A x
     target = tolerance * tolerance * bb
-    if ssor.is_solved(A, rr, bb, target, w):
+    if is_solved(A, rr, bb, target, w):
         return 0, CONVERGED
-    omega = ssor.omega(A)
+    omega = relaxation(A)
     if not sparse.invert_diagonal(A, omega, inverse):
         return 0, INDEFINITE
     scale, kappa = 1.0 / omega, 2.0 / omega - 1.0  # D̂ = scale · D, K = kappa · D
@@ -83,8 +86,61 @@ def solve(A, b, tolerance, limit, work, w):
             ssor.clear(A, whole, own)
             rr = ssor.squared_residual(A, whole, scale, r, own)
             if rr <= target:
-                ssor.leave(A, x, w)
+                leave(A, x, w)
                 return iteration, CONVERGED
             ratio = rr / rz_new
         beta, rz = rz_new / rz, rz_new  # 7: β = (r, z) / (r, z) before
     return limit, LIMIT
+
+
+@kernel
+def relaxation(A):
+    """The relaxation factor ω: nearer 2 the smaller the mass is beside h² times the stiffness.
+
+    The sum of a row's blocks is mostly mass: its part q of the diagonal falls with refinement. On cloths of 12² to 128²
+    vertices the measured iterations are fewest near ω = 2/(1 + q^0.2), and few more around it.
+    """
+    low, high = splat(0.0), splat(0.0)
+    for i in A.order:
+        low = add(low, column(A.diagonal, i, 0))
+        high = add(high, column(A.diagonal, i, 4))
+    diagonal = lane0(low) + lane0(high) + lane2(high)
+    low, high = splat(0.0), splat(0.0)
+    for e in range(len(A.column)):
+        low = add(low, column(A.upper, e, 0))
+        high = add(high, column(A.upper, e, 4))
+    q = 1.0 + 2.0 * (lane0(low) + lane0(high) + lane2(high)) / diagonal
+    return 2.0 / (1.0 + min(max(q, 1e-5), 1.0) ** 0.2)
+
+
+
+@kernel
+def enter(A, subdomain, b, w, x, own):
+    """x = w and own = b, (n, 3) each, at the rows of a subdomain; returns |b|² there."""
+    bb = splat(0.0)
+    for i in ssor.rows(A, subdomain)[0]:
+        b_i = load3(b, i)
+        bb = fma(b_i, b_i, bb)
+        store4(b_i, own, i)
+        store4(load3(w, i), x, i)
+    return sum3(bb)
+
+
+
+@kernel
+def is_solved(A, rr, bb, target, w):
+    """Whether nothing is left to do for a guess with |r|² = rr: it is within the target, or b = 0, and w becomes 0."""
+    if rr <= target < np.inf:  # an infinite residual is no smaller than an infinite right-hand side
+        return True
+    if bb == 0.0:  # no residual but 0 is small beside it
+        for i in A.order:
+            store3(splat(0.0), w, i)
+    return bb == 0.0
+
+
+
+@kernel
+def leave(A, x, w):
+    """w (n, 3) = x."""
+    for i in A.order:
+        store3(load4(x, i), w, i)

@@ -13,26 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, staggered
-from clothfit.engine.solve import multigrid, ssor, two_threads
+from clothfit.engine.solve import cg, multigrid, ssor, two_threads
 from clothfit.engine.solve.cg import CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.multigrid import AFTER, Hierarchy, rows
-from clothfit.engine.solve.sparse import BlockMatrix, times, times_spread
+from clothfit.engine.solve.sparse import BlockMatrix, spread, times, times_spread
 from clothfit.engine.solve.two_threads import SERVES, STOP, Worker
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import (
-    add,
-    clear3,
-    fma,
-    index,
-    load4,
-    mul,
-    splat,
-    spread0,
-    spread1,
-    spread2,
-    store4,
-    sum3,
-)
+from clothfit.kernels.lanes.operations import add, clear3, fma, index, load4, mul, splat, store4, sum3
 
 RESIDUAL, PREPARE, DESCEND, ASCEND, FOLLOW, STEP = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 """Passes over the rows. Integers would make numba compile everything below anew for each value that it knows."""
@@ -72,11 +59,11 @@ def large(A: BlockMatrix) -> Large:
 def solve(A, b, tolerance, limit, work, second, hierarchy, w):
     """As `cg.solve`; of its memory x, r, p, q = A p and `own` are used."""
     x = work.x
-    bb = ssor.enter(A, A.subdomains[0], b, w, x, work.own)
-    bb += ssor.enter(A, A.subdomains[1], b, w, x, second.far) + ssor.enter(A, A.subdomains[2], b, w, x, work.own)
+    bb = cg.enter(A, A.subdomains[0], b, w, x, work.own)
+    bb += cg.enter(A, A.subdomains[1], b, w, x, second.far) + cg.enter(A, A.subdomains[2], b, w, x, work.own)
     rr = sweep(A, work, second, hierarchy, RESIDUAL, 0.0, 0.0)  # 1: r = b − A x
     target = tolerance * tolerance * bb
-    if ssor.is_solved(A, rr, bb, target, w):
+    if cg.is_solved(A, rr, bb, target, w):
         return 0, CONVERGED
     if sweep(A, work, second, hierarchy, PREPARE, 0.0, 0.0) > 0.0 or not multigrid.prepare_coarse(hierarchy, False):
         return 0, INDEFINITE
@@ -93,7 +80,7 @@ def solve(A, b, tolerance, limit, work, second, hierarchy, w):
             return iteration, INDEFINITE
         rr = sweep(A, work, second, hierarchy, STEP, rz / curvature, 0.0)  # 3, 4, 5: α, x += α p, r −= α q
         if rr <= target:
-            ssor.leave(A, x, w)
+            cg.leave(A, x, w)
             return iteration, CONVERGED
     return limit, LIMIT
 
@@ -173,12 +160,12 @@ def follow_part(A, s, scale, z, beta, p, q, far):
     for k in range(begin, end):
         i = index(A.order, k)
         p_i = load4(p, i)
-        p0, p1, p2 = spread0(p_i), spread1(p_i), spread2(p_i)
-        q_i = times_spread(A.diagonal, i, p0, p1, p2, load4(out, i))
+        wide = spread(p_i)
+        q_i = times_spread(A.diagonal, i, wide, load4(out, i))
         for e in range(index(A.row, k), index(A.row, k + 1)):
             j = index(A.column, e)
             q_i = times(A.upper, e, load4(p, j), q_i)
-            store4(times_spread(A.upper, e, p0, p1, p2, load4(out, j)), out, j)
+            store4(times_spread(A.upper, e, wide, load4(out, j)), out, j)
         q_i = clear3(q_i)
         store4(q_i, q, i)
         total = fma(p_i, q_i, total)

@@ -13,22 +13,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices, aligned
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import (
-    clear3,
-    fma,
-    lane0,
-    lane1,
-    lane2,
-    load,
-    load3,
-    mul,
-    splat,
-    spread0,
-    spread1,
-    spread2,
-    store,
-    store3,
-)
+from clothfit.kernels.lanes.operations import fma, load, load3, mul, splat, spread0, spread1, spread2, store, store3
 from clothfit.kernels.vectors import dot
 
 if TYPE_CHECKING:
@@ -72,14 +57,14 @@ def keep(joined, k, c, n, push, rub):
     for e in range(4):
         row[WEIGHT + e] = c[e]
         row[FREE + e] = c[e] * joined.free[joined.vertices[k, e]]
-    row[NORMAL], row[NORMAL + 1], row[NORMAL + 2] = lane0(n), lane1(n), lane2(n)
+    store(n, joined.rows, k, NORMAL)  # and a place more, of what follows
     row[PUSH], row[RUB] = push, rub
 
 
 @kernel
 def block_product(rows, k, z):
     """B z of pair k."""
-    n = clear3(load(rows, k, NORMAL))
+    n = load(rows, k, NORMAL)  # lane 3 is of no use
     return fma(splat((rows[k, PUSH] - rows[k, RUB]) * dot(n, z)), n, mul(splat(rows[k, RUB]), z))
 
 

@@ -22,7 +22,7 @@ from math import sqrt
 
 import numpy as np
 
-from clothfit.engine.solve import multigrid, ssor
+from clothfit.engine.solve import cg, multigrid, ssor
 from clothfit.engine.solve.cg import CHECK_WITHIN, CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.cg_multigrid import follow
 from clothfit.engine.solve.sparse import times
@@ -43,10 +43,10 @@ def solve(A, b, tolerance, work, spare, hierarchy, w):
     """
     x, r_before, r, product, v, w_old, w_new = work.x, work.r, work.q, work.t, work.p, work.z, work.own
     fine, whole = hierarchy.levels[0], np.array([0, len(A.order)])
-    bb = ssor.enter(A, whole, b, w, x, w_new)
+    bb = cg.enter(A, whole, b, w, x, w_new)
     rr = ssor.residual(A, whole, x, w_new, r)
     target = tolerance * tolerance * bb
-    if ssor.is_solved(A, rr, bb, target, w):
+    if cg.is_solved(A, rr, bb, target, w):
         return 0, CONVERGED
     if not multigrid.prepare(A, hierarchy, True):
         return 0, INDEFINITE
@@ -81,7 +81,7 @@ def solve(A, b, tolerance, work, spare, hierarchy, w):
         if rest * rest * ratio <= within * target or beta == 0.0:
             rr, rounding = missing(A, b, x, fine.z, product, spare)
             if rr <= max(target, rounding):
-                ssor.leave(A, x, w)
+                cg.leave(A, x, w)
                 return iteration, CONVERGED
             if beta == 0.0:
                 return iteration, INDEFINITE

@@ -180,17 +180,23 @@ def outer(p, q):
 
 
 @kernel
-def times_spread(blocks, i, x0, x1, x2, total):
-    """total + B x for block i and a vector whose components fill x0, x1, x2; lane 3 is of no use."""
-    total = fma(column(blocks, i, 0), x0, total)
-    total = fma(column(blocks, i, 5), x1, total)
-    return fma(column(blocks, i, 2), x2, total)
+def spread(x):
+    """Each component of a vector in all lanes, for several products with it."""
+    return spread0(x), spread1(x), spread2(x)
+
+
+@kernel
+def times_spread(blocks, i, x, total):
+    """total + B x for block i and a vector that is `spread`; lane 3 is of no use."""
+    total = fma(column(blocks, i, 0), x[0], total)
+    total = fma(column(blocks, i, 5), x[1], total)
+    return fma(column(blocks, i, 2), x[2], total)
 
 
 @kernel
 def times(blocks, i, x, total):
     """total + B x for block i; lane 3 is of no use."""
-    return times_spread(blocks, i, spread0(x), spread1(x), spread2(x), total)
+    return times_spread(blocks, i, spread(x), total)
 
 
 @kernel
@@ -200,12 +206,12 @@ def multiply(A, x, out):
     for r in range(len(A.order)):
         i = A.order[r]
         x_i = load3(x, i)
-        x0, x1, x2 = spread0(x_i), spread1(x_i), spread2(x_i)
-        total = times_spread(A.diagonal, i, x0, x1, x2, load3(out, i))
+        wide = spread(x_i)
+        total = times_spread(A.diagonal, i, wide, load3(out, i))
         for e in range(A.row[r], A.row[r + 1]):
             j = index(A.column, e)
             total = times(A.upper, e, load3(x, j), total)
-            store3(times_spread(A.upper, e, x0, x1, x2, load3(out, j)), out, j)
+            store3(times_spread(A.upper, e, wide, load3(out, j)), out, j)
         store3(total, out, i)
     pairs.add_product(A.joined, 1.0, x, out)
 

@@ -8,51 +8,9 @@ pushed. Vectors are (n, 4), lane 3 being 0.
 
 from __future__ import annotations
 
-import numpy as np
-
-from clothfit.engine.solve.sparse import times, times_spread
+from clothfit.engine.solve.sparse import spread, times, times_spread
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import (
-    add,
-    clear3,
-    column,
-    fma,
-    index,
-    lane0,
-    lane2,
-    load3,
-    load4,
-    mul,
-    splat,
-    spread0,
-    spread1,
-    spread2,
-    store3,
-    store4,
-    sub,
-    sum3,
-)
-
-
-@kernel
-def omega(A):
-    """The relaxation factor ω: nearer 2 the smaller the mass is beside h² times the stiffness.
-
-    The sum of a row's blocks is mostly mass: its part q of the diagonal falls with refinement. On cloths of 12² to 128²
-    vertices the measured iterations are fewest near ω = 2/(1 + q^0.2), and few more around it.
-    """
-    low, high = splat(0.0), splat(0.0)
-    for k in range(len(A.order)):
-        i = A.order[k]
-        low = add(low, column(A.diagonal, i, 0))
-        high = add(high, column(A.diagonal, i, 4))
-    diagonal = lane0(low) + lane0(high) + lane2(high)
-    low, high = splat(0.0), splat(0.0)
-    for e in range(len(A.column)):
-        low = add(low, column(A.upper, e, 0))
-        high = add(high, column(A.upper, e, 4))
-    q = 1.0 + 2.0 * (lane0(low) + lane0(high) + lane2(high)) / diagonal
-    return 2.0 / (1.0 + min(max(q, 1e-5), 1.0) ** 0.2)
+from clothfit.kernels.lanes.operations import add, clear3, fma, index, load4, mul, splat, store4, sub, sum3
 
 
 @kernel
@@ -64,54 +22,19 @@ def rows(A, subdomain):
 @kernel
 def push(A, row, k, y, out):
     """out_j += B y for all blocks B of row k."""
-    y0, y1, y2 = spread0(y), spread1(y), spread2(y)
+    wide = spread(y)
     for e in range(row[k], row[k + 1]):
         j = index(A.column, e)
-        store4(times_spread(A.upper, e, y0, y1, y2, load4(out, j)), out, j)
+        store4(times_spread(A.upper, e, wide, load4(out, j)), out, j)
 
 
 @kernel
 def gather(A, subdomain, far, own):
     """own += far at the rows of the separator, then far = 0: what subdomain 1 pushed to it."""
-    order, _ = rows(A, subdomain)
     zero = splat(0.0)
-    for k in range(len(order)):
-        i = order[k]
+    for i in rows(A, subdomain)[0]:
         store4(add(load4(own, i), load4(far, i)), own, i)
         store4(zero, far, i)
-
-
-@kernel
-def enter(A, subdomain, b, w, x, own):
-    """x = w and own = b, (n, 3) each, at the rows of a subdomain; returns |b|² there."""
-    order, _ = rows(A, subdomain)
-    bb = splat(0.0)
-    for k in range(len(order)):
-        i = order[k]
-        b_i = load3(b, i)
-        bb = fma(b_i, b_i, bb)
-        store4(b_i, own, i)
-        store4(load3(w, i), x, i)
-    return sum3(bb)
-
-
-@kernel
-def is_solved(A, rr, bb, target, w):
-    """Whether nothing is left to do for a guess with |r|² = rr: it is within the target, or b = 0, and w becomes 0."""
-    if rr <= target < np.inf:  # an infinite residual is no smaller than an infinite right-hand side
-        return True
-    if bb == 0.0:  # no residual but 0 is small beside it
-        for i in A.order:
-            store3(splat(0.0), w, i)
-    return bb == 0.0
-
-
-@kernel
-def leave(A, x, w):
-    """w (n, 3) = x."""
-    for k in range(len(A.order)):
-        i = A.order[k]
-        store3(load4(x, i), w, i)
 
 
 @kernel
@@ -122,12 +45,12 @@ def residual(A, subdomain, x, own, r):
     for k in range(len(order)):
         i = order[k]
         x_i = sub(zero, load4(x, i))
-        x0, x1, x2 = spread0(x_i), spread1(x_i), spread2(x_i)
-        total = times_spread(A.diagonal, i, x0, x1, x2, load4(own, i))
+        wide = spread(x_i)
+        total = times_spread(A.diagonal, i, wide, load4(own, i))
         for e in range(row[k], row[k + 1]):
             j = index(A.column, e)
             total = sub(total, times(A.upper, e, load4(x, j), zero))
-            store4(times_spread(A.upper, e, x0, x1, x2, load4(own, j)), own, j)
+            store4(times_spread(A.upper, e, wide, load4(own, j)), own, j)
         total = clear3(total)
         store4(total, r, i)
         rr = fma(total, total, rr)
@@ -149,10 +72,8 @@ def solve_lower(A, subdomain, inverse, own, r):
 @kernel
 def weigh(A, subdomain, scale, r, z):
     """z = scale · D r; returns r·z."""
-    order, _ = rows(A, subdomain)
     total, factor, zero = splat(0.0), splat(scale), splat(0.0)
-    for k in range(len(order)):
-        i = order[k]
+    for i in rows(A, subdomain)[0]:
         r_i = load4(r, i)
         z_i = clear3(times(A.diagonal, i, mul(factor, r_i), zero))
         store4(z_i, z, i)
@@ -195,10 +116,8 @@ def apply_lower(A, subdomain, inverse, p, t, own, q):
 @kernel
 def advance(A, subdomain, alpha, scale, t, q, x, r, z):
     """x += α t, r −= α q, z = scale · D r; returns r·z."""
-    order, _ = rows(A, subdomain)
     total, step, back, factor, zero = splat(0.0), splat(alpha), splat(-alpha), splat(scale), splat(0.0)
-    for k in range(len(order)):
-        i = order[k]
+    for i in rows(A, subdomain)[0]:
         store4(fma(step, load4(t, i), load4(x, i)), x, i)
         r_i = fma(back, load4(q, i), load4(r, i))
         store4(r_i, r, i)
@@ -225,7 +144,6 @@ def squared_residual(A, subdomain, scale, r, own):
 @kernel
 def clear(A, subdomain, own):
     """own = 0 at the rows of a subdomain."""
-    order, _ = rows(A, subdomain)
     zero = splat(0.0)
-    for k in range(len(order)):
-        store4(zero, own, order[k])
+    for i in rows(A, subdomain)[0]:
+        store4(zero, own, i)

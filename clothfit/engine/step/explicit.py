@@ -12,8 +12,7 @@ Arrays are (n, 3); fixed vertices stay.
 from __future__ import annotations
 
 from clothfit.engine.forces import total
-from clothfit.engine.inputs.pin_derivatives import move_pins, pull_sent, send_changes
-from clothfit.engine.inputs.tables import send_pins, set_pins
+from clothfit.engine.inputs.tables import move_pins, pull_sent, send_changes, send_pins, set_pins
 from clothfit.engine.system import SYMPLECTIC
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed

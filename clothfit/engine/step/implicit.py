@@ -25,8 +25,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import meeting, total
-from clothfit.engine.inputs.pin_derivatives import move_pins, pull_pins, pull_through, push_pins
-from clothfit.engine.inputs.tables import couple, set_pins
+from clothfit.engine.inputs.tables import couple, move_pins, pull_pins, pull_through, push_pins, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.solve.joined import joined
 from clothfit.engine.system import System
