@@ -133,11 +133,9 @@ def whole(scene: Scene) -> dict[str, Any]:
         "scene": scene.name,
         "integrator": INTEGRATORS[scene.method],
         "of_the_editor": INTEGRATORS[scene.method] in OF_THE_EDITOR,
-        **attributes(scene, "title", "delta", "frames", "tolerance", "newton_iterations"),
+        **attributes(scene, "title", "delta", "frames", "tolerance", "newton_iterations", "wind", "gravity"),
         "duration": scene.delta * (scene.frames - 1),
-        "wind": scene.wind.tolist(),
-        "gravity": scene.gravity.tolist(),
-        "spheres": [{"centre": each.centre.tolist(), "radius": each.radius} for each in scene.spheres],
+        "spheres": [attributes(each, "centre", "radius") for each in scene.spheres],
         "colliders": [described(each) for each in scene.colliders],
         "self_collision": scene.self_contact and asdict(scene.self_contact),
     }
@@ -152,10 +150,8 @@ def described(collider: Collider) -> dict[str, Any]:
     size = {CAPSULE: cone, BOX: {"lengths": (2 * collider.size).tolist()}, SPHERE: {"radius": first}}
     return {
         "shape": collider.name,
-        "centre": collider.centre.tolist(),
-        "angles": collider.angles.tolist(),
         **(mesh(collider) if collider.kind == MESH else size.get(collider.kind, {})),
-        **attributes(collider, "thickness", "stiffness", "friction", "moves"),
+        **attributes(collider, "centre", "angles", "thickness", "stiffness", "friction", "moves"),
     }
 
 

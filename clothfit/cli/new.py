@@ -16,6 +16,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import gathered, given, option, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
+from clothfit.formats.axes import positive
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags, Indices
@@ -40,10 +41,8 @@ AIR, CALM, UNKNOWN = "air", 1.0, 5.0
 Corner = tuple[float, ...]
 """Three coordinates, m."""
 
-OF_PLANES = {"size": "--size", "divisions": "--divisions", "upright": "--upright"}
-OF_MESHES = {"scale": "--scale", "up": "--up", "handedness": "--handedness", "weld": "--weld"}
-PAIRS = (("delta", "--delta", "fps", "--fps"), ("bending", "--bending", "no_bending", "--no-bending"))
-"""Options of which one says it all."""
+OF_PLANES = ("size", "divisions", "upright")
+OF_MESHES = ("scale", "up", "handedness", "weld")
 
 
 @dataclass(frozen=True)
@@ -101,14 +100,14 @@ class Asked:
 
     def check(self, is_plane: bool) -> None:
         """Raise UsageError where options do not go together, InvalidInput where a text is none of its option."""
-        for field, name in (OF_MESHES if is_plane else OF_PLANES).items():
-            if getattr(self, field) is not None and getattr(self, field) is not False:
-                raise click.UsageError(f"{name} is for {'meshes from files' if is_plane else 'planes'}; leave it out")
-        for field, name, other, other_name in PAIRS:
-            if getattr(self, field) is not None and getattr(self, other):
-                raise click.UsageError(f"{name} and {other_name} say the same; give one of them")
-        if self.fps is not None and not 0 < self.fps < float("inf"):
-            raise InvalidInput(f"--fps must be above 0 and finite; {self.fps:g} was given")
+        for name in OF_MESHES if is_plane else OF_PLANES:
+            if getattr(self, name) is not None and getattr(self, name) is not False:
+                raise click.UsageError(f"--{name} is for {'meshes from files' if is_plane else 'planes'}; leave it out")
+        if self.delta is not None and self.fps:
+            raise click.UsageError("--delta and --fps say the same; give one of them")
+        if self.bending is not None and self.no_bending:
+            raise click.UsageError("--bending and --no-bending say the same; give one of them")
+        positive("--fps", self.fps)
 
     @property
     def step(self) -> float:

@@ -162,7 +162,7 @@ def test_the_panel_has_lines_of_one_length_that_fit(width):
 
 
 def test_a_plain_line_tells_the_same(monkeypatch):
-    clock = iter([0.0, 1.0, 9.0, 10.5])
+    clock = iter([0.0, 0.0, 1.0, 9.0, 10.5])
     said = []
     with monkeypatch.context() as patch:
         patch.setattr("time.perf_counter", lambda: next(clock))

@@ -3,8 +3,6 @@
 import io
 import json
 import math
-import os
-import pty
 import re
 import shutil
 import signal
@@ -371,63 +369,26 @@ def test_a_chain_of_pipes(scene):
     assert set(differing(text.decode(), fitted.stdout.decode())) <= set(span(text.decode(), "vertMass"))
 
 
-def on_a_terminal(arguments, until, number):
-    """Run a fit with a terminal as standard error, and send it a signal once something is shown.
-
-    Returns the exit code, the standard output and what the terminal showed.
-    """
-    leader, follower = pty.openpty()
-    changes = {"TERM": "xterm-256color", "COLUMNS": "120"}
-    call = [sys.executable, "-m", "clothfit", *arguments]
-    process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=follower, env=environment(**changes))
-    os.close(follower)
-    shown = b""
-    while chunk := read(leader):
-        shown += chunk
-        if until is not None and until in shown:
-            process.send_signal(number)
-            until = None
-    os.close(leader)
-    out = process.stdout.read()
-    process.stdout.close()
-    return process.wait(timeout=50), out, shown.decode()
-
-
-def read(leader):
-    """What a terminal shows next; nothing at its end."""
-    try:
-        return os.read(leader, 4096)
-    except OSError:
-        return b""
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_is_code_130_and_the_best_so_far_is_written_whole(here, number):
-    write_scene(here, LONG)
-    code, out, shown = on_a_terminal(["estimate", "scene.json", *ENDLESS.split()], b"evaluation 5", number)
-    summary = json.loads(out)
-    assert (code, summary["status"], names()) == (130, "interrupted", ["scene.fitted.json", "scene.json"])
-    assert summary["evaluations"] >= 5
-    assert (load("scene.fitted.json").cloths[0].stiffness != 1.0).all()
-    assert "Traceback" not in shown
-    assert "fitting" in shown  # a live bar
-    assert re.search(r"cost \d\.\d+e[+-]\d\d  RMSE [\d.]+ .?m  evaluation \d+", shown)
-    assert "\x1b[?25h" in shown  # the cursor is back
-
-
-def test_a_fit_ends_with_its_input_and_keeps_the_best(here):
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, "input"])
+def test_a_fit_that_is_asked_to_end_is_code_130_and_the_best_so_far_is_written_whole(here, end):
     write_scene(here, LONG)
     log, call = here / "log.jsonl", ["estimate", "scene.json", *ENDLESS.split(), "--log", "log.jsonl"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment()}
-    with subprocess.Popen([sys.executable, "-m", "clothfit", *call, "--end-with-input"], **pipes) as process:
+    more = ["--end-with-input"] * (end == "input")
+    with subprocess.Popen([sys.executable, "-m", "clothfit", *call, *more], **pipes) as process:
         process.stdin.write(b"what comes on its input is ignored\n")
         process.stdin.flush()
         while not log.exists() or log.read_text("utf-8").count("\n") < 3:
             assert process.poll() is None
+        if end != "input":
+            process.send_signal(end)
         out, err = process.communicate(timeout=100)  # closes its input
-    assert process.returncode == 130, err.decode()
-    assert json.loads(out)["status"] == "interrupted"
+    summary = json.loads(out)
+    assert (process.returncode, summary["status"]) == (130, "interrupted"), err.decode()
+    assert names() == ["log.jsonl", "scene.fitted.json", "scene.json"]
+    assert summary["evaluations"] >= 3
     assert (load("scene.fitted.json").cloths[0].stiffness != 1.0).all()
+    assert b"Traceback" not in err
 
 
 # --- the log: JSON lines that others can follow

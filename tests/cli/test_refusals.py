@@ -29,11 +29,9 @@ USAGE = [
     # slips of the pen
     ("estimat scene.json", "no such command 'estimat'; did you mean estimate? (see clothfit --help)"),
     ("Evaluate scene.json", "no such command 'Evaluate'; did you mean evaluate? (see clothfit --help)"),
-    ("sim scene.json", "no such command 'sim'; did you mean simulate? (see clothfit --help)"),
     ("simulate a.json --stpes 3", "no such option '--stpes'; did you mean --steps? (see clothfit simulate --help)"),
     ("estimate a.json --max-eval 3", "no such option '--max-eval'; did you mean --max-evaluations? (see clothfit "),
     ("--quite simulate a.json", "no such option '--quite'; did you mean --quiet? (see clothfit --help)"),
-    ("estimate a.json --rsme 3", "no such option '--rsme'; did you mean --rmse?"),
     ("simulate a.json -x", "no such option '-x' (see clothfit simulate --help)"),
     # options that do not go together
     ("evaluate scene.json --speed fitted.json", "--speed takes one scene; FITTED does not go with it"),
@@ -52,10 +50,8 @@ USAGE = [
     ("new plane --bending 0 --no-bending", "--bending and --no-bending say the same; give one of them"),
     # of several scenes
     ("estimate a.json b.json -o one.json", "-o one.json: 2 scenes need a folder, or a name with {stem}"),
-    ("estimate a.json b.json -o a.json", "-o a.json: 2 scenes need a folder"),
     ("estimate a.json b.json -o -", "standard input and output (-) are for one scene, not for 2"),
     ("estimate a.json b.json -", "standard input and output (-) are for one scene, not for 3"),
-    ("estimate a.json b.json --target -", "standard input and output (-) are for one scene"),
     ("estimate a.json b.json --checkpoint c", "--checkpoint: 2 scenes need one each: put {stem} into the name"),
     ("estimate a.json b.json --cluster tcp://localhost:1 --resume", "--checkpoint and --resume are for fits on this"),
     ("estimate a.json b.json --cluster tcp://localhost:1 --jobs 2", "--jobs is for this machine"),
@@ -66,7 +62,6 @@ USAGE = [
 
 VALUES = [
     ("simulate scene.json --steps many", "invalid value for '--steps': 'many' is not a valid integer"),
-    ("simulate scene.json --steps 1.5", "invalid value for '--steps'"),
     *[(f"{command} --steps {steps}", f"--steps must be at least 1; {steps} was given")
       for command, steps in (("simulate scene.json", 0), ("simulate scene.json", -3), ("target scene.json", 0),
                              ("evaluate scene.json fitted.json", 0), ("evaluate scene.json --speed", 0),
@@ -77,18 +72,14 @@ VALUES = [
     ("convert t.npz y.pc2 --to-scale 0", "--to-scale must be above 0"),
     ("target scene.json --noise -1", "--noise must be at least 0 and finite; -1 m was given"),
     ("target scene.json --noise nan", "--noise must be at least 0 and finite; nan m was given"),
-    ("target scene.json --noise loud", "invalid value for '--noise'"),
     ("target scene.json --observed 0", "--observed must be a fraction above 0 and at most 1; 0 was given"),
     ("target scene.json --observed 1.1", "--observed must be a fraction above 0 and at most 1; 1.1 was given"),
     ("target scene.json --every 0", "--every must be at least 1; 0 was given"),
     ("target scene.json --seed -1", "invalid value for '--seed'"),
-    ("check scene.json --seed -1", "invalid value for '--seed'"),
     ("check scene.json --memory lots", "--memory: 'lots' is not a size"),
     ("estimate scene.json --memory 0", "--memory must be between 1 byte and 8 EiB; '0' was given"),
     ("check scene.json --memory 1kB", "--memory: 1 kB is too little"),
     ("evaluate scene.json --speed --error 0", "--error must be above 0 and finite; 0 was given"),
-    ("evaluate scene.json --speed --error nan", "--error must be above 0 and finite; nan was given"),
-    ("evaluate scene.json --speed --budget -1", "--budget must be above 0 and finite; -1 was given"),
     ("evaluate scene.json --speed --budget inf", "--budget must be above 0 and finite; inf was given"),
     # of a fit
     ("estimate scene.json --max-evaluations 0", "--max-evaluations must be at least 1; 0 was given"),
@@ -100,13 +91,11 @@ VALUES = [
     ("estimate scene.json --objective edge", "…; did you mean edge-length?"),
     ("estimate scene.json --start nan", "--start: nan is not within the bounds 0.0001 … 10000"),
     ("estimate scene.json --start 1e9", "--start: 1e+09 is not within the bounds"),
-    ("estimate scene.json --start -2", "--start: -2 is not within the bounds"),
     ("estimate scene.json --prior much", "--prior must be auto, none or a width in log parameters above 0; 'much' was"),
     ("estimate scene.json --holdout 1.5", "--holdout must be a fraction above 0 and below 1; 1.5 was given"),
     ("estimate scene.json --holdout-of days", "--holdout: there is nothing called 'days'"),
     ("estimate scene.json --objective speed", "--objective: there is no 'speed'; use position, velocity, edge-length,"),
     ("estimate scene.json --objective velocity=fast", "--objective: velocity=fast: the weight is not a number, as in"),
-    ("estimate scene.json --objective velocity=", "--objective: velocity=: the weight is not a number"),
     ("estimate scene.json --objective velocity=-1", "--objective: velocity: the weight must be above 0 and finite; -1"),
     ("estimate scene.json --objective velocity --objective velocity=2", "--objective: velocity is given twice"),
     ("estimate scene.json --loss cauchy", "--loss: there is no 'cauchy'; use linear, soft_l1, huber"),
@@ -124,7 +113,6 @@ VALUES = [
     ("estimate a.json b.json --starts 0", "--starts must be at least 1; 0 was given"),
     ("estimate a.json b.json --seed -1", "--seed must be at least 0; -1 was given"),
     ("estimate a.json b.json --jobs 0", "--jobs must be at least 1; 0 was given"),
-    ("estimate a.json b.json --method magic", "--method: there is no 'magic'"),
     # of forces that lead
     (f"control sheet.json {KEYS} --most 0", "--most must be above 0"),
     (f"control sheet.json {KEYS} --smooth -1", "--smooth must be at least 0"),
@@ -145,7 +133,6 @@ VALUES = [
     ("new plane --size 1x", "--size: '1x' is not understood; give it as in 2 or 2x1.5"),
     ("new plane --size 1,2", "--size: '1,2' is not understood; give it as in 2 or 2x1.5"),
     ("new plane --fix-vertices 5-2", "--fix-vertices: '5-2' is not understood; give it as in 0,11,20-30"),
-    ("new plane --fix-vertices 999", "--fix-vertices: vertex 999 does not exist"),
     ("new plane --fix-side inner", "--fix-side: there is no 'inner'"),
     ("new plane --divisions 1000", "a plane of 1000 divisions would have 1004004 vertices; it may have at most"),
     *[(f"new plane --region {given}", f"…{told}") for given, told in (

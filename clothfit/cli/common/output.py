@@ -243,9 +243,11 @@ def attributes(found: object, *names: str) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """The value as JSON can hold it: a dataclass by its fields, and None for a number that is not finite."""
+    """The value as JSON can hold it: a dataclass by its fields, an array as a list, and None where it is not finite."""
     if is_dataclass(value) and not isinstance(value, type):
         return plain(asdict(value))
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

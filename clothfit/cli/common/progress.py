@@ -127,13 +127,11 @@ def now_and_then(say: Callable[[str], None], seconds: float = PLAIN_INTERVAL) ->
 
 def plain(say: Callable[[str], None]) -> Callable[[Progress], None]:
     """What tells a line every few seconds."""
-    from clothfit.optimise.progress import Trend
-
-    tell, known, trend = now_and_then(say), Pace(), Trend()
+    tell, shown = now_and_then(say), Shown()
 
     def show(progress: Progress) -> None:
-        rate, left = known.update(progress), trend.update(progress)
-        line = [state(progress), *stage(progress), *pace(progress, rate, left)]
+        shown.update(progress)
+        line = [state(progress), *stage(progress), *pace(progress, shown.rate, shown.left)]
         tell(lambda: f"{progress.seconds:6.1f} s  {'  '.join(line)}")
 
     return show

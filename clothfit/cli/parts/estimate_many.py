@@ -6,7 +6,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -21,17 +21,19 @@ from clothfit.base.limits import is_number
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import STREAM, Output, make_folder, print_json, uninterrupted, write_scene
+from clothfit.cli.common.output import STREAM, Output, attributes, make_folder, print_json, uninterrupted, write_scene
 from clothfit.cli.common.scenes import warn_of_steps
 from clothfit.cli.parts import checkpoints, estimate_results
 from clothfit.cli.parts.estimate_files import Effort, Files, default_name
 from clothfit.fit.options import FitOptions
 from clothfit.many.estimate_many import Result, chosen_pool, fit_all, limited
 from clothfit.many.job import INTERRUPTED, NOT_STARTED, File, Job, JobTarget, Outcome, loaded, read
+from clothfit.many.processes import Processes, is_cold
 from clothfit.optimise.checkpoint import Checkpoint
 from clothfit.scene.scene import dumps
 
 if TYPE_CHECKING:
+    from clothfit.fit.result import Fit
     from clothfit.motion.motion import Motion
 
 SEVERITY = (1, 3, 4, 5, 0)
@@ -57,29 +59,21 @@ def fit(paths: tuple[str, ...], files: Files, options: FitOptions, effort: Effor
         raise click.UsageError("--jobs is for this machine; a --cluster has its own workers")
     items = planned(paths, files, effort.starts, effort.cluster is None, console)
     pool = chosen_pool(len(items) * effort.starts, effort.jobs, effort.cluster)
-    announce_compilation(pool, len(items) * effort.starts, console)
+    if isinstance(pool, Processes) and is_cold():
+        console.say("compiling for this machine: the first fits do so once, for 20 to 40 seconds …")
     each = limited(options, pool)
     makers: list[Callable[[int], Job]] = [partial(item.job, seed=effort.seed, options=each) for item in items]
     writer = Writer(items, console)
     with interrupts.deferred():
         interrupts.hold()  # results come from now on
-        results = fit_all(makers, effort.starts, pool, writer.done, writer.died)
+        fit_all(makers, effort.starts, pool, writer.done, writer.died)
         with uninterrupted():
             if len(items) == 1:
-                return finish_one(items[0], results[0], console)
-            console.table(rows(items, results, writer.errors))
-            scenes = summaries(items, results, writer.errors)
-            print_json({"scenes": scenes, "seconds": time.perf_counter() - began})
-    codes = [writer.code(index, one) for index, one in enumerate(results)]
+                return finish_one(items[0], console)
+            console.table(rows(items))
+            print_json({"scenes": list(map(summary, items)), "seconds": time.perf_counter() - began})
+    codes = [item.exit_code for item in items]
     return INTERRUPTED if INTERRUPTED in codes else next(code for code in SEVERITY if code in codes)
-
-
-def announce_compilation(pool: Any, count: int, console: Console) -> None:
-    """Say so when the processes have to compile first."""
-    from clothfit.many.processes import Processes, is_cold
-
-    if isinstance(pool, Processes) and is_cold():
-        console.say("compiling for this machine: the first fits do so once, for 20 to 40 seconds …")
 
 
 class Writer:
@@ -88,31 +82,33 @@ class Writer:
     def __init__(self, items: list[Item], console: Console) -> None:
         self.items, self.console = items, console
         self.ended = 0
-        self.errors: dict[int, ClothfitError] = {}  # of writing, by index
 
     def done(self, index: int, result: Result) -> None:
         """A scene is fitted, or cannot be."""
         item = self.items[index]
+        item.result = result
         for kept, outcome in zip(item.kept, result.outcomes, strict=True):
             if kept is not None:
                 kept.written = outcome.checkpointed
         if len(self.items) == 1 or result.outcome == NOT_STARTED:
             return
         self.ended += 1
+        place = f"{self.ended} of {len(self.items)}: {item.path}"
         if result.fit is not None and result.outcome.usable:
-            self.write(index, item, result)
-        if error := self.errors.get(index) or result.error:
+            self.write(item, result.fit, place)
+        if error := item.fault or result.error:
             if result.outcome.status == "written":  # before, as the error says
-                self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {error}")
+                self.console.say(str(error), of=place)
+            elif self.console.quiet:  # an error is printed all the same
+                with suppress(OSError):
+                    print(f"error: {item.path}: {item.own(error)}", file=sys.stderr, flush=True)
             else:
-                self.refuse(item, str(error))
-        self.close(item, result)
+                self.console.say(f"error: {item.own(error)}", of=place)
+        item.close(self.console)
 
-    def write(self, index: int, item: Item, result: Result) -> None:
+    def write(self, item: Item, found: Fit, place: str) -> None:
         """Write a result."""
-        assert result.fit is not None
         assert item.out is not None
-        found = result.fit
         self.console.warn(*found.scene.warnings, *found.warnings, of=item.path)
         warn_of_steps(found.scene, found.frames, self.console)
         if item.files.in_place:
@@ -122,64 +118,43 @@ class Writer:
         try:
             write_scene(found.scene, item.out)
         except ClothfitError as error:
-            self.errors[index] = error
+            item.fault = error
             return
         reached = f"RMSE {metres(found.rmse)}" if found.cost < math.inf else "nothing fitted"
-        result_line = f"{found.status}, {reached} in {found.seconds:.1f} s → {item.out.name}"
-        self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {result_line}")
-
-    def refuse(self, item: Item, message: str) -> None:
-        """Print why there is no result; an error is printed even with --quiet."""
-        message = message.removeprefix(f"{item.path}: ")
-        if not self.console.quiet:
-            self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: error: {message}")
-            return
-        with suppress(OSError):
-            print(f"error: {item.path}: {message}", file=sys.stderr, flush=True)
+        self.console.say(f"{found.status}, {reached} in {found.seconds:.1f} s → {item.out.name}", of=place)
 
     def died(self, index: int) -> None:
         """A process has died."""
         self.console.warn(f"{self.items[index].path}: the process that fitted it died; it is tried again at the end")
 
-    def close(self, item: Item, result: Result) -> None:
-        """Remove checkpoints that are no longer useful."""
-        for kept, outcome in zip(item.kept, result.outcomes, strict=True):
-            checkpoints.of_fit(kept, item.files, outcome.status, self.console)
 
-    def code(self, index: int, result: Result) -> int:
-        """The exit code of a scene."""
-        error = self.errors.get(index)
-        return error.exit_code if error else result.exit_code
-
-
-def finish_one(item: Item, result: Result, console: Console) -> int:
+def finish_one(item: Item, console: Console) -> int:
     """Write and tell the result of the only scene, as if it had been fitted in this process."""
-    if len(result.outcomes) > 1:
-        console.table(rows([item], [result], {}))
-    found, out = result.fit, item.out
+    if len(item.kept) > 1:
+        console.table(rows([item]))
+    found, out = item.result.fit, item.out
     if found is None or out is None:
-        raise Failed(result.error or "there is no result", result.exit_code)
+        raise Failed(item.result.error or "there is no result", item.exit_code)
     console.warn(*found.scene.warnings, of=found.scene.name)
     warn_of_steps(found.scene, found.frames, console)
-    (own,) = summaries([item], [result], {})
-    more: dict[str, Any] = {key: own[key] for key in ("start", "starts", "reading") if key in own}
+    more = {key: each for key, each in summary(item).items() if key in ("start", "starts", "reading")}
     estimate_results.finish(found.scene, found, out, console, more)
-    Writer([item], console).close(item, result)
-    return result.exit_code
+    item.close(console)
+    return item.exit_code
 
 
-def rows(items: Sequence[Item], results: Sequence[Result], errors: Mapping[int, ClothfitError]) -> list[list[str]]:
+def rows(items: Sequence[Item]) -> list[list[str]]:
     """A row for each scene and start, in the order of the arguments, below a header."""
     found = [list(FIT_COLUMNS)]
-    for index, (item, result) in enumerate(zip(items, results, strict=True)):
-        for number, outcome in enumerate(result.outcomes):
-            error = errors.get(index) or outcome.error
-            best = number == result.best and outcome.usable
+    for item in items:
+        for number, outcome in enumerate(item.result.outcomes):
+            error = item.fault or outcome.error
+            best = number == item.result.best and outcome.usable
             output = item.out.name if item.out and best else ""
             fault = error and outcome.status not in ("not started", "written")
             place = f"error: {error}" if fault else str(error) if outcome.status == "written" else output
             found.append([item.path if number == 0 else "", str(number + 1), *figures(outcome), place])
-    if all(len(result.outcomes) == 1 for result in results):
+    if all(len(item.kept) == 1 for item in items):
         return [row[:START_COLUMN] + row[START_COLUMN + 1 :] for row in found]
     return found
 
@@ -193,38 +168,31 @@ def figures(outcome: Outcome) -> tuple[str, ...]:
     return (fit.status, error, str(fit.frames), str(fit.evaluations), f"{fit.seconds:.1f}")
 
 
-def summaries(
-    items: Sequence[Item], results: Sequence[Result], errors: Mapping[int, ClothfitError]
-) -> list[dict[str, Any]]:
-    """What --json prints of each scene, in the order of the arguments."""
-    found = []
-    for index, (item, result) in enumerate(zip(items, results, strict=True)):
-        error = errors.get(index)
-        outcome = result.outcome
-        before = outcome.status == "written"
-        written = item.out is not None and (outcome.usable or before) and error is None
-        own: dict[str, Any] = {"status": outcome.status}
-        if result.fit is not None and item.out is not None:
-            own = estimate_results.summary(result.fit.scene, result.fit, item.out)
-        own |= {
-            "scene": item.path,
-            "output": item.out.path if written and item.out else None,
-            "exit_code": error.exit_code if error else result.exit_code,
-            "error": str(error or ("" if before else outcome.error) or "") or None,
-        }
-        own |= motions.readings_summary(item.readings)
-        if len(result.outcomes) > 1:
-            own |= {"start": result.best + 1, "starts": list(map(start_summary, result.outcomes))}
-        found.append(own)
-    return found
+def summary(item: Item) -> dict[str, Any]:
+    """What --json prints of a scene."""
+    result, outcome = item.result, item.result.outcome
+    before = outcome.status == "written"
+    written = (outcome.usable or before) and item.fault is None
+    own: dict[str, Any] = {"status": outcome.status}
+    if result.fit is not None and item.out is not None:
+        own = estimate_results.summary(result.fit.scene, result.fit, item.out)
+    own |= {
+        "scene": item.path,
+        "output": item.out.path if written and item.out else None,
+        "exit_code": item.exit_code,
+        "error": str(item.fault or ("" if before else outcome.error) or "") or None,
+    }
+    own |= motions.readings_summary(item.readings)
+    if len(result.outcomes) > 1:
+        own |= {"start": result.best + 1, "starts": list(map(start_summary, result.outcomes))}
+    return own
 
 
 def start_summary(outcome: Outcome) -> dict[str, Any]:
     """What --json prints of one of several starts."""
-    fit = outcome.fit
     names = ("cost", "rmse", "evaluations", "seconds")
-    numbers = {name: None if fit is None else getattr(fit, name) for name in names}
-    return {"status": outcome.status, "exit_code": outcome.exit_code, "error": outcome.error, **numbers}
+    numbers = dict.fromkeys(names) if outcome.fit is None else attributes(outcome.fit, *names)
+    return attributes(outcome, "status", "exit_code", "error") | numbers
 
 
 # ---- What is meant to be done with each scene, checked before anything is begun.
@@ -248,6 +216,22 @@ class Item:
     readings: list[dict[str, Any]] = field(default_factory=list)  # what was assumed of other programs' motions
     motions: dict[tuple[str, str | None], Motion] = field(default_factory=dict)  # other programs', for the next start
     console: Console = field(default_factory=Console)
+    result: Result = field(init=False)  # as soon as it is there
+    fault: ClothfitError | None = None  # of writing it
+
+    @property
+    def exit_code(self) -> int:
+        """That of the scene."""
+        return self.fault.exit_code if self.fault else self.result.exit_code
+
+    def own(self, error: object) -> str:
+        """An error of the scene, without its name."""
+        return str(error).removeprefix(f"{self.path}: ")
+
+    def close(self, console: Console) -> None:
+        """Remove checkpoints that are no longer useful."""
+        for kept, outcome in zip(self.kept, self.result.outcomes, strict=True):
+            checkpoints.of_fit(kept, self.files, outcome.status, console)
 
     def job(self, number: int, seed: int, options: FitOptions) -> Job:
         """The fit from a start. Raises InvalidInput when a file cannot be read."""
