@@ -16,7 +16,7 @@ from clothfit.formats import registry
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes, Convention, Reading, from_scene
 from clothfit.meshes import mesh
-from clothfit.meshes.mesh_file import read_mesh
+from clothfit.meshes.mesh import read_mesh
 from clothfit.motion import files as motion_files
 from clothfit.motion import foreign
 from clothfit.scene.mesh_numbering import numberings
