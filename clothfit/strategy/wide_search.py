@@ -176,7 +176,8 @@ class Wide:
         drawn = random.standard_normal((SCANNED, len(x)))
         strength = np.exp(random.standard_normal(SCANNED))
         points = x + FAR * self.widths * drawn
-        points[:, self.blows] = self.lift * strength[:, None] * drawn[:, self.blows]
+        if len(self.blows):
+            points[:, self.blows] = self.lift * strength[:, None] * drawn[:, self.blows]
         return np.vstack([x, points])
 
     @cached_property

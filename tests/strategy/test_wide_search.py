@@ -68,6 +68,19 @@ def test_a_damping_of_nothing_has_a_place_beside_others(windy):
     assert wide.parameters(wide.x(p))[part["damping"]] < 1e-5  # FLOOR of what is typical
 
 
+def test_in_a_known_wind_values_are_drawn_far_off_and_the_wind_stays():
+    text = even("nG", FRAMES, windVel=WIND)
+    text["objects"][0] |= {"fit": {"dragCoefficient": "G"}, "dragCoefficient": 0.4}
+    scene = load_text(json.dumps(text))
+    wide = Wide(searched(Objective(scene, record_target(scene), 1e-10), parameters(scene)))
+    x = wide.x(wide.p)
+    points = wide.far(x, np.random.default_rng(0))
+    assert points[0].tolist() == x.tolist()
+    assert (np.std(points[1:], axis=0) > wide.widths).all()  # 1.5 of them, of 200
+    assert len(wide.blows) == 0
+    assert wide.around(x).tolist() == wide.widths.tolist()
+
+
 def test_it_comes_nearer_from_far_off_and_never_ends_farther(windy, monkeypatch):
     objective, truth = windy
     monkeypatch.setattr(wide_search, "WORK", wide_search.WORK // 100)
