@@ -184,7 +184,10 @@ class KernelCache(FunctionCache):
         kept = load(name)
         if kept is None:
             return None
-        found, payload = pickle.loads(kept[1])
+        try:
+            found, payload = pickle.loads(kept[1])
+        except (AttributeError, ImportError):  # of another checkout, with classes that are not here
+            return None
         if found != key:  # other types by the same names
             return None
         KernelCache.used = kept[0]

@@ -297,6 +297,16 @@ def test_a_function_is_compiled_once_for_each_type(places):
     assert len(list(places[0].iterdir())) == 2
 
 
+@compiles
+def test_code_with_classes_that_are_no_more_is_compiled_anew(places):
+    compiled(doubled)(2)
+    (file,) = places[0].iterdir()
+    kernel_cache.save(file.name, b"cclothfit.kernels.cache\nNoSuchClass\n.")  # what pickle looks for by its name
+    again = compiled(doubled)
+    assert again(2) == 4
+    assert sum(again.stats.cache_misses.values()) == 1
+
+
 def times(k):
     return lambda x: k * x
 

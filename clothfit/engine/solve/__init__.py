@@ -4,5 +4,5 @@ sparse (the matrix) → ssor (preconditioner) → cg (conjugate gradients) → c
 preconditioner of large cloths), cg_multigrid (with a second thread by two_threads), minres (where their matrix is
 indefinite) → linear (chooses, and solves directly where none of them converges). guess extrapolates a first solution.
 To add a preconditioner: a module with a `solve` as in `cg_multigrid`, its memory in `linear.Workspace`, and a line in
-`linear.iterate`.
+`linear.solve`.
 """
