@@ -1,5 +1,5 @@
 """Files that other programs wrote: a sheet that Blender 4.2 exported (tests/formats/blender/make.py), and those of
-/work/shared/files, which are not part of this repository."""
+../shared/files, which are not part of this repository."""
 
 import shutil
 from pathlib import Path
