@@ -223,9 +223,11 @@ def lines(console: Console) -> Callable[[float, float, int], None]:
     tell = now_and_then(console.say, INTERVAL)
 
     def show(effort: float, missed: float, evaluations: int) -> None:
-        parts = [f"effort {effort:.4g} N² s"] if effort > 0 else []
-        parts += [f"{metres(missed)} beside the keys"] if missed > 0 else []
-        tell(lambda: ", ".join([*parts, f"evaluation {evaluations}"]))
+        def line() -> str:
+            parts = f"effort {effort:.4g} N² s" * (effort > 0), f"{metres(missed)} beside the keys" * (missed > 0)
+            return ", ".join([*filter(None, parts), f"evaluation {evaluations}"])
+
+        tell(line)
 
     return show
 

@@ -106,6 +106,20 @@ BOUNDS = {
 }  # fmt: skip
 
 
+def keywords(rules):
+    """The keywords of JSON Schema in a schema and all within it."""
+    parts = [*rules.get("properties", {}).values(), *rules.get("$defs", {}).values()]
+    parts += [rules[name] for name in ("items", "if", "then", "not", "else") if name in rules]
+    parts += [each for name in ("anyOf", "allOf", "oneOf") for each in rules.get(name, ())]
+    return set(rules).union(*map(keywords, parts))
+
+
+def test_the_schema_has_no_keyword_that_nobody_judges():
+    ways_on = {"$ref", "properties", "items", "if", "required", "additionalProperties"}
+    judged = {"type", "const", *OF_RULES, *structure.BOUNDS}
+    assert keywords(SCHEMA) <= ways_on | judged | structure.SAY_NOTHING
+
+
 def test_the_bounds_are_those_of_the_format():
     assert SCHEMA["required"] == ["integrationMethod", "delta", "objects"]
     defined = SCHEMA["$defs"]

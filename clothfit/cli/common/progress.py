@@ -131,8 +131,8 @@ def plain(say: Callable[[str], None]) -> Callable[[Progress], None]:
 
     def show(progress: Progress) -> None:
         shown.update(progress)
-        line = [state(progress), *stage(progress), *pace(progress, shown.rate, shown.left)]
-        tell(lambda: f"{progress.seconds:6.1f} s  {'  '.join(line)}")
+        tell(lambda: "  ".join([f"{progress.seconds:6.1f} s", state(progress), *stage(progress),
+                                *pace(progress, shown.rate, shown.left)]))  # fmt: skip
 
     return show
 
