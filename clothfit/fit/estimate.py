@@ -285,7 +285,7 @@ def searched(
     if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
         search.looser = objective.scene.tolerance
     search.settled = search.start if plan.settled else None
-    search.take_over(plan.model, plan.substeps, plan.evaluations, plan.seconds, plan.computing)
+    search.take_over(plan.model, plan.step, plan.evaluations, plan.seconds, plan.computing)
     if not hidden:
         search.origin = choose_start(objective, start, hidden=False)
     longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_OVER_TIME
@@ -308,7 +308,7 @@ def searched(
     if plan.judged is not None and (hint := nearer(plan.judged, plan.model)) is not None:
         found = replace(found, hints=[*found.hints, hint])
     asked = options.substeps if isinstance(options.substeps, int) and not hidden else None
-    return replace(found, ladder=models, steps=list(plan.tried), substeps=plan.substeps or asked)
+    return replace(found, ladder=models, steps=list(plan.tried), substeps=plan.step[0] if plan.step else asked)
 
 
 def cost_of_pattern(objective: Objective) -> float:

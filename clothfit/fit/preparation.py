@@ -44,6 +44,7 @@ from clothfit.scene.scene import Scene
 from clothfit.strategy import ladder, step_choice
 from clothfit.strategy.start import choose_start, with_air
 from clothfit.strategy.step_choice import Step
+from clothfit.strategy.time_step import with_substeps
 
 CHOICE = 0.7
 """Share of the time of a fit that the choice of its model may take, with that of the step."""
@@ -67,7 +68,7 @@ class Prepared:
     wanted: list[str] | None = None  # models that are left to try, where no values reproduce the target
     judged: list[Judged] | None = None  # the models among which one was chosen
     model: str = ""  # that was chosen
-    substeps: int = 0  # that were chosen, by BDF2; 0: the step is the scene's
+    step: tuple[int, int] | None = None  # steps to a frame and the method that were chosen; None: the scene's own
     tried: tuple[Step, ...] = ()  # time steps that were tried
     evaluations: int = 0
     seconds: float = 0.0
@@ -144,18 +145,19 @@ def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
 
 def with_steps(plan: Prepared, count: int, method: int | None) -> Prepared:
     """The plan with so many steps to a frame."""
-    return plan.changed(lambda each: step_choice.with_substeps(each, count, method))
+    return plan.changed(lambda each: with_substeps(each, count, method))
 
 
 def chosen_before(plan: Prepared, state: State) -> Prepared:
     """The plan with the step and the model of a fit that goes on. Raises InvalidInput where they do not fit."""
-    if state.substeps:
-        plan = with_steps(plan, state.substeps, BDF2)
+    step = (state.substeps, state.integrator) if state.substeps else None
+    if step:
+        plan = with_steps(plan, *step)
     if state.model:
         plan = with_model(plan, state.model)
     if len(parameters(plan.objective.scene)) != len(state.best):
         raise InvalidInput("the checkpoint is not what a fit has written; begin anew, without --resume")
-    return replace(plan, model=state.model, substeps=state.substeps)
+    return replace(plan, model=state.model, step=step)
 
 
 def with_model(plan: Prepared, model: str) -> Prepared:
@@ -167,15 +169,12 @@ def with_model(plan: Prepared, model: str) -> Prepared:
 def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Prepared) -> Prepared:
     """The plan with the step that gains most; `own` has that of the user's scene."""
     counts = counts_of(options, own.objective.scene)
-    found = step_choice.chosen(plan.objective, start, options.enough, counts, own.objective)
-    if found.substeps:
-        plan = with_steps(own, found.substeps, BDF2)
-    first, *finer = ladder.models(plan.objective.scene)
-    wanted = [first, *finer] if finer or not found.fitted else []  # one alone was fitted well, not roughly
+    found = step_choice.chosen(plan.objective, start, options.enough, counts, own.objective, options.on_progress)
+    if found.step:
+        plan = replace(with_steps(own, *found.step), step=found.step)
     return replace(
-        plan, p=found.p, cost=found.cost, settled=found.settled, substeps=found.substeps, tried=found.tried,
-        evaluations=found.evaluations,
-        wanted=None if found.explained else wanted,
+        plan, p=found.p, cost=found.cost, tried=found.tried, evaluations=found.evaluations,
+        wanted=None if found.explained else ladder.models(plan.objective.scene),
     )  # fmt: skip
 
 

@@ -8,10 +8,10 @@ the cost to about 1e-8; to 1e-14, as far as rounding allows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import cached_property, partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import CostDerivative, Observer, TrajectoryMemory
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.engine.prescribed import Forms, forms_from, forms_of
-from clothfit.engine.rollout import Rollout, work_of
+from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build
 from clothfit.engine.tape import Plan, Tape
 from clothfit.motion.degrade import rounding
@@ -48,20 +48,8 @@ NEGLIGIBLE_BYTES = 64_000_000
 """Bytes of matrices that are always allowed: the libraries of the program take as much."""
 
 
-WATCHED = 8
-"""Steps after which it is seen how much a motion has cost that may not cost more."""
-
 Compared: TypeAlias = str | Mapping[str, float] | OwnCost
 """What is compared: one objective by its name, several with their weights, or a cost of one's own."""
-
-
-class Growing(NamedTuple):
-    """A cost as far as its motions are simulated."""
-
-    cost: float  # so far, m²
-    ahead: int  # steps that are left; 0 where it is known
-    steps: int  # that were simulated since it was known before
-    work: int  # of these (`rollout.work_of`)
 
 
 class Objective:
@@ -277,34 +265,6 @@ class Objective:
         except Diverged:
             return np.inf
         return value if np.isfinite(value) else np.inf
-
-    def growing_cost(self, p: Array) -> Iterator[Growing]:
-        """G(p), m², as far as its motions are simulated, `WATCHED` steps after `WATCHED` steps; infinite where one
-        diverges. Of a cost that is no sum of squared distances nothing is known before the end of a motion, and of one
-        that joins objects nothing before the end of all.
-        """
-        ahead = sum(run.steps for run in self.runs)
-        if self.joint:
-            yield Growing(self.cost_or_infinity(p), 0, ahead, 0)
-            return
-        total = 0.0
-        for number, run in enumerate(self.runs, 1):
-            cost = running_cost(run.comparison)
-            tape = Tape(run.changed(p), run.steps, self.tolerance, Plan(min(max(run.steps, 1), WATCHED)), run.forms)
-            done, spent = 0, 0
-            for chunk in tape.forward():
-                cost.update(chunk)
-                done, spent, ahead = done + chunk.steps, spent + work_of(chunk), ahead - chunk.steps
-                grown = total + (cost.value if self.plain else 0.0)
-                if ahead and np.isfinite(grown):
-                    yield Growing(grown, ahead, done, spent)
-                    done = spent = 0
-            total = total + cost.value if tape.good == run.steps else np.inf
-            if not np.isfinite(total):
-                yield Growing(np.inf, 0, done, spent)
-                return
-            if number == len(self.runs):
-                yield Growing(total, 0, done, spent)
 
     def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
         """G(p), m², and its exact gradient ∂G/∂p (P,). Raises Diverged."""

@@ -22,6 +22,7 @@ from clothfit.engine.inputs.sampling import arrays_from_files
 from clothfit.objective.experiment import Experiment
 from clothfit.optimise.status import Rung, Status
 from clothfit.scene.factors import FACTOR_MODES
+from clothfit.scene.kinds import INTEGRATORS
 from clothfit.scene.scene import Scene, dumps
 
 FIT = "fit"
@@ -48,7 +49,8 @@ class State(NamedTuple):
     warnings: Sequence[str]
     status: Status | None = None  # None while it runs
     model: str = ""  # that was chosen for the fit, a letter; none was where it is empty
-    substeps: int = 0  # that were chosen, steps by BDF2 to a frame of the target; 0: the scene's own step
+    substeps: int = 0  # that were chosen, steps to a frame of the target; 0: the scene's own step
+    integrator: int = 0  # their method
     rungs: Sequence[Rung] = ()  # the models that were fitted from coarse to fine, to their end
     best_centre: Array = np.zeros(0)  # as `centre`, of the prior that the best point was found with
     best_tau: tuple[float, ...] = ()
@@ -114,7 +116,7 @@ READ: dict[str, Callable[[Any], Any]] = {
     **dict.fromkeys(ARRAYS, lambda values: np.array(values, float)),
     **dict.fromkeys(("cost", "before_cost", "radius", "seconds"), float),
     **dict.fromkeys(("tau", "best_tau", "history"), lambda values: tuple(map(float, values))),
-    **dict.fromkeys(("window", "beside", "substeps"), int),
+    **dict.fromkeys(("window", "beside", "substeps", "integrator"), int),
     "warnings": lambda texts: [str(text) for text in texts],
     "status": lambda status: None if status is None else Status(status),
     "model": str,
@@ -137,6 +139,7 @@ def is_possible(state: State) -> bool:
         and not any(math.isnan(cost) for cost in state.history)
         and all(text.isprintable() for text in state.warnings)
         and min(state.window, state.beside, state.substeps) >= 0
+        and state.integrator in range(len(INTEGRATORS))
         and state.model in ("", *FACTOR_MODES, "L")
         and all(is_possible_rung(rung, len(state.best)) for rung in state.rungs)
     )

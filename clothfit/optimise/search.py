@@ -175,7 +175,7 @@ class Search:
         self.looser: float | None = None  # tolerance of linear systems that the target may have been solved to
         self.longest = np.inf  # seconds of computing, after which a fit ends whose model cannot reproduce the target
         self.each = 0.0  # seconds of computing that the cost took when it was measured last
-        self.model, self.substeps = "", 0  # that were chosen for the fit: a letter, and steps to a frame by BDF2
+        self.model, self.substeps, self.integrator = "", 0, 0  # that were chosen for the fit, as in a `State`
         self.settled: Array | None = None  # (P,), a minimum by the metric of Gauss–Newton (`preconditioned`)
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
@@ -309,12 +309,16 @@ class Search:
         return State(
             self.start, best.p, best.cost, best.gradient, centre, tau, y, radius, window, before,
             before_cost, self.budget.history, self.budget.beside, self.progress.seconds, self.warnings,
-            None, self.model, self.substeps, self.rungs, *own,
+            None, self.model, self.substeps, self.integrator, self.rungs, *own,
         )  # fmt: skip
 
-    def take_over(self, model: str, substeps: int, evaluations: int, seconds: float, computing: float) -> None:
-        """Take over what a choice before the search has found, the model and the steps to a frame, and what it took."""
-        self.model, self.substeps = model, substeps
+    def take_over(
+        self, model: str, step: tuple[int, int] | None, evaluations: int, seconds: float, computing: float
+    ) -> None:
+        """Take over what a choice before the search has found, the model, the steps to a frame and their method, and
+        what it took.
+        """
+        self.model, (self.substeps, self.integrator) = model, step or (0, 0)
         self.budget.beside += evaluations
         self.progress.began -= seconds
         self.progress.began_computing -= computing

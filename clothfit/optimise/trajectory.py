@@ -139,6 +139,10 @@ class Trajectory:
         """Parameters (P,) at coordinates y (Q,)."""
         return self.search.parameters(y)
 
+    def derivative(self, p: Array) -> Array:
+        """∂p/∂y (P,) at p (P,), of each parameter by its own coordinate."""
+        return self.search.coordinates.derivative(p)
+
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Ends (Q,) of the coordinates."""
@@ -214,7 +218,7 @@ class Trajectory:
         """
         self.search.count()
         p = self.parameters(y)
-        column, factor = np.cumsum(self.fitted) - 1, self.search.coordinates.derivative(p)
+        column, factor = np.cumsum(self.fitted) - 1, self.derivative(p)
         H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         parts, places = list[Callable[[], tuple[Array, Array, float]]](), list[Indices]()
         for run in self.objective.runs:

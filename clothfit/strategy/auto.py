@@ -155,9 +155,6 @@ def by_ladder(
             return by_products(search, tau)
         fine, begin = fine[-1:], [search.best.p]
     ladder.climb(search, fine, begin)
-    if not left and ladder.is_astray(search):
-        ladder.by_nudging(search, models[0])
-        ladder.by_wide_search(search, models[0])
     if not search.rungs:
         search.rungs.append(ladder.reached(search, models[0]))
     if is_far(search) or too_many(search) or (not is_near(search) and not is_explained(search)):

@@ -1,32 +1,10 @@
 """The descent of a model of few values over all frames, where the target is not what it can reproduce.
 
 Gauss–Newton first: near a motion that the model almost reproduces it comes to the minimum in few simulations. Where its
-steps end early, L-BFGS in its metric goes on (`preconditioned`). A motion jumps where the guard shortens a step or a
-contact comes late, and its cost has steps at which both end; so points around the best one are polled at last, along
-the axes of the metric H = V Λ Vᵀ,
-
-    y = y₀ ± r √(c₀/λᵢ) vᵢ,    at which a smooth cost c would rise from c₀ to (1 + r²) c₀,
-
-and the descent goes on from one that costs clearly less. T. G. Kolda, R. M. Lewis, V. Torczon, Optimization by direct
-search, 2003.
-
-Before that: windows of the first frames, and springs to the target.
-
-The first frames show gravity and other values that all frames hide behind what a late frame is off by.
-
-Nudging: springs pull each vertex of a motion to where it was seen, weaker and weaker.
-
-A motion that forgets where it began, as in wind, has a cost with many minima; one that is held near its target has few.
-With springs of m ω² a motion follows what it is shown within about 1 / ω, and what is left is what the model does wrong
-in that time:
-
-    m a = f(x, v; p) + m ω² (y − x),    Σ |x − y|² → min.
-
-With a large ω that is the balance of momentum from frame to frame, and with ω = 0 the whole motion; the values that one
-pull finds start the next, weaker one. States where windows would begin are estimated on the way: what is not seen is
-not pulled, and moves as the model moves it. Weak-constraint 4D-Var balances the same, with the forces as unknowns
-(Y. Trémolet, Accounting for an imperfect model in 4D-Var, 2006); for models that are pulled while their values are
-fitted see H. D. I. Abarbanel et al., Dynamical state and parameter estimation, 2009.
+steps end early, L-BFGS in its metric goes on (`preconditioned`). Before that: windows of the first frames, which show
+gravity and other values that all frames hide behind what a late frame is off by. Contacts that switch bar the way
+there: points around the end of a window are polled, and the descent goes on from one that costs clearly less
+(T. G. Kolda, R. M. Lewis, V. Torczon, Optimization by direct search, 2003).
 """
 
 from __future__ import annotations
@@ -45,8 +23,8 @@ from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.strategy.step_forms import nudged
-from clothfit.strategy.trajectory_fit import FIRST_WINDOW, Enough, is_long, loosened, window_lengths
+from clothfit.strategy.continuation import Enough
+from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
 
 FEW_VALUES = preconditioned.FEW
 """Values up to which a step of Gauss–Newton costs no more than a few gradients."""
@@ -60,8 +38,8 @@ STEPS, STEPS_OVER_TIME = 4, 12
 PATIENCE = Patience(1, 1e-3, 1e-3)
 """A step of it that saves less than this fraction of the cost is the last."""
 
-RADIUS, POLLS = 0.3, 3
-"""r of the points that are polled, where a smooth cost is a tenth higher, and how often that is done."""
+POLLS = 3
+"""How often points around the end of a window are polled."""
 
 PAYS = 0.01
 """Share of the cost that a point must save for another descent."""
@@ -95,15 +73,6 @@ def in_metric(own: Search) -> None:
         own.settled = own.best.p
 
 
-def beyond_steps(own: Search) -> None:
-    """The same, and on from points around it that cost less. Raises Stop."""
-    to_the_minimum(own)
-    for _ in range(POLLS):
-        if not polled(own):
-            break
-        to_the_minimum(own)
-
-
 def settled(own: Search) -> bool:
     """Whether a few steps of Gauss–Newton come to the minimum, which they do only where few values are fitted. Raises
     Stop.
@@ -118,21 +87,6 @@ def settled(own: Search) -> bool:
     if status == Status.CONVERGED:
         own.settled = own.best.p
     return own.is_settled
-
-
-def polled(own: Search) -> bool:
-    """Whether a point around the best one costs clearly less; it is the best one then. Raises Stop."""
-    part, before = preconditioned.for_metric(own), own.best.cost
-    needed = own.each * 2 * len(own.y)
-    root = preconditioned.metric(part, own.y) if is_for_few(own) and own.has_time(needed) else None
-    if root is None:
-        return False
-    values, axes = np.linalg.eigh(root @ root.T)
-    y, (lower, upper) = own.y, np.array(own.bounds).T
-    for value, axis in zip(values, axes.T, strict=True):
-        for side in (RADIUS, -RADIUS):
-            own.visit(own.parameters(np.clip(y + side / np.sqrt(value) * axis, lower, upper)))
-    return bool(own.best.cost < (1.0 - PAYS) * before)
 
 
 def is_for_few(own: Search) -> bool:
@@ -243,31 +197,3 @@ def frame_steps(objective: Objective) -> int:
     gaps = [np.diff(run.comparison.goal.step) for run in objective.runs]
     steps = np.concatenate([np.zeros(0, int), *gaps])
     return max(int(np.median(steps)), 1) if len(steps) else 1
-
-
-PULLS = (3.0, 1.0, 0.3, 0.1, 0.03)
-"""ω, in radians per frame of the target, one after the other."""
-
-NUDGED_STEPS, EACH = 6, 2
-"""Steps of Gauss–Newton with each of them; which of the values that they find start a fit, every so many."""
-
-
-def through_pulls(own: Search) -> list[Array]:
-    """Steps of Gauss–Newton on nudged motions, and then on those of the model alone; returns the values (P,) that
-    each pull has found. Raises Stop.
-    """
-    y, found = own.y, list[Array]()
-    for pull in PULLS:
-        part = Trajectory(own, nudged(own.objective, pull))
-        own.enter("nudging", part.objective)
-        if own.is_late:
-            break
-        if not np.isfinite(part.cost(y)):  # explicit steps are unstable with the stiffest springs
-            continue
-        y = some_steps(part, y, NUDGED_STEPS)
-        found.append(own.parameters(y))
-        own.visit(found[-1])
-    if found and not own.is_late:
-        own.enter("nudging")
-        own.visit(own.parameters(some_steps(Trajectory(own, own.objective), y, NUDGED_STEPS)))
-    return found

@@ -22,14 +22,14 @@ from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Rung, Status, Stop
+from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
-from clothfit.strategy import few_values, gravity_direction, step_forms
+from clothfit.strategy import continuation, gravity_direction
 from clothfit.strategy.few_values import (
     FEW_VALUES,
-    beyond_steps,
     in_a_round,
     settled,
     through_windows,
@@ -37,19 +37,18 @@ from clothfit.strategy.few_values import (
     touches,
 )
 from clothfit.strategy.start import is_steady, steadied, values_by
-from clothfit.strategy.wide_search import is_quick, widely, work_left
 
 STARTED = 2.0
 """Times what the windows from one start took, that must be left for those from the next one."""
+
+QUICK = 2e11
+"""Operations of a dense model that a step of Gauss–Newton may take, some seconds."""
 
 STAGE_TOLERANCE = 1e-7
 """Of the linear systems: its error is far below what a model that differs leaves."""
 
 ASTRAY = 0.05
 """Error relative to how far the target moves, above which motions are nudged."""
-
-AFTERWARDS = 3.0
-"""Seconds of computing for the descent from what a wide search has found, at least."""
 
 MOMENT = 0.5
 """Seconds for the cost of what a stage has found that is ended."""
@@ -113,7 +112,7 @@ def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = (), m
     for number, model in enumerate(wanted):
         if number and search.is_late:
             break
-        rung(search, model, [search.best.p] if number else starts)
+        rung(search, model, () if number else starts)
     if search.is_late and not more:
         search.warn(f"the fit ended after {search.longest:g} s, short of the target; --budget gives it more")
 
@@ -122,8 +121,6 @@ def rung(search: Search, model: str, starts: Sequence[Array] = ()) -> None:
     """Fit one model as `stage` does, and note what it has come to. Raises Stop."""
     began = time.monotonic()
     stage(search, model, starts)
-    if model == models(search.objective.scene)[0]:
-        by_wide_search(search, model)
     search.climbed(reached(search, model, time.monotonic() - began))
 
 
@@ -148,12 +145,18 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
         if part.fitted.sum() <= FEW_VALUES:
             carried(search, part, through_windows)
     coarsest = model == models(search.objective.scene)[0]
-    method = in_a_round if rough else to_the_minimum if coarsest else beyond_steps
-    carried(search, part_of(search, model, search.best.p), method)
+    part = part_of(search, model, search.best.p)
+    if not (rough or coarsest) and Trajectory(part, part.objective).operations() <= QUICK:
+        carried(search, part, continuation.through_weak_pulls)
+        part = part_of(search, model, search.best.p)
+    method = in_a_round if rough else to_the_minimum
+    carried(search, part, method)
     if not rough and coarsest and is_astray(search):
         for start in starts:
             carried(search, part_of(search, model, start), to_the_minimum)  # windows may lead farther off than none
-        by_nudging(search, model)
+        if starts:
+            carried(search, part_of(search, model, search.origin), continuation.by_coarse_steps)
+            carried(search, part_of(search, model, search.best.p), to_the_minimum)
     if not rough and turning_pays(search):
         part = part_of(search, model, search.best.p, turned=True)
         if part.fitted.sum() <= FEW_VALUES:
@@ -164,48 +167,7 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
 def is_astray(search: Search) -> bool:
     """Whether other minima may be nearer to the target than the best point is, and motions can be nudged."""
     objective = search.objective
-    return search.best.cost > ASTRAY**2 * objective.still and step_forms.can_nudge(objective)
-
-
-def by_nudging(search: Search, model: str) -> None:
-    """Fit a model of few values from what nudged motions find. Raises Stop."""
-    part, starts = part_of(search, model, search.origin), list[Array]()
-    if part.fitted.sum() > FEW_VALUES:
-        return
-    carried(search, part, lambda own: starts.extend(few_values.through_pulls(own)))
-    for start in starts[:: few_values.EACH]:
-        if search.is_late:
-            break
-        own = part_of(search, model, as_whole(part, start, search.objective.scene))
-        carried(search, own, through_windows_to_the_minimum)
-
-
-def by_wide_search(search: Search, model: str) -> None:
-    """Search widely by a model of few values where motions in wind end far from their target; what that takes does not
-    count as time of the fit, nor what little time the descent from there needs. Raises Stop.
-    """
-    part, best = part_of(search, model, search.origin), with_parameters(search.objective.scene, search.best.p)
-    windy = any(cloth.feels_air for cloth in best.cloths) and bool(best.wind.any() or best.wind_keys)
-    if not (windy and is_astray(search) and part.fitted.sum() <= FEW_VALUES and is_quick(search)):
-        return
-    before, began = search.best.cost, search.progress.computing
-    part.longest = np.inf
-    known = values_by(best, flags=part.objective.scene)
-
-    def method(own: Search) -> None:
-        own.visit(known)
-        widely(own, work=work_left(began) if np.isfinite(search.longest) else np.inf)
-
-    carried(search, part, method)
-    search.longest = max(search.longest, began) + search.progress.computing - began + AFTERWARDS
-    if search.best.cost < before:
-        carried(search, part_of(search, model, search.best.p), to_the_minimum)
-
-
-def through_windows_to_the_minimum(own: Search) -> None:
-    """Windows of the first frames, and then all of them. Raises Stop."""
-    through_windows(own)
-    to_the_minimum(own)
+    return search.best.cost > ASTRAY**2 * objective.still and continuation.can_nudge(objective)
 
 
 def steady_wind(search: Search, model: str) -> None:

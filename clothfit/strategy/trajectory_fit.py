@@ -30,7 +30,8 @@ from clothfit.optimise.prior import FIRST_TAU, Prior, none
 from clothfit.optimise.search import SAME_POINT, Descent, Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
-from clothfit.strategy.step_forms import Held, can_nudge, nudged, through_forms
+from clothfit.strategy.continuation import Enough, can_nudge, nudged
+from clothfit.strategy.step_forms import Held, through_forms
 
 NEAR_ERROR = 2e-3
 """Error relative to how far the target moves, below which all frames are fitted at once."""
@@ -94,10 +95,6 @@ class Stage(NamedTuple):
     least: float  # relative saving that ends it
     iterations: int
     patience: Patience
-
-
-class Enough(Exception):
-    """Ends Gauss–Newton after some steps."""
 
 
 class ModelDiffers(Exception):

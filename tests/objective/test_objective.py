@@ -285,32 +285,6 @@ def test_the_scene_makes_its_blocks_once(monkeypatch):
     assert len(calls) == 1
 
 
-def test_a_growing_cost_grows_to_the_cost():
-    truth = load(even("nG", 40))
-    objective = Objective(truth, simulate(truth), 1e-10)
-    p = 2.0 * parameters(truth)
-    grown = list(objective.growing_cost(p))
-    assert grown[-1].cost == objective.cost(p)
-    assert (np.diff([0.0, *(each.cost for each in grown)]) > 0).all()
-    assert [each.ahead for each in grown] == list(range(objective.steps - 8, -1, -8)) + [0] * (objective.steps % 8 > 0)
-    assert sum(each.steps for each in grown) == objective.steps
-
-
-@pytest.mark.parametrize("how", [{"loss": "huber", "loss_scale": 0.1}, {"objective": "velocity"}])
-def test_other_costs_than_squares_are_known_at_their_end(how):
-    truth = load(even("nG", 20))
-    objective = Objective(truth, simulate(truth), 1e-10, **how)
-    p = 2.0 * parameters(truth)
-    *before, last = objective.growing_cost(p)
-    assert {each.cost for each in before} == {0.0}
-    assert last.cost == objective.cost(p)
-
-
-def test_the_growing_cost_of_a_motion_that_diverges_is_infinite():
-    objective = Objective(load(even("nG", 40, integrationMethod=0)), simulate(load(even("nG", 40))), 1e-10)
-    assert list(objective.growing_cost(np.array([1e4])))[-1].cost == np.inf
-
-
 # --- the motions that an objective keeps: simulated once, the same as anew, and few
 
 

@@ -1,0 +1,292 @@
+"""Continuation: from values that are decades off to those of a motion that the model cannot quite reproduce.
+
+The cost of a whole motion has many minima and, where steps are as long as frames, is rough in its values. Three
+families of easier problems lead to it, each from the values that the one before has found:
+
+- Springs of m ω² pull each vertex to where it was seen (nudging), more and more weakly:
+
+      m a = f(x, v; p) + m ω² (y − x),    Σ |x − y|² → min,    ω → 0.
+
+  What is left of a motion that is pulled is what the model does wrong in about 1 / ω. What was not seen is not pulled.
+- Implicit Euler steps of a frame's length damp what differs between two motions; shorter steps, and BDF2, come after.
+- Few values come before many (`ladder`).
+
+Each problem is solved by a few steps of Gauss–Newton in coordinates in which a motion changes evenly,
+
+    log p,    asinh(p / s) of dampings and drags, which may be 0,    c W / m g of a wind beside a drag c that is fitted,
+
+as it is the push c W that moves a cloth: with c alone c W would change as well. Where the whole motion still ends far
+from its target, the same begins again from points between the best one and some that are drawn at random.
+
+Weak-constraint 4D-Var balances a model and observations alike (Y. Trémolet, Accounting for an imperfect model in
+4D-Var, 2006); for models that are pulled while their values are fitted see H. D. I. Abarbanel et al., Dynamical state
+and parameter estimation, 2009.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+from clothfit.engine.system import IMPLICIT
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion
+from clothfit.motion.times import frame_places
+from clothfit.objective.experiment import Experiment
+from clothfit.objective.objective import Objective
+from clothfit.optimise import gauss_newton
+from clothfit.optimise.gauss_newton import Model, Patience
+from clothfit.optimise.prior import Prior, none
+from clothfit.optimise.search import Search
+from clothfit.optimise.trajectory import AIR, Scores, Trajectory
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.fit_vector import bounds
+from clothfit.scene.forces import STRONGEST, Forces
+from clothfit.scene.scene import Scene
+from clothfit.strategy.time_step import with_substeps
+
+PULLS, WEAKER = (0.5, 0.3, 0.2, 0.1, 0.05, 0.0), (0.2, 0.05, 0.0)
+"""ω, in radians per frame, one after the other: from values that may be far off, and from those of another step
+or model.
+"""
+
+STEPS, LAST_STEPS = 4, 8
+"""Steps of Gauss–Newton with each of them, and without a pull."""
+
+SAVING, PATIENCE = 0.01, Patience(2, 1e-2, 1e-2)
+"""Share of the cost that a step must save."""
+
+TOLERANCE, NUDGED_TOLERANCE = 1e-5, 1e-7
+"""Of the linear systems by coarse steps; of other nudged motions: its error is far below what is left of them."""
+
+HOPS, NEAR, REACH = 8, 0.1, 2.0
+"""Points that are drawn, the error relative to that of a still cloth below which none is, and how far away they are, in
+units of the coordinates.
+"""
+
+SHARE = 0.7
+"""Of the time of a fit, that goes by before the last of these is drawn."""
+
+SMALL = 0.01
+"""s of dampings and drags, relative to what is typical, and to the drag of real air: less hardly moves a cloth."""
+
+
+class Enough(Exception):
+    """Ends Gauss–Newton after some steps."""
+
+
+class Even(Trajectory):
+    """An objective in the coordinates x (Q,) in which its motions change evenly."""
+
+    def __init__(self, search: Search, objective: Objective) -> None:
+        """As of a trajectory."""
+        super().__init__(search, objective)
+        blocks, start = objective.blocks, search.start
+        self.log = search.coordinates.log
+        self.positive = flags(objective, ("damping", "drag"))
+        self.drag, self.wind = (np.flatnonzero(flags(objective, names)) for names in (("drag",), AIR))
+        cloths = objective.scene.cloths
+        sizes = [
+            each.kind.scale if each.cloth is None or each.name != "drag" else cloths[each.cloth].air_drag or 1.0
+            for each in blocks
+        ]
+        typical = np.repeat(sizes, [block.count for block in blocks])
+        other = np.where(self.log, 1.0, np.maximum(np.abs(start), typical))
+        self.unit = np.where(self.positive, SMALL * typical, other)
+        self.unit[self.wind] = self.lift
+
+    @cached_property
+    def lift(self) -> float:
+        """The product of drag and wind, or the wind where the drag is known, that carries the weight of the cloths: air
+        pushes faces of area A that it meets with 4 c A³ W; 1 m/s where they have none.
+        """
+        cloths = [cloth for cloth in self.objective.scene.cloths if cloth.feels_air]
+        weight = float(np.linalg.norm(self.objective.scene.gravity)) * sum(float(own.mass.sum()) for own in cloths)
+        fitted = len(self.drag) > 0
+        push = sum(4.0 * (1.0 if fitted else own.drag) * float((areas(own) ** 3).sum()) for own in cloths)
+        return weight / push if weight and push else 1.0
+
+    def air(self, p: Array) -> float:
+        """The drag that is fitted, no less than what hardly moves a cloth, in the geometric mean of the cloths; 1
+        without one.
+        """
+        size = np.hypot(p[self.drag], self.unit[self.drag])
+        return float(np.exp(np.log(size).mean())) if len(size) else 1.0
+
+    def y(self, p: Array) -> Array:
+        """Coordinates (Q,) of parameters (P,)."""
+        x = np.where(self.log, np.log(np.where(self.log, p, 1.0)), p / self.unit)
+        x[self.positive] = np.arcsinh(x[self.positive])
+        x[self.wind] *= self.air(p)
+        return np.asarray(x[self.fitted])
+
+    def parameters(self, y: Array) -> Array:
+        """Parameters (P,) at coordinates (Q,)."""
+        x = np.zeros(len(self.unit))
+        x[self.fitted] = y
+        with np.errstate(over="ignore"):
+            p = np.where(self.log, np.exp(np.where(self.log, x, 0.0)), self.unit * x)
+            p[self.positive] = self.unit[self.positive] * np.sinh(x[self.positive])
+        p = np.where(self.fitted, p, self.search.best.p)
+        p[self.wind[self.fitted[self.wind]]] /= self.air(p)
+        return np.where(self.fitted, self.search.coordinates.clipped(p), p)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Ends (Q,) of the coordinates; the wind has none of its own."""
+        ends = np.stack([self.y(end) for end in bounds(self.objective.scene)])
+        moved = np.isin(np.flatnonzero(self.fitted), self.wind)
+        ends[:, moved] = [[-np.inf], [np.inf]]
+        return ends[0], ends[1]
+
+    @property
+    def widths(self) -> Array:
+        """Those of the coordinates: all are alike."""
+        return np.ones(self.size)
+
+    def derivative(self, p: Array) -> Array:
+        """∂p/∂x (P,) at p (P,), of each parameter by its own coordinate."""
+        size = np.where(self.log, p, self.unit)
+        size[self.positive] = np.hypot(self.unit, p)[self.positive]
+        size[self.wind] /= self.air(p)
+        return size
+
+    def model(self, y: Array, keep: Callable[[Indices], Scores] | None = None) -> Model:
+        """The cost near coordinates (Q,). Raises Diverged."""
+        p = self.parameters(y)
+        known = super().model(y, keep)
+        turn = np.eye(self.size)  # ∂x'/∂x of coordinates x' in which the wind is not coupled with the drag
+        place = np.cumsum(self.fitted) - 1
+        drag, wind = (own[self.fitted[own]] for own in (self.drag, self.wind))
+        if len(drag) and len(wind):
+            share = p[drag] / np.hypot(p[drag], self.unit[drag]) / len(self.drag)
+            turn[np.ix_(place[wind], place[drag])] = -np.outer(y[place[wind]], share)
+        return Model(y, known.cost, turn.T @ known.H @ turn, turn.T @ known.g)
+
+
+def flags(objective: Objective, names: Sequence[str]) -> Array:
+    """Which parameters (P,) are of kinds."""
+    counts = [block.count for block in objective.blocks]
+    return np.repeat(np.array([block.name in names for block in objective.blocks], bool), counts)
+
+
+def areas(cloth: Cloth) -> Array:
+    """Areas (T,) of the faces of a cloth, m²."""
+    a, b, c = (cloth.positions[corner] for corner in cloth.triangles.T)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
+
+
+def can_nudge(objective: Objective) -> bool:
+    """Whether motions can be nudged: by positions, in scenes without forces of their own."""
+    return list(objective.weights) == ["position"] and all(scene.forces is None for _, scene in objective.experiments)
+
+
+def nudged(objective: Objective, pull: float) -> Objective:
+    """The objective of motions with a pull, in radians per frame."""
+    given = [Experiment(motion, pulled(scene, motion, pull)) for motion, scene in objective.experiments]
+    return objective.in_scenes(given, max(NUDGED_TOLERANCE, objective.tolerance))
+
+
+def pulled(scene: Scene, motion: Motion, pull: float) -> Scene:
+    """A scene whose vertices are pulled to where a motion shows them, with springs of the masses that it has; between
+    frames to places on the line from one to the next, unless all frames are at ends of steps.
+    """
+    step, part = frame_places(motion, scene.delta)
+    at, seen, aligned = step + part, motion.seen(), not part.any()
+    gap = max(float(np.median(np.diff(at))), 1.0) if len(at) > 1 else 1.0
+    mass = np.concatenate([cloth.mass for cloth in scene.cloths])
+    per_step = gap if aligned else 1.0  # the same impulse for each frame
+    stiffness = np.minimum(per_step * mass * (pull / (gap * scene.delta)) ** 2, STRONGEST)
+    count = max(int(at[-1]), 1)
+    places = np.tile(np.concatenate([cloth.positions for cloth in scene.cloths]), (count, 1, 1)).astype(float)
+    gain = np.zeros(places.shape[:2])
+    for row in range(count):
+        later = int(np.searchsorted(at, row + 1))
+        if later == len(at):
+            break
+        if at[later] == row + 1:
+            shown, place = seen[later], motion.positions[later]
+        elif later and not aligned:
+            share = (row + 1 - at[later - 1]) / (at[later] - at[later - 1])
+            shown = seen[later] & seen[later - 1]
+            place = (1.0 - share) * motion.positions[later - 1] + share * motion.positions[later]
+        else:
+            continue
+        places[row, shown], gain[row, shown] = place[shown], stiffness[shown]
+    times = scene.delta * np.arange(count, dtype=float)
+    return scene.with_forces(Forces(times, np.zeros(places.shape), gain, places, pulls=True))
+
+
+def some_steps(part: Trajectory, y: Array, most: int) -> Array:
+    """Where some steps of Gauss–Newton lead from y (Q,)."""
+    points = [y]
+
+    def accepted(prior: Prior, model: Model, radius: float) -> None:
+        points.append(model.y)
+        part.passed(prior, model, radius)
+        if part.search.is_late:
+            raise Enough
+
+    with contextlib.suppress(Enough, Diverged), np.errstate(over="ignore", invalid="ignore"):
+        gauss_newton.minimise(part.problem(SAVING, PATIENCE), y, none(part.size), accepted, most)
+    return points[-1]
+
+
+def through_pulls(
+    own: Search, pulls: Sequence[float] = WEAKER, start: Array | None = None, limit: float = np.inf
+) -> None:
+    """Steps of Gauss–Newton on motions that are pulled more and more weakly, from `start` (P,) or the best point; given
+    up where such a motion costs more than `limit`, m². Raises Stop.
+    """
+    p = own.best.p if start is None else start
+    near = own.measure(p) <= NEAR**2 * own.objective.still
+    for pull in pulls[-1:] if near or not can_nudge(own.objective) else pulls:
+        part = Even(own, nudged(own.objective, pull) if pull else own.objective)
+        own.enter("continuation", part.objective)
+        y = part.y(p)
+        if own.is_late or not np.isfinite(part.cost(y)):
+            continue
+        p = part.parameters(some_steps(part, y, STEPS if pull else LAST_STEPS))
+        if pull and own.visit(p) > limit and part.objective.cost_or_infinity(p) > limit:
+            break
+
+
+def hops(own: Search, seed: int = 0) -> None:
+    """The same from points half-way to others that are drawn around the best one, while it is far from the target.
+    Raises Stop.
+    """
+    random, part = np.random.default_rng(seed), Even(own, own.objective)
+    for _ in range(HOPS):
+        if own.progress.computing > SHARE * own.longest or own.best.cost <= NEAR**2 * own.objective.still:
+            break
+        lower, upper = part.bounds
+        y = np.clip(part.y(own.best.p) + 0.5 * random.uniform(-REACH, REACH, part.size), lower, upper)
+        through_pulls(own, PULLS[2:], part.parameters(y), own.best.cost)
+
+
+def through_weak_pulls(own: Search) -> None:
+    """Steps of Gauss–Newton from the best point of a coarser model. Raises Stop."""
+    through_pulls(own, WEAKER[1:])
+
+
+def coarse(objective: Objective) -> Objective:
+    """The objective of implicit Euler steps of a frame's length."""
+    return with_substeps(objective, 1, IMPLICIT, max(TOLERANCE, objective.tolerance))
+
+
+def from_afar(own: Search) -> None:
+    """Come from values that may be far off to the target, by coarse steps. Raises Stop."""
+    through_pulls(own, PULLS)
+    hops(own)
+
+
+def by_coarse_steps(own: Search) -> None:
+    """Come to the target by coarse steps first, and then by those of a search. Raises Stop."""
+    rough = own.beside(coarse(own.objective), own.best.p, np.inf)
+    rough.fitted = own.fitted
+    from_afar(rough)
+    through_pulls(own, WEAKER, rough.best.p)
