@@ -255,17 +255,19 @@ def through_pulls(
             break
 
 
-def hops(own: Search, seed: int = 0) -> None:
-    """The same from points half-way to others that are drawn around the best one, while it is far from the target.
-    Raises Stop.
+def hops(own: Search, took: float, seed: int = 0) -> None:
+    """The same from points half-way to others that are drawn around the best one, while it is far from the target
+    and has time for what `took` so many seconds of computing before. Raises Stop.
     """
     random, part = np.random.default_rng(seed), Even(own, own.objective)
     for _ in range(HOPS):
-        if own.progress.computing > SHARE * own.longest or own.best.cost <= NEAR**2 * own.objective.still:
+        began = own.progress.computing
+        if began + took > SHARE * own.longest or own.best.cost <= NEAR**2 * own.objective.still:
             break
         lower, upper = part.bounds
         y = np.clip(part.y(own.best.p) + 0.5 * random.uniform(-REACH, REACH, part.size), lower, upper)
         through_pulls(own, PULLS[2:], part.parameters(y), own.best.cost)
+        took = own.progress.computing - began
 
 
 def through_weak_pulls(own: Search) -> None:
@@ -280,8 +282,9 @@ def coarse(objective: Objective) -> Objective:
 
 def from_afar(own: Search) -> None:
     """Come from values that may be far off to the target, by coarse steps. Raises Stop."""
+    began = own.progress.computing
     through_pulls(own, PULLS)
-    hops(own)
+    hops(own, own.progress.computing - began)
 
 
 def by_coarse_steps(own: Search) -> None:
