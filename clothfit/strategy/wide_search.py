@@ -40,7 +40,7 @@ from clothfit.kernels.parallel import processors
 from clothfit.objective.objective import Growing, Objective
 from clothfit.optimise.evolution import Evolution, minimise
 from clothfit.optimise.search import Search
-from clothfit.scene.cloth import Cloth
+from clothfit.scene.cloth import wind_of
 
 TOGETHER = 2
 """Motions that go on at a time."""
@@ -182,21 +182,14 @@ class Wide:
 
     @cached_property
     def lift(self) -> float:
-        """The coordinate of the wind that carries the weight of the cloths: it pushes faces of area A that it meets
-        with 4 c A³ W; as large as it is typically where they have none.
+        """The coordinate of the wind that carries the weight of the cloths; as large as it is typically where they have
+        none.
         """
         scene = self.search.objective.scene
         cloths = [cloth for cloth in scene.cloths if cloth.feels_air]
         weight = float(np.linalg.norm(scene.gravity)) * sum(float(each.mass[~each.fixed].sum()) for each in cloths)
         drag = [self.blown if len(self.drag) else each.drag for each in cloths]
-        push = sum(4.0 * c * float((areas(each) ** 3).sum()) for c, each in zip(drag, cloths, strict=True))
-        return weight / push / float(self.unit[self.wind[0]]) if weight and push else 1.0
-
-
-def areas(cloth: Cloth) -> Array:
-    """Areas (T,) of the faces of a cloth, m²."""
-    a, b, c = (cloth.positions[corner] for corner in cloth.triangles.T)
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
+        return wind_of(weight, cloths, drag) / float(self.unit[self.wind[0]]) or 1.0
 
 
 def is_quick(own: Search) -> bool:

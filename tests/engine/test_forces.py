@@ -16,8 +16,14 @@ SYSTEM = full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)
 SPRINGS = SYSTEM.springs
 
 
+def of_air(system):
+    """The system with the other law of the air, and a drag of which its push is as strong."""
+    return system._replace(faces=system.faces._replace(quadratic=True, drag=1.2))
+
+
 def alone(system, name):
     """The system without all forces but one."""
+    system, name = of_air(system) if name == "air" else system, KIND[name]
     kept = {each: float(each == name) for each in ("vertex", "springs", "wind", "spheres")}
     return system._replace(
         vertex=system.vertex._replace(mass=kept["vertex"] * system.vertex.mass),
@@ -31,11 +37,11 @@ def alone(system, name):
 
 
 @pytest.mark.parametrize("at", STATES)
-@pytest.mark.parametrize("name", ["vertex", "springs", "clamped springs", "wind", "spheres"])
+@pytest.mark.parametrize("name", ["vertex", "springs", "clamped springs", "wind", "air", "spheres"])
 def test_forces_matrices_and_right_hand_sides_are_those_of_the_formulas(name, at):
-    system = alone(clamped(SYSTEM) if name.startswith("clamped") else SYSTEM, name.split()[-1])
+    system = alone(clamped(SYSTEM) if name.startswith("clamped") else SYSTEM, name)
     point, h = state(SYSTEM, at), system.h
-    (f, K, D), (module, force) = dense_forces(system, point.y, point.u), parts(system)[name.split()[-1]]
+    (f, K, D), (module, force) = dense_forces(system, point.y, point.u), parts(system)[KIND[name]]
     (A, b), later = (step_terms(system, module, force, point.y, point.u, ahead) for ahead in (False, True))
     f, u, d = f.ravel(), point.u.ravel(), point.dy.ravel()
     assert max(np.abs(f).max(), np.abs(K).max()) > 0
@@ -66,7 +72,8 @@ def test_what_is_stored_has_the_force_as_its_slope(name, at, wobble):
 
 
 KIND = {"vertex": "vertex", "springs": "springs", "clamped springs": "springs", "wind": "wind", "spheres": "spheres"}
-TOLERANCE = {"vertex": 1e-9, "springs": 1e-7, "clamped springs": 1e-7, "wind": 1e-7, "spheres": 1e-7}
+KIND |= {"air": "wind"}
+TOLERANCE = {"vertex": 1e-9, **dict.fromkeys(("springs", "clamped springs", "wind", "air", "spheres"), 1e-7)}
 """Of central differences at 1e-5, where they round and what they leave out of forces that bend over some 0.3 m; those
 of colliders bend over 0.1 m and 0.1 m/s.
 """
@@ -75,7 +82,7 @@ of colliders bend over 0.1 m and 0.1 m/s.
 def of(name, wobble):
     """A system with that force."""
     if name in KIND:
-        return clamped(SYSTEM) if name.startswith("clamped") else SYSTEM
+        return clamped(SYSTEM) if name.startswith("clamped") else of_air(SYSTEM) if name == "air" else SYSTEM
     return touching(ring(wobble) if name == "mesh" else SHAPES[name])
 
 
@@ -112,6 +119,7 @@ POINT = physics.system(thing([(0, 0, 0)]), colliders=[ball((0, 0, 0), 1.0)])
 EMPTY = {
     "a spring of zero length": ("springs", SPRING, np.zeros((2, 3))),
     "a face without area": ("wind", THIN, LINE),
+    "a face without area in the air": ("wind", of_air(THIN), LINE),
     "the centre of a sphere": ("spheres", POINT, np.zeros((1, 3))),
     **{f"the centre of a {name}": ("colliders", touching(shape), None) for name, shape in SHAPES.items()},
 }

@@ -319,6 +319,13 @@ def dense_forces(system: System, x: Array, v: Array) -> tuple[Array, Array, Arra
         a, b, c = x[corners]
         normal = np.cross(b - a, c - a)
         kappa = system.faces.drag * np.linalg.norm(normal) / 2 / 3
+        if system.faces.quadratic:
+            N, w = normal / np.linalg.norm(normal), system.faces.wind - v[corners].mean(axis=0)
+            along, across = np.outer(N, N), np.eye(3) - np.outer(N, N)
+            own, rub = (np.sqrt(speed**2 + 1e-6) for speed in (N @ w, np.linalg.norm(w)))
+            f[corners] += 0.6 * kappa * (abs(N @ w) * along + 0.02 * np.linalg.norm(w) * across) @ w
+            D[corners, corners] -= 0.6 * kappa * (2 * own * along + 0.02 * rub * across)
+            continue
         for i in corners:
             f[i] += kappa * normal * (normal @ (system.faces.wind - v[corners].mean(axis=0)))
             D[i, i] -= kappa * np.outer(normal, normal)
