@@ -32,7 +32,6 @@ from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.kinds import (
     AIR,
     CLOTH_KINDS,
-    DRAG_LAWS,
     EDITORS,
     INTEGRATORS,
     KIND,
@@ -90,8 +89,6 @@ def new_scene(
     held = np.zeros(len(mesh.positions), bool) if fixed is None else fixed
     if integrator not in INTEGRATORS:
         raise InvalidInput(f"integrator: there is no {integrator!r}; use {', '.join(INTEGRATORS)}")
-    if drag_law not in DRAG_LAWS:
-        raise InvalidInput(f"drag_law: there is no {drag_law!r}; use {' or '.join(DRAG_LAWS)}")
     if drag is None:
         drag = PLATE if drag_law == AIR else 0.1
     own, whole = _flags(fits or {})

@@ -40,7 +40,7 @@ FEWEST_FRAMES, MOST_NUMBERS = 12, 3_000_000
 EQUAL = 1e-3
 """Relative difference of times between frames that count as equal."""
 
-ROUNDS, IN_AIR = 2, 10
+ROUNDS, IN_AIR = 2, 6
 """How often the springs' damping, which is a product, is taken from the values before; as often as that where the law
 "air" is linear only around them.
 """

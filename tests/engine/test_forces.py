@@ -7,18 +7,26 @@ import pytest
 from helpers import physics
 from helpers.matrices import dense_matrix
 from helpers.obstacles import SHAPES, box, ring, touching
-from helpers.physics import STATES, ball, dense_forces, full, parts, relative, state, step_terms, thing, times, xyz
+from helpers.physics import (
+    STATES,
+    ball,
+    dense_forces,
+    full,
+    of_air,
+    parts,
+    relative,
+    state,
+    step_terms,
+    thing,
+    times,
+    xyz,
+)
 
 from clothfit.engine.forces import spheres, springs, touch
 from clothfit.engine.system import clamped
 
 SYSTEM = full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)])
 SPRINGS = SYSTEM.springs
-
-
-def of_air(system):
-    """The system with the other law of the air, and a drag of which its push is as strong."""
-    return system._replace(faces=system.faces._replace(quadratic=True, drag=1.2))
 
 
 def alone(system, name):
@@ -198,6 +206,57 @@ def test_the_derivative_of_the_rounded_clamp(rho):
     for kink in (0.95, 1.0):  # of which there is none
         before, after = (springs.capped(rounded, kink + side)[1] / (kink + side) for side in (-1e-9, 1e-9))
         assert after == pytest.approx(before, abs=1e-6)  # a second derivative of 4/0.05, over 2e-9
+
+
+# --- the law "air"
+
+CORNERS = np.array([(0.1, 0, 0), (0.9, 0.2, 0.1), (0.3, 0.7, -0.2)])
+AREA = 0.5 * np.linalg.norm(np.cross(CORNERS[1] - CORNERS[0], CORNERS[2] - CORNERS[0]))
+AIR = 0.6 * 1.2  # ϱ/2 · c, kg/m³, of a plate
+
+
+def pushed(points, faces, flow, v=(0, 0, 0)):
+    """The forces (n, 3) on such faces where they feel this flow."""
+    own = thing(points, [], faces, dragCoefficient=1.2, dragLaw="air")
+    plate = physics.system(own, windVel=xyz(np.add(flow, v)))
+    moved = np.tile(np.array(v, float), (len(points), 1))
+    return physics.total_force(physics.wind, plate.faces, plate.x0, moved)
+
+
+def test_a_plate_feels_pressure_across_the_flow_and_friction_along_it():
+    n = np.cross(CORNERS[1] - CORNERS[0], CORNERS[2] - CORNERS[0]) / (2 * AREA)
+    along = (CORNERS[1] - CORNERS[0]) / np.linalg.norm(CORNERS[1] - CORNERS[0])
+    for flow, expected in ((3 * n, AIR * AREA * 9 * n), (-3 * n, -AIR * AREA * 9 * n),
+                           (3 * along, 0.02 * AIR * AREA * 9 * along)):  # fmt: skip
+        found = pushed(CORNERS, [(0, 1, 2)], flow, (1, -2, 0.5))  # only the difference of wind and velocity counts
+        np.testing.assert_allclose(found, np.tile(expected / 3, (3, 1)), atol=1e-14)  # sums of some ten terms of 1 N
+
+
+def test_divided_faces_feel_the_same_force_and_moment():
+    flow, (a, b, c) = (3, 1, -2), CORNERS
+    whole = pushed(CORNERS, [(0, 1, 2)], flow)
+    for points, faces in (
+        ([a, b, c, (0.3 * b + 0.7 * c)], [(0, 1, 3), (0, 3, 2)]),
+        ([a, b, c, (a + b + c) / 3], [(0, 1, 3), (1, 2, 3), (2, 0, 3)]),
+        (CORNERS, [(0, 2, 1)]),  # its other side
+    ):
+        parts_ = pushed(points, faces, flow)
+        np.testing.assert_allclose(parts_.sum(axis=0), whole.sum(axis=0), atol=1e-14)
+        moments = [np.cross(x, f).sum(axis=0) for x, f in ((np.array(points), parts_), (CORNERS, whole))]
+        np.testing.assert_allclose(*moments, atol=1e-14)  # as each part is pushed at its centroid
+
+
+def test_the_matrix_damps_whatever_the_state_and_is_nearly_the_jacobian_where_all_corners_move_alike():
+    system, rng = of_air(SYSTEM), np.random.default_rng(3)
+    at = state(system, "random")
+    A, _ = step_terms(system, physics.wind, system.faces, at.y, at.u)
+    assert np.linalg.eigvalsh(dense_matrix(A)).min() > -1e-14
+    # in a flow that is across a plane cloth nothing but the rounding of |·| by 1 mm/s is left out
+    plane = system._replace(faces=system.faces._replace(wind=np.array([0.0, 3.0, 0.0])))
+    shift, t = np.tile(rng.normal(size=3), (9, 1)), 1e-6
+    ends = [physics.total_force(physics.wind, plane.faces, system.x0, sign * t * shift) for sign in (1, -1)]
+    found = physics.damping(physics.wind, plane.faces, system.x0, 0 * shift, shift)
+    assert relative(found, (ends[0] - ends[1]) / (2 * t)) < 1e-6  # (1 mm/s / 3 m/s)² / 2, and rounding at 1e-6
 
 
 # --- spheres

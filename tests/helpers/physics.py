@@ -138,6 +138,11 @@ def pendulum(method: str, h: float, alpha: float = 0.8, k: float = 30.0, m: floa
     return system(one, integrationMethod=METHODS[method], delta=h)
 
 
+def of_air(system: System) -> System:
+    """The system with the other law of the air, and the drag of a plate."""
+    return system._replace(faces=system.faces._replace(quadratic=True, drag=1.2))
+
+
 def unbound(system: System, **changes: Any) -> System:
     """The system without weight, and with other `changes` in its vertices."""
     return system._replace(vertex=system.vertex._replace(gravity=np.zeros(3), **changes))
