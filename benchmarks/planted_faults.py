@@ -1,6 +1,6 @@
 """Which faults do the tests find? `python benchmarks/planted_faults.py [--only WORD] [--repo PATH] [--out FILE]`.
 
-Sixty-two faults, each one expression of the package, are planted one at a time into a copy of it: flipped signs, missing
+Sixty-two faults, each one expression of the package, are planted one at a time into a copy: flipped signs, missing
 factors and terms, wrong indices, swapped axes, counts off by one, options that are ignored. The tests that a row of the
 table names then run until the first of them fails: path by path, of a folder the quick tests before the slow ones. A
 test that fails without the fault as well does not count. Prints for each fault which test found it after how many
