@@ -73,6 +73,9 @@ class Asked:
     damping: float = given("--damping A", "Damping of vertices and springs.  [default: 0.1]", float, default=0.1)
     drag: str | None = given("--drag C|air", "Drag coefficient of the faces, or air for that of real air.  [default: "
         "0.1; where the wind is fitted, air, which is then fitted too]")
+    drag_law: str = given("--drag-law", "How the air pushes faces: editor, as the editor does, or air, by area and "
+        "by the square of the speed; then --drag has no unit, and is 1.2 by default.  [default: editor]",
+        click.Choice(["editor", "air"]), default="editor")
     region: tuple[str, ...] = given("--region NAME=PLACE", "Name a part for fits in mode R: a box, vertices, or a "
         "side, written as in the --fix options, such as collar=top=0.05.", multiple=True)
     warp: str | None = given("--warp", "Axis of the scene that is along the cloth.  [default: u of the mesh's texture, "
@@ -121,10 +124,12 @@ class Asked:
         """The wind, m/s. Raises InvalidInput."""
         return numbers("--wind", self.wind or "0,0,0", 3, "5,0,1")
 
-    def drag_of(self, mesh: Mesh) -> float:
-        """The air drag of a mesh. Raises InvalidInput."""
+    def drag_of(self, mesh: Mesh) -> float | None:
+        """The air drag of a mesh; None for the usual one of its law. Raises InvalidInput."""
         if not self.of_air:
-            return numbers("--drag", self.drag or "0.1", 1, f"0.1 or {AIR}")[0]
+            return numbers("--drag", self.drag, 1, f"0.1 or {AIR}")[0] if self.drag else None
+        if self.drag_law == AIR:
+            return None
         from clothfit.meshes.mesh import air_drag
 
         return air_drag(mesh, hypot(*self.blows) or (UNKNOWN if self._fits("wind") else CALM))
@@ -248,7 +253,7 @@ def command(cloth_path: str | None, path: str | None, asked: Asked, console: Con
     scene = new_scene(
         cloth.mesh, held(cloth, asked), density=asked.density, stiffness=asked.stiffness,
         bending=not asked.no_bending if asked.bending is None else asked.bending, damping=asked.damping,
-        drag=asked.drag_of(cloth.mesh), fit=asked.letters, fits=asked.kinds,
+        drag=asked.drag_of(cloth.mesh), drag_law=asked.drag_law, fit=asked.letters, fits=asked.kinds,
         spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere],
         wind=asked.blows, integrator=asked.integrator, delta=asked.step, frames=asked.frames, tolerance=asked.tolerance,
         title=asked.title or stem_of(mesh_path), numbering=cloth.numbering,

@@ -32,7 +32,7 @@ from clothfit.scene.cloth import vector as _vector
 from clothfit.scene.forces import Forces
 from clothfit.scene.forces import check as check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
-from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
+from clothfit.scene.kinds import CLOTH_KINDS, EDITORS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 
@@ -296,6 +296,7 @@ def dumps(scene: Scene, folder: str | None = None) -> bytes:
     objects: list[dict[str, Any]] = []
     for cloth in scene.cloths:
         values = {kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS if kind.name != "path"}
+        values["dragLaw"] = Optional(cloth.drag_law, cloth.drag_law != EDITORS)
         if own := {i: pin.own.values for i, pin in enumerate(cloth.pins) if pin.own}:
             values["pins"] = {i: {"posKeys": {"values": _vectors(each)}} for i, each in own.items()}
         objects.append(values)
@@ -335,7 +336,7 @@ def _checked(owner: Cloth | Scene, values: Mapping[str, Any], place: str, proble
     """Turn given values of kinds, by name, into what their owner has; what is wrong goes to `problems`."""
     made: dict[str, Any] = {}
     for name, given in values.items():
-        kind, old = KIND[name], getattr(owner, name)
+        kind, old = owner.kind(name) if isinstance(owner, Cloth) else KIND[name], getattr(owner, name)
         value = checks.new_values(given, np.shape(old), f"{place}{kind.field}", problems)
         checks.check_range(value if value is None else value.reshape(-1), kind, f"{place}{kind.field}", problems)
         made[name] = float(value) if isinstance(old, float) and value is not None else value
@@ -430,6 +431,7 @@ def _cloth(item: dict[str, Any], place: str, folder: str, problems: list[str]) -
     return Cloth(
         **arrays,
         drag=float(item["dragCoefficient"]),
+        drag_law=item["dragLaw"],
         damping=float(item["damping"]),
         settings="".join(LETTERS[letter.lower()] for letter in item["optimizationSettings"]),
         fits=_fits(item["fit"], CLOTH_KINDS),

@@ -356,9 +356,9 @@ def test_they_are_those_of_the_matrix_as_far_as_samples_know(sparse, by_samples)
 
 def test_they_say_so_wherever_intervals_are_shown(by_samples):
     found = by_samples
-    text = certainty(found.parameters[0], found.samples)
+    text = certainty(found.parameters[0], KIND["stiffness"], found.samples)
     assert text.endswith(f"(median 95 % interval, by {K} samples, to 18 %)")
-    assert "samples" not in certainty(found.parameters[0])
+    assert "samples" not in certainty(found.parameters[0], KIND["stiffness"])
     given = {"samples": asdict(found.samples)}
     assert findings.by_samples(given) == f"the intervals are by {K} samples of the posterior, to 18%"
     for wrong in (None, [], {}, {"count": K}, {"count": "x", "accuracy": 0.1}, {"count": 16, "accuracy": 1e400}):

@@ -17,6 +17,7 @@ from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.report.log import intervals
+from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import load
 
 pytestmark = FITS
@@ -61,7 +62,7 @@ def shows_no_interval_alone(scene, found):
     """Fails where an interval is in the result, its text, its JSON or what the page reads of it, without a verdict."""
     told = summary(scene, found, Output("x.json"))
     said = any(any(block.interval) for block in found.parameters)
-    assert said == any("95 %" in certainty(block) for block in found.parameters)
+    assert said == any("95 %" in certainty(block, KIND[block.name]) for block in found.parameters)
     for block in found.parameters:
         read = intervals(json.loads(json.dumps(told)), block.object, block.name, block.mode, block.count)
         assert any(read or []) == any(block.interval)

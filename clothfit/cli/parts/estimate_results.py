@@ -23,7 +23,7 @@ from clothfit.cli.common.pictures import Pictures
 from clothfit.cli.parts.estimate_files import Files, filled
 from clothfit.many.job import EXIT_CODES, NEVER_FINITE
 from clothfit.optimise.status import Status
-from clothfit.scene.kinds import INTEGRATORS, MODEL_NAMES
+from clothfit.scene.kinds import INTEGRATORS, KIND, MODEL_NAMES, Kind
 
 if TYPE_CHECKING:
     from clothfit.fit.confidence import Samples
@@ -85,11 +85,12 @@ def describe(found: Fit, out: Output, console: Console) -> None:
         console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
     for block in found.parameters:
         place = owned(block.object, block.name)
+        kind = KIND[block.name] if block.object is None else found.scene.cloths[block.object].kind(block.name)
         if block.at_bound:
-            console.warn(f"{place}: {at_bound(block)}")
+            console.warn(f"{place}: {at_bound(block, kind)}")
         if times := factors(block):
             console.say(f"{place}: {times}")
-        if known := certainty(block, found.samples):
+        if known := certainty(block, kind, found.samples):
             console.say(f"{place}: {known}")
 
 
@@ -149,25 +150,23 @@ def factors(block: FittedBlock) -> str:
     return ", ".join(parts)
 
 
-def at_bound(block: FittedBlock) -> str:
+def at_bound(block: FittedBlock, kind: Kind) -> str:
     """Which values are at a bound, and which bound that is."""
-    from clothfit.scene.kinds import KIND
-
     factor = block.values is not None or (block.name == "rest" and block.mode == "G")
     ends = " and ".join(f"{end:g}" for end in sorted(set(block.bounds)))
     which = "" if block.count == 1 else f": {indices(block.at_bound)}"
-    unit = " times the start" if factor else KIND[block.name].suffix
+    unit = " times the start" if factor else kind.suffix
     return f"{len(block.at_bound)} of {block.count} at a bound, {ends}{unit} (--bounds){which}"
 
 
-def certainty(block: FittedBlock, samples: Samples | None = None) -> str:
+def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None) -> str:
     """What is known of the values of a block, and what is not; empty where neither was looked for. `samples`: those
     that the intervals are by.
     """
     parts = [f"{counted(block.count, 'value', 'values')}"]
     if any(block.interval):
         by = f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
-        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval{by})")
+        parts.append(f"{accuracy(block, kind)} ({'median ' if block.count > 1 else ''}95 % interval{by})")
     if block.unidentifiable:
         parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
     if block.unmoved:
@@ -175,13 +174,11 @@ def certainty(block: FittedBlock, samples: Samples | None = None) -> str:
     return ", ".join(parts) if len(parts) > 1 else ""
 
 
-def accuracy(block: FittedBlock) -> str:
+def accuracy(block: FittedBlock, kind: Kind) -> str:
     """Half of the middle one of the intervals: in percent where a fit moves the logarithm."""
     from numpy import median  # not that of the standard library, which is slower to import
 
-    from clothfit.scene.kinds import KIND
-
-    kind, ends = KIND[block.name], [interval for interval in block.interval if interval]
+    ends = [interval for interval in block.interval if interval]
     if kind.log:
         return f"±{100 * (math.sqrt(median([high / low for low, high in ends])) - 1):.2g} %"
     return f"±{median([high - low for low, high in ends]) / 2:.2g}{kind.suffix}"
