@@ -22,6 +22,7 @@ from clothfit.base.memory import budget as memory_budget
 from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
+from clothfit.fit.baselines import with_start, with_still
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.options import (
@@ -45,6 +46,7 @@ from clothfit.fit.result import (
     result,
     with_fallbacks,
     with_verdict,
+    without_intervals,
 )
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
@@ -77,6 +79,9 @@ from clothfit.strategy.trajectory_fit import best_prior, by_gauss_newton, go_on
 
 GRACE = 0.5
 """Seconds for each look at a result whose time is up."""
+
+ALIKE = "some values change the motion too alike to be told apart; fit fewer of them (--model F), or give a --prior"
+"""What is said where equations of a fit have no solution."""
 
 SOLVED_AS = (
     "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved to "
@@ -236,7 +241,8 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
                 found = searched(plan, start, hidden, options, checkpoint, None)
                 found = replace(found, warnings=[*found.warnings, SOLVED_AS.format(looser.tolerance)])
             found = replace(found, hints=[*hints, *found.hints])
-        return assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
+        found = assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
+        return looked_at(found, with_start, objective, options=options)
 
 
 def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:
@@ -248,7 +254,8 @@ def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> F
     objective, kept_out = plan.objective, plan.kept_out
     found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
     found = looked_at(found, with_verdict, objective, options.enough, hidden, options=options)
-    found = looked_at(replace(found, windows=options.windows), with_residual_hints, objective, options=options)
+    found = with_still(replace(found, windows=options.windows), plan.whole or objective)
+    found = looked_at(found, with_residual_hints, objective, options=options)
     if plan.whole is not None:
         found = looked_at(found, with_whole, plan.whole, options=options)
     found = looked_at(found, with_stall_hint, objective, options=options)
@@ -341,9 +348,8 @@ def unflattened(found: Fit, objective: Objective, cost: float) -> Fit:
         f"{metres(objective.rmse(cost))}, than equal ones (G), to {metres(found.rmse)}, and are kept; --model F keeps "
         "their pattern"
     )
-    blocks = [replace(block, interval=[None] * block.count) for block in found.parameters]
     hints = [*found.hints, Hint("pattern", text, early=False)]
-    found = replace(found, parameters=blocks, rank=None, sigma=None, hints=hints, verdict=None)
+    found = replace(without_intervals(found), hints=hints, verdict=None)
     return replace(found, scene=objective.scene, cost=cost, rmse=objective.rmse(cost))
 
 
@@ -371,7 +377,12 @@ def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOpt
         seconds = None if options.budget is None else GRACE
         return in_time(partial(look, found, *given), found, seconds, known=True)
     except np.linalg.LinAlgError as error:
-        return replace(found, warnings=[*found.warnings, f"the fit could not be looked at in full: {error}"])
+        return replace(found, warnings=[*found.warnings, f"the fit could not be looked at in full: {in_words(error)}"])
+
+
+def in_words(error: Exception) -> str:
+    """Why something ended, in the user's terms."""
+    return ALIKE if isinstance(error, np.linalg.LinAlgError) else str(error) or "out of memory"
 
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
@@ -428,7 +439,7 @@ def search_by(search: Search, options: FitOptions, method: Callable[[], Status])
     except (Diverged, MemoryError, np.linalg.LinAlgError) as error:
         if not np.isfinite(search.best.cost):
             raise
-        search.warn(f"the search ended early: {str(error) or 'out of memory'}")
+        search.warn(f"the search ended early: {in_words(error)}")
         status = Status.STALLED
     return search.finish(status)
 
