@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 @option("--fit-time", "Fit the rate and the offset of the target's clock too.")
 @option("--fit-placement", "Fit how the target is turned and moved too.")
 @option("--fit-scale", "Fit how large the target's unit is too.")
+@option("--hold", "Keep fixed vertices still, also where they move in the target.  [default: they follow it]")
 @option("--keep-markers", "Take the target's markers as they are, also where they are swapped or show no vertex.")
 @section("The file of the target")
 @motions.reads

@@ -23,6 +23,7 @@ from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
 from clothfit.fit.baselines import with_start, with_still
+from clothfit.fit.followed import followed
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.options import (
@@ -125,6 +126,7 @@ def estimate(
     fit_placement: bool = False,
     fit_scale: bool = False,
     keep_markers: bool = False,
+    hold: bool = False,
     on_memory: Callable[[Needs], None] | None = None,
     on_hint: Callable[[Hint], None] | None = None,
     on_found: Callable[[Scene], None] | None = None,
@@ -190,6 +192,9 @@ def estimate(
     Markers of a target that are swapped are exchanged, and what shows no vertex is left out, as `Fit.markers` says,
     unless `keep_markers` is true: only where the target shows it plainly, at its start or from one frame to the next.
 
+    Fixed vertices that move in a target, by more than noise, follow it: `Fit.scene` has pins for them. With `hold` they
+    stay where they are. In windows, and where the paths of pins are fitted, they stay as well.
+
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as the target, diverges.
     """
@@ -215,6 +220,9 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
         return marked_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
     if options.registers and scene.blocks:
         return registered_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
+    pinned = 0
+    if target is not None and not (options.hold or options.windows or callable(options.objective)) and scene.blocks:
+        scene, target, pinned = followed(scene, target)
     scene = flagged(scene, options.model)
     objective, kept_out = objectives(scene, target, options)
     options = options.within(objective.rounding)
@@ -242,7 +250,7 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
                 found = replace(found, warnings=[*found.warnings, SOLVED_AS.format(looser.tolerance)])
             found = replace(found, hints=[*hints, *found.hints])
         found = assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
-        return looked_at(found, with_start, objective, options=options)
+        return replace(looked_at(found, with_start, objective, options=options), followed=pinned)
 
 
 def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:

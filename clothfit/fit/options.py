@@ -85,6 +85,7 @@ class FitOptions:
     fit_time: bool = False  # whether the rate and the offset of each target's clock are found
     fit_placement: bool = False  # whether each target's place is found: a rotation and a translation
     fit_scale: bool = False  # whether each target's scale is found
+    hold: bool = False  # whether held vertices stay where they are, also where they move in the target
     keep_markers: bool = False  # whether mistaken markers of targets are left as they are
 
     def check(self) -> None:
@@ -159,6 +160,7 @@ class FitOptions:
             "of": self.holdout_of, "objective": self.objective, "loss": self.loss, "loss_scale": self.loss_scale,
             "model": self.model, "substeps": self.substeps, "keep_step": self.keep_step,
             **({"windows": self.windows} if self.windows else {}),
+            **({"hold": True} if self.hold else {}),
             **({"bounds": dict(self.bounds)} if self.bounds else {}),
         }  # fmt: skip
 
@@ -200,6 +202,7 @@ class Keywords(TypedDict, total=False):
     fit_placement: bool
     fit_scale: bool
     keep_markers: bool
+    hold: bool
     on_memory: Callable[[Needs], None] | None
     on_hint: Callable[[Hint], None] | None
     on_found: Callable[[Scene], None] | None

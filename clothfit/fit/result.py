@@ -132,6 +132,7 @@ class Fit:
     windows: int | None = None  # frames of each window that the target was cut into; None: whole motions were compared
     whole: float | None = None  # m, the error over whole motions, where windows were compared
     registration: list[Registration] | None = None  # of each target; None: none was looked for
+    followed: int = 0  # held vertices that follow the targets
     markers: list[Markers] | None = None  # of each target, those that were mistaken; None: none was
     start: Scene | None = None  # where the fit began
     objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights

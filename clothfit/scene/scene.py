@@ -33,7 +33,7 @@ from clothfit.scene.forces import Forces
 from clothfit.scene.forces import check as check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
-from clothfit.scene.splice import Optional, splice
+from clothfit.scene.splice import Appended, Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 
 WAY_OUT = '"planes": "solid" in the scene makes them solid'
@@ -316,6 +316,21 @@ def dumps(scene: Scene, folder: str | None = None) -> bytes:
             objects[i] = _together(objects[i], each)
         whole = _together(whole, files)
     return scene.source.encode(splice(scene.source.text, objects, whole))
+
+
+def with_pins(scene: Scene, items: Mapping[int, list[dict[str, Any]]]) -> Scene:
+    """Make a new scene with more pins, as its file has them, of objects by their numbers. Raises InvalidScene."""
+    before, problems = json.loads(scene.source.text)["objects"], list[str]()
+    new = [{"pins": Appended(items[i])} if i in items else {} for i in range(len(before))]
+    cloths = list(scene.cloths)
+    for i, added in items.items():
+        cloth, place = cloths[i], f"objects[{i}]"
+        every = pins([*before[i].get("pins", ()), *added], cloth.fixed, place, scene.folder, problems)
+        cloths[i] = replace(cloth, pins=(*cloth.pins, *every[len(cloth.pins) :]))
+    if problems:
+        raise InvalidScene(problems, scene.name)
+    source = replace(scene.source, text=splice(scene.source.text, new))
+    return replace(scene, cloths=tuple(cloths), source=source)
 
 
 def _together(values: Mapping[Any, Any], others: Mapping[Any, Any]) -> dict[Any, Any]:

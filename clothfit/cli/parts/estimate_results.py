@@ -83,6 +83,9 @@ def describe(found: Fit, out: Output, console: Console) -> None:
         console.say(f"that is over windows of {counted(found.windows, 'frame', 'frames')}; the whole motion: {far}")
     for i, each in enumerate(found.registration or []):
         console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
+    if found.followed:
+        what = counted(found.followed, "held vertex follows", "held vertices follow")
+        console.say(f"{what} the target, as pins of the scene; --hold keeps them still")
     describe_choices(found, console)
     late = [hint.text for hint in found.hints if not hint.early and hint.code != FAILED]  # the others were said before
     console.say(*late, of="hint")
@@ -215,6 +218,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "hints": [attributes(hint, "code", "text") for hint in found.hints],
         "registration": found.registration and [each.summary() for each in found.registration],
         "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
+        "pins": {"followed": found.followed},
         "output": out.path,
     })  # fmt: skip
     return told
