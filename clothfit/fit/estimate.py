@@ -23,6 +23,7 @@ from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
 from clothfit.fit.baselines import with_start, with_still
+from clothfit.fit.flags import reflagged
 from clothfit.fit.followed import followed
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
@@ -127,6 +128,7 @@ def estimate(
     fit_scale: bool = False,
     keep_markers: bool = False,
     hold: bool = False,
+    fit: str | Sequence[str] | None = None,
     on_memory: Callable[[Needs], None] | None = None,
     on_hint: Callable[[Hint], None] | None = None,
     on_found: Callable[[Scene], None] | None = None,
@@ -174,6 +176,9 @@ def estimate(
     `bounds` replaces those of the scene: for a kind, such as "stiffness", its lower and upper bound in its unit, None
     where the default is to hold.
 
+    `fit` takes the place of the scene's flags: kinds such as "wind", "stiffness=R" or ["nR", "damping"], or "auto",
+    with which the fit chooses them by itself, as it does for scenes that say so.
+
     `model` takes the place of the modes of all masses, stiffnesses and rest lengths that are flagged: "F", "R", "M",
     "G", "L", or "auto", the smallest of F, R, M and L that no finer one beats on what is kept out of the fit.
     `substeps` is the number of time steps to a frame of the target, by the scene's integrator or by BDF2, whichever
@@ -203,7 +208,7 @@ def estimate(
     named = {name: given[name] for name in Keywords.__annotations__ if name in given}
     options = replace(options_of("estimate", named), checkpoint=checkpoint, resume=resume)
     first = load(start) if isinstance(start, (str, os.PathLike)) else start
-    return fit(scene, target, first, options)
+    return by_options(scene, target, first, options)
 
 
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
@@ -215,7 +220,8 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
         raise InvalidInput(f"{what}: a target is needed; without one, the model and the step are the scene's")
     if hidden and options.windows is not None:
         raise InvalidInput("windows: a target is needed, in whose states they begin")
-    scene = scene.with_bounds(from_user(options.bounds or {}))
+    options = replace(options, auto=options.auto or (scene.auto and not options.fit))
+    scene = reflagged(scene.with_bounds(from_user(options.bounds or {})), options)
     if target is not None and not (options.keep_markers or callable(options.objective)) and scene.blocks:
         return marked_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
     if options.registers and scene.blocks:
@@ -251,6 +257,9 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
             found = replace(found, hints=[*hints, *found.hints])
         found = assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
         return replace(looked_at(found, with_start, objective, options=options), followed=pinned)
+
+
+by_options = fit  # for `estimate`, which has an argument of that name
 
 
 def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:

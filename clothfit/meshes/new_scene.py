@@ -31,7 +31,7 @@ from clothfit.scene.cloth import ELSEWHERE, SPHERE
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS
 from clothfit.scene.mesh_numbering import FIELD
-from clothfit.scene.scene import Scene, load
+from clothfit.scene.scene import AUTO, Scene, load
 
 
 def new_scene(
@@ -62,7 +62,8 @@ def new_scene(
     `bending` is True for the editor's bending springs, False for none, or their share of E. `damping` and `drag` are
     those of the file. `fit` is two letters, for masses and stiffnesses: n keeps them, F fits one factor on what is
     there, R one per family and region, M a smooth map, G one value for all, L one each; `fits` gives the letters of
-    other kinds, such as {"wind": "G"}. Spheres are (x, y, z, radius), m. `wind` is in m/s,
+    other kinds, such as {"wind": "G"}; or `fit` is "auto", and a fit chooses by itself. Spheres are (x, y, z, radius),
+    m. `wind` is in m/s,
     the time step `delta` in s. A cloth that the editor is to play needs the `integrator` "implicit", "symplectic" or
     "explicit". A fit compares `frames` frames. `tolerance` is that of the linear solver, relative.
     `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. `warp` is the direction along the cloth,
@@ -78,8 +79,12 @@ def new_scene(
     if integrator not in INTEGRATORS:
         raise InvalidInput(f"integrator: there is no {integrator!r}; use {', '.join(INTEGRATORS)}")
     own, whole = _flags(fits or {})
+    auto = fit == AUTO
+    if auto and (own or whole):
+        raise InvalidInput("fit: auto chooses what to fit by itself; leave the others out")
     cloth = object_document(
-        mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings=fit, bending=bending
+        mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings="nn" if auto else fit,
+        bending=bending,
     )
     cloth |= fields(mesh, np.array(cloth["springs"], np.int32).reshape(-1, 2), warp, regions or {})
     if own:
@@ -101,8 +106,8 @@ def new_scene(
         "forwardSubSteps": 1,
         "title": title,
     }
-    if whole:
-        document["fit"] = whole
+    if whole or auto:
+        document["fit"] = whole or AUTO
     return replace(load(io.StringIO(text(document))), name=title)
 
 

@@ -37,6 +37,9 @@ from clothfit.scene.splice import Appended, Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 
 WAY_OUT = '"planes": "solid" in the scene makes them solid'
+AUTO = "auto"
+"""In place of what to fit: the fit chooses by itself."""
+
 NOT_FITTED = (None, "n", "N", False)
 LETTERS: dict[str | bool, str] = {
     "n": "n", "f": "F", "r": "R", "m": "M", "g": "G", "l": "L", False: "n", True: "G",
@@ -70,6 +73,7 @@ class Scene(checks.ReadOnly):
     self_contact: SelfContact | None = None  # of each cloth with itself; None: cloths pass through themselves
     folder: str = ""  # that paths in its text are relative to; empty: the current one
     forces: Forces | None = None  # that are applied to the vertices of all objects; not in the file
+    auto: bool = False  # whether a fit chooses by itself what to fit
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
 
     def __repr__(self) -> str:
@@ -252,6 +256,9 @@ def load(path_or_file: Readable, *, folder: str | None = None) -> Scene:
     if problems:
         raise InvalidScene(problems, name)
     document = {**structure.defaults("scene"), **given}
+    auto = document["fit"] == AUTO
+    if auto:
+        document["fit"] = {}
     if folder is None:
         folder = os.path.dirname(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else ""
     cloths = tuple(_cloth(item, f"objects[{i}]", folder, problems) for i, item in enumerate(document["objects"]))
@@ -264,7 +271,7 @@ def load(path_or_file: Readable, *, folder: str | None = None) -> Scene:
     if problems:
         raise InvalidScene(problems, name)
     made = _scene(document, tuple(cloth for cloth in cloths if cloth), inputs, touched, asked, name, source)
-    return replace(made, folder=os.path.abspath(folder))
+    return replace(made, folder=os.path.abspath(folder), auto=auto)
 
 
 def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes]) -> None:
