@@ -2,9 +2,9 @@
 
 The verdict on the model: does the fitted motion explain the target but for noise, and if not, how much is left?
 
-What is left counts as noise where `whiteness` finds no structure in it. Of what has structure, the share s of the
-squares is no noise; the fraction of the motion that is not explained is then sqrt(s) RMSE / travel, with the travel
-the RMS distance of the target's positions from the start.
+What is left counts as noise where `whiteness` finds no structure and no bias in it. Of what has structure, the share s
+of the squares is no noise; the fraction of the motion that is not explained is then sqrt(s) RMSE / travel, with the
+travel the RMS distance of the target's positions from the start.
 """
 
 from __future__ import annotations
@@ -230,8 +230,8 @@ def verdict(objective: Objective, p: Array, relative: float) -> Verdict | None:
 
 def judged(test: ResidualTest, relative: float) -> Verdict:
     """The verdict on residuals whose size, relative to the motion, is `relative`."""
-    unexplained = float(np.sqrt(test.structured)) * relative
-    adequate = test.is_noise or unexplained <= NEGLIGIBLE
+    unexplained = float(np.sqrt(test.unexplained)) * relative
+    adequate = test.is_unbiased or unexplained <= NEGLIGIBLE
     return Verdict(ADEQUATE if adequate else DIFFERS, unexplained)
 
 
