@@ -35,6 +35,9 @@ MOST_NAMED = 12
 PLANE = "plane"
 """Stands for a mesh that needs no file."""
 
+AUTO = "auto"
+"""Stands for all that may be fitted."""
+
 AIR, CALM, UNKNOWN = "air", 1.0, 5.0
 """Stands for the drag of real air; at so many m/s where there is no wind, and where it is to be found."""
 
@@ -90,8 +93,8 @@ class Asked:
     wind: str | None = given("--wind X,Y,Z", "Wind in m/s.  [default: none]")
     fit: tuple[str, ...] = given("--fit LETTERS|NAME[=L]", "Parameters to fit. Two letters for masses and stiffnesses: "
         "n none, F one factor on what is there, R one per family and region, M a smooth map, G the same for all, L "
-        "each its own; or damping, drag, velocity, rest, wind, gravity.  [default: nF]", multiple=True,
-        title="Simulation and fit")
+        "each its own; or damping, drag, velocity, rest, wind, gravity; or auto: the fit chooses.  [default: nF]",
+        multiple=True, title="Simulation and fit")
     integrator: str = given("--integrator NAME", "Integrator: bdf2, of second order; or implicit, symplectic or "
         "explicit, of first order, which the editor in Unity can play.  [default: bdf2]", default="bdf2")
     delta: float | None = given("--delta SECONDS", "Time step in s.  [default: 0.02]", float)
@@ -110,6 +113,8 @@ class Asked:
             raise click.UsageError("--delta and --fps say the same; give one of them")
         if self.bending is not None and self.no_bending:
             raise click.UsageError("--bending and --no-bending say the same; give one of them")
+        if AUTO in self.fit and len(set(self.fit)) > 1:
+            raise click.UsageError("--fit auto chooses what to fit by itself; leave the others out")
         positive("--fps", self.fps)
 
     @property
@@ -159,13 +164,15 @@ class Asked:
     @property
     def letters(self) -> str:
         """What to fit of masses and stiffnesses."""
+        if AUTO in self.fit:
+            return AUTO
         letters = [text for text in self.fit if len(text) == 2]
         return letters[-1] if letters else "nn" if self.fit else "nF"
 
     @property
     def kinds(self) -> dict[str, str]:
         """What else to fit: modes by names. The drag of air depends on its speed: with the wind it is not known."""
-        split = [text.partition("=") for text in self.fit if len(text) != 2]
+        split = [text.partition("=") for text in self.fit if len(text) != 2 and text != AUTO]
         named = {name: mode.upper() if equals else "G" for name, equals, mode in split}
         return {"drag": "G", **named} if self._fits("wind") and self.of_air else named
 

@@ -41,7 +41,7 @@ from clothfit.scene.kinds import (
     SCENE_KINDS,
 )
 from clothfit.scene.mesh_numbering import FIELD
-from clothfit.scene.scene import Scene, load
+from clothfit.scene.scene import AUTO, Scene, load
 
 
 def new_scene(
@@ -73,7 +73,8 @@ def new_scene(
     `bending` is True for the editor's bending springs, False for none, or their share of E. `damping` and `drag` are
     those of the file; without `drag` it is 0.1, or in the `drag_law` "air" that of a plate, 1.2. `fit` is two letters,
     for masses and stiffnesses: n keeps them, F fits one factor on what is there, R one per family and region, M a
-    smooth map, G one value for all, L one each; `fits` gives the letters of other kinds, such as {"wind": "G"}. Spheres
+    smooth map, G one value for all, L one each; `fits` gives the letters of other kinds, such as {"wind": "G"}; or
+    `fit` is "auto", and a fit chooses by itself. Spheres
     are (x, y, z, radius), m. `wind` is in m/s, the time step `delta` in s. A cloth that the editor is to play needs the
     `integrator` "implicit", "symplectic" or "explicit" and the `drag_law` "editor". A fit compares `frames` frames.
     `tolerance` is that of the linear solver, relative. `numbering` (vertices of the mesh before welding,) is
@@ -92,8 +93,12 @@ def new_scene(
     if drag is None:
         drag = PLATE if drag_law == AIR else 0.1
     own, whole = _flags(fits or {})
+    auto = fit == AUTO
+    if auto and (own or whole):
+        raise InvalidInput("fit: auto chooses what to fit by itself; leave the others out")
     cloth = object_document(
-        mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings=fit, bending=bending
+        mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings="nn" if auto else fit,
+        bending=bending,
     )
     if drag_law != EDITORS:
         cloth["dragLaw"] = drag_law
@@ -117,8 +122,8 @@ def new_scene(
         "forwardSubSteps": 1,
         "title": title,
     }
-    if whole:
-        document["fit"] = whole
+    if whole or auto:
+        document["fit"] = whole or AUTO
     return replace(load(io.StringIO(text(document))), name=title)
 
 

@@ -108,3 +108,23 @@ def test_a_trial_that_its_model_cannot_reproduce_says_so():
     assert found.verdict.differs
     assert estimate(load(even("nG", 30))).verdict.model == "adequate"
     assert np.isfinite(found.relative_rmse)
+
+
+def vector(x, y, z):
+    return {"x": x, "y": y, "z": z}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "noise", "model"),
+    [
+        ({}, 1e-3, "adequate"),
+        ({}, 2e-2, "adequate"),
+        ({"windVel": vector(0.0, 0.0, 0.3)}, 1e-3, "differs"),
+        ({"gravity": vector(0.0, -9.75, 0.0)}, 2e-2, "differs"),
+    ],
+)
+def test_what_the_model_lacks_is_seen_below_the_noise_and_the_true_model_is_not_blamed(hidden, noise, model):
+    scene = load(even("nG", 60))
+    motion = record_target(load(even("nG", 60, **hidden)))
+    for seed in range(3):  # frames beside each other show the wind, but not the gravity: only their sums do
+        assert estimate(scene, degrade(motion, noise, seed=seed)).verdict.model == model

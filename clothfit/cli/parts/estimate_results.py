@@ -32,12 +32,16 @@ if TYPE_CHECKING:
     from clothfit.report.log import Point
     from clothfit.scene.scene import Scene
 
+FAILED = "fails"
+"""The code of the hint that says that a fit fails, which comes before all else."""
+
 WORTH_A_WORD = 1e-5
 """Error relative to the distance travelled below which its percentage says nothing."""
 
 AS_IN_FIT = (
     "status", "method", "cost", "rmse", "frames", "evaluations", "seconds", "rank", "sigma", "travel", "relative_rmse",
-    "objective", "prior", "holdout", "verdict", "ladder", "parameters", "correlations", "samples", "warnings",
+    "objective", "prior", "holdout", "verdict", "baselines", "ladder", "parameters", "correlations", "samples",
+    "warnings",
 )  # fmt: skip
 """Keys of the summary for --json that are attributes of `Fit`."""
 
@@ -48,6 +52,7 @@ def finish(
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
     result = summary(scene, found, out) | (more or {})
+    console.warn(*(f"the fit fails: {hint.text}" for hint in found.hints if hint.code == FAILED), of=scene.name)
     console.warn(*found.warnings, of=scene.name)
     diverged = found.status == Status.DIVERGED
     if diverged:
@@ -78,8 +83,12 @@ def describe(found: Fit, out: Output, console: Console) -> None:
         console.say(f"that is over windows of {counted(found.windows, 'frame', 'frames')}; the whole motion: {far}")
     for i, each in enumerate(found.registration or []):
         console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
+    if found.followed:
+        what = counted(found.followed, "held vertex follows", "held vertices follow")
+        console.say(f"{what} the target, as pins of the scene; --hold keeps them still")
     describe_choices(found, console)
-    console.say(*(hint.text for hint in found.hints if not hint.early), of="hint")  # the others were said before
+    late = [hint.text for hint in found.hints if not hint.early and hint.code != FAILED]  # the others were said before
+    console.say(*late, of="hint")
     if found.holdout:
         kept = counted(found.holdout.observations, "position", "positions")
         console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
@@ -90,7 +99,7 @@ def describe(found: Fit, out: Output, console: Console) -> None:
             console.warn(f"{place}: {at_bound(block, kind)}")
         if times := factors(block):
             console.say(f"{place}: {times}")
-        if known := certainty(block, kind, found.samples):
+        if known := certainty(block, kind, found.samples, found.verdict is not None and found.verdict.differs):
             console.say(f"{place}: {known}")
 
 
@@ -127,6 +136,8 @@ def ending(found: Fit) -> str:
     if found.verdict is None or not found.verdict.differs:
         return str(found.status)
     left = f"{percent(found.verdict.unexplained)} of the motion unexplained"
+    if found.verdict.fails:
+        return f"{found.status}, the fit fails: {left}"
     return f"{found.status}, {left}" if found.status == Status.LIMIT else f"{found.status}, the model differs: {left}"
 
 
@@ -159,14 +170,15 @@ def at_bound(block: FittedBlock, kind: Kind) -> str:
     return f"{len(block.at_bound)} of {block.count} at a bound, {ends}{unit} (--bounds){which}"
 
 
-def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None) -> str:
+def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None, differs: bool = False) -> str:
     """What is known of the values of a block, and what is not; empty where neither was looked for. `samples`: those
-    that the intervals are by.
+    that the intervals are by; `differs`: whether the model does.
     """
     parts = [f"{counted(block.count, 'value', 'values')}"]
     if any(block.interval):
         by = f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
-        parts.append(f"{accuracy(block, kind)} ({'median ' if block.count > 1 else ''}95 % interval{by})")
+        scope = "not certain, as the model differs" if differs else "for this model only"
+        parts.append(f"{accuracy(block, kind)} ({'median ' if block.count > 1 else ''}95 % interval{by}, {scope})")
     if block.unidentifiable:
         parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
     if block.unmoved:
@@ -203,6 +215,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "hints": [attributes(hint, "code", "text") for hint in found.hints],
         "registration": found.registration and [each.summary() for each in found.registration],
         "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
+        "pins": {"followed": found.followed},
         "output": out.path,
     })  # fmt: skip
     return told
