@@ -11,7 +11,7 @@ from clothfit.fit.options import FitOptions
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, LETTERED, SCENE_KINDS
 from clothfit.scene.scene import Scene
 
-AUTO_MODES = {"stiffness": "R", "damping": "G", "drag": "G", "wind": "G", "gravity": "G"}
+AUTO_MODES = {"stiffness": "M", "damping": "G", "drag": "G", "wind": "G", "gravity": "G"}
 """What `auto` fits where nothing chooses among them."""
 
 SETTINGS = "nFRMGL"
