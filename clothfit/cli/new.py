@@ -145,7 +145,7 @@ class Asked:
         return self.drag == AIR or (self.drag is None and self._fits("wind"))
 
     def _fits(self, kind: str) -> bool:
-        return any(text.partition("=")[0] == kind for text in self.fit)
+        return any(text.partition("=")[0] in (kind, "auto") for text in self.fit)
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -174,7 +174,7 @@ class Asked:
         """What else to fit: modes by names. The drag of air depends on its speed: with the wind it is not known."""
         split = [text.partition("=") for text in self.fit if len(text) != 2 and text != AUTO]
         named = {name: mode.upper() if equals else "G" for name, equals, mode in split}
-        return {"drag": "G", **named} if self._fits("wind") and self.of_air else named
+        return {"drag": "G", **named} if "wind" in named and self.of_air else named
 
 
 def understood(path: str | None, asked: Asked) -> tuple[str, Asked]:

@@ -253,14 +253,14 @@ def through_pulls(
             break
 
 
-def hops(own: Search, took: float, seed: int = 0) -> None:
-    """The same from points half-way to others that are drawn around the best one, while it is far from the target
-    and has time for what `took` so many seconds of computing before. Raises Stop.
+def hops(own: Search, took: float, near: float = NEAR, seed: int = 0) -> None:
+    """The same from points half-way to others that are drawn around the best one, until it is `near` the target,
+    relative to how far that moves, or has no time for what `took` so many seconds of computing before. Raises Stop.
     """
     random, part = np.random.default_rng(seed), Even(own, own.objective)
     for _ in range(HOPS):
         began = own.progress.computing
-        if began + took > SHARE * own.longest or own.best.cost <= NEAR**2 * own.objective.still:
+        if began + took > SHARE * own.longest or own.best.cost <= near**2 * own.objective.still:
             break
         lower, upper = part.bounds
         y = np.clip(part.y(own.best.p) + 0.5 * random.uniform(-REACH, REACH, part.size), lower, upper)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +49,12 @@ computing up to which its trial is quick.
 
 COUNTS = (1, 2, 4, 8, 16, 32)
 """Steps to a frame that are tried one after the other, while they pay."""
+
+CLOSE = 0.03
+"""Error relative to that of a still cloth below which no other points are tried at the end."""
+
+ABOUT = 1.5
+"""Errors up to so many times another one are about as large."""
 
 FINER = 2.5
 """Times that a trial takes as long as one with steps twice as long, and more of them."""
@@ -90,7 +97,8 @@ class Trial:
     def __init__(self, search: Search, step: tuple[int, int] | None) -> None:
         """`search` of the scene with that step; `step`: how many to a frame, and the method, None for the scene's own.
         """
-        self.search, self.own, self.chosen = search, step is None, step
+        self.search, self.chosen = search, step
+        self.first = False  # whether there is no result before
         self.explains = False  # whether single values by this step may leave nothing but noise
         self.ended = False  # by the user
         self.seconds = 0.0  # of computing
@@ -145,7 +153,7 @@ class Trial:
         except (Stop, Diverged):
             pass
         except (InvalidInput, KeyboardInterrupt) as end:  # the former: too little memory for so many steps
-            if self.own and not np.isfinite(self.search.best.cost):
+            if self.first and not np.isfinite(self.search.best.cost):
                 raise
             self.ended = isinstance(end, KeyboardInterrupt)
         except interrupts.OutOfTime:
@@ -162,6 +170,7 @@ def chosen(
     """
     root, origin = Search(objective, start, enough, EVALUATIONS, report), origin or objective
     own = Trial(root, None)
+    own.first = True
     own.look()
     made = [own]
     if not (own.explains or own.ended):
@@ -184,17 +193,24 @@ def chosen(
                 break
             p = best.search.best.p
             made.append(own if step is None else Trial(root.beside(with_substeps(origin, *step), p, np.inf), step))
+            if step is None:
+                own.arrive(model, start, through_windows_to_the_minimum)
             made[-1].arrive(model, p, through_pulls_to_the_minimum)
+        best = nearest(made)
+        if not best.ended and best.rmse < np.inf:
+            best.arrive(model, best.search.best.p, partial(continuation.hops, took=best.seconds, near=CLOSE))
         if 1 in counts or is_coarse:
             made += [freer] if finer else []
         else:  # coarse steps are the way alone
             made = made[1:] or [own]
-    best, p = nearest(made), nearest(made).search.best.p
-    fine = best.search.objective
-    if best.chosen == (1, IMPLICIT):
-        fine = with_substeps(origin, *best.chosen)  # solved as tightly as a fit does
+    best = nearest(made)
+    if best is not own and best.chosen == (1, IMPLICIT):  # solved as tightly as a fit does
+        p = best.search.best.p
+        best = Trial(root.beside(with_substeps(origin, 1, IMPLICIT), p, np.inf), (1, IMPLICIT))
+        best.run(lambda search: search.visit(p))
+        best = best if np.isfinite(best.search.best.cost) else own  # it was interrupted
     return Stepped(
-        fine, best.chosen, p, best.search.best.cost if fine is best.search.objective else fine.cost_or_infinity(p),
+        best.search.objective, best.chosen, best.search.best.p, best.search.best.cost,
         tuple(each.step for each in made), root.budget.evaluations, own.explains or is_enough(best.search),
     )  # fmt: skip
 
@@ -207,6 +223,13 @@ def by_windows_of_noise(own: Search) -> None:
         if first[0].cost_or_infinity(p) < UNLIKE**2 * first[0].still or is_noise(first[0], p):
             own.visit(through_windows(own, slice(1, None)))
             to_the_minimum(own)
+
+
+def through_windows_to_the_minimum(own: Search) -> None:
+    """Come from the start by windows of more and more frames nearly to the minimum. Raises Stop."""
+    if own.fitted.sum() <= FEW_VALUES:
+        through_windows(own)
+        in_a_round(own)
 
 
 def through_pulls_to_the_minimum(own: Search) -> None:
@@ -227,8 +250,11 @@ def nearest(made: Sequence[Trial]) -> Trial:
 
 
 def is_poor(made: Sequence[Trial]) -> bool:
-    """Whether the last two trials of steps of second order do not pay after another one that did."""
-    return nearest(made) not in (made[0], *made[-2:])
+    """Whether the last trials do not pay: two that have come about as near as the nearest before, or any four."""
+    errors = [trial.rmse for trial in made]
+    last = max(i for i, error in enumerate(errors) if not i or error < (1.0 - PAYS) * min(errors[:i]))
+    since = errors[last + 1 :]
+    return len(since) > 3 or (len(since) > 1 and max(since[-2:]) < ABOUT * errors[last])
 
 
 def is_own(objective: Objective, origin: Objective, count: int) -> bool:

@@ -41,7 +41,7 @@ def test_what_there_is_not_is_refused(asked):
 def test_what_is_asked_for_takes_the_place_of_the_flags_and_of_auto():
     scene = load(even("GG", fit={"gravity": "G"}))
     assert names(reflagged(scene, options_of("estimate", {"fit": "wind"}))) == {"wind": "G"}
-    every = {"stiffness": "R", "damping": "G", "drag": "G", "wind": "G", "gravity": "G"}
+    every = {"stiffness": "M", "damping": "G", "drag": "G", "wind": "G", "gravity": "G"}
     assert names(auto_flags(scene)) == every
     assert names(reflagged(scene, options_of("estimate", {"fit": "auto"}))) == every
     left = load(even("nn", fit="auto"))
