@@ -65,7 +65,7 @@ SAVING, PATIENCE = 0.01, Patience(2, 1e-2, 1e-2)
 TOLERANCE, NUDGED_TOLERANCE = 1e-5, 1e-7
 """Of the linear systems by coarse steps; of other nudged motions: its error is far below what is left of them."""
 
-HOPS, NEAR, REACH = 24, 0.1, 2.0
+HOPS, NEAR, REACH = 8, 0.1, 2.0
 """Points that are drawn, the error relative to that of a still cloth below which none is, and how far away they are, in
 units of the coordinates.
 """
