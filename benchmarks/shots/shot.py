@@ -87,13 +87,12 @@ def stretch(x: Array, triangles: Array) -> tuple[float, float]:
     return float(more.max()), float(np.quantile(more, 0.99, axis=1).max())
 
 
-def measures(x: Array, held: Array) -> tuple[float, float]:
-    """Travel and the error of the best still picture, m, of the vertices that are free: root mean squares of the
-    distance from the first frame, at the frame where it is largest, and from the mean frame, over all frames.
+def measures(x: Array) -> tuple[float, float]:
+    """Travel and the error of the best still picture, m: root mean squares, over all frames and vertices, of the
+    distance from the first and from the mean frame.
     """
-    free = np.delete(x, held, axis=1)
-    away = np.sqrt(((free - free[0]) ** 2).sum(axis=2).mean(axis=1))
-    return float(away.max()), float(np.sqrt(((free - free.mean(axis=0)) ** 2).sum(axis=2).mean()))
+    travel, still = (float(np.sqrt(((x - each) ** 2).sum(axis=2).mean())) for each in (x[0], x.mean(axis=0)))
+    return travel, still
 
 
 def save(
@@ -105,7 +104,7 @@ def save(
     if not np.isfinite(x).all():
         print(f"{name}: not finite, not written")
         return
-    travel, still = measures(x.astype(float), held)
+    travel, still = measures(x.astype(float))
     most, high = stretch(x.astype(float), triangles)
     step = float(np.linalg.norm(np.diff(x, axis=0), axis=2).max() * fps)
     print(

@@ -21,21 +21,22 @@ STEP, HEAVY = 1e-4, 1e5
 
 def simulate(
     x: Array, triangles: Array, held: Array, path: Callable[[float], Array] | None = None, *, frames: int = 90,
-    fps: int = 40, mass: float = 0.2, stiffness: float = 800.0, bend: float = 0.002, damping: float = 2e-4,
+    fps: int = 40, mass: float = 0.2, stiffness: float = 1500.0, bend: float = 0.002, damping: float = 2e-4,
     wind: Callable[[float], Any] | None = None, normal: float = 1.2, along: float = 0.0, fluid: str = "",
     box: float = 0.02, ball: tuple[float, ...] = (),
 ) -> Array:  # fmt: skip
     """Motion (frames, n, 3) of a sheet of so many kg, N/m and of a thickness, m, for bending; `path` gives the held
     vertices' places at a time.
     """
-    geom = "<geom type='sphere' size='{3}' pos='{0} {1} {2}' friction='0.5'/>".format(*ball) if ball else ""
+    hard = "solref='0.002 1' solimp='0.99 0.999 0.001'"
+    geom = "<geom type='sphere' size='{3}' pos='{0} {1} {2}' friction='0.5' {4}/>".format(*ball, hard) if ball else ""
     contact = "contype='1' conaffinity='1'" if ball else "contype='0' conaffinity='0'"
     thick = bend
     xml = f"""<mujoco><option timestep='{STEP}' integrator='Euler' {fluid}/>
     <worldbody>{geom}<flexcomp name='c' type='direct' dim='2' radius='0.005' mass='{mass}' inertiabox='{box}'
     point='{" ".join(map(str, x.ravel()))}' element='{" ".join(map(str, triangles.ravel()))}'>
     <elasticity young='{stiffness / thick}' poisson='0.2' thickness='{thick}' elastic2d='both' damping='{damping}'/>
-    <contact selfcollide='none' {contact}/></flexcomp></worldbody></mujoco>"""
+    <contact selfcollide='none' {contact} {hard}/></flexcomp></worldbody></mujoco>"""
     model = mujoco.MjModel.from_xml_string(xml)
     bodies = model.flex_vertbodyid
     dofs = model.body_dofadr[bodies][:, None] + np.arange(3)
@@ -77,7 +78,7 @@ def side(folder: Path, name: str) -> None:
 def corners(folder: Path, name: str) -> None:
     """A level sheet falls from two corners of a diagonal, in air."""
     x, triangles, held = sheet(14, 16, 0.9, 1.1), quads(14, 16), np.array([0, 223])
-    motion = simulate(x, triangles, held, fps=40, frames=90, wind=lambda t: (0, 0, 0))
+    motion = simulate(x, triangles, held, fps=40, frames=90, stiffness=4000, wind=lambda t: (0, 0, 0))
     save(folder, name, motion, triangles, 40, held, "MuJoCo, 1.1 x 0.9 m, two opposite corners held, in air")
 
 
@@ -94,7 +95,7 @@ def flag(folder: Path, name: str) -> None:
     held = np.arange(12) * 18
     path = partial(wave, x[held], 0.3, 6.0)
     motion = simulate(
-        x, triangles, held, path, fps=40, frames=100, mass=0.15, wind=lambda t: (0.0, 0.0, 0.0)
+        x, triangles, held, path, fps=40, frames=100, mass=0.15, stiffness=4000, wind=lambda t: (0.0, 0.0, 0.0)
     )
     save(folder, name, motion, triangles, 40, held, "MuJoCo, 1.1 x 0.7 m, pole waved in still air")
 
@@ -102,7 +103,7 @@ def flag(folder: Path, name: str) -> None:
 def over_ball(folder: Path, name: str) -> None:
     """A sheet drops on a ball."""
     x, triangles, ball = sheet(17, 17, 1, 1, z=0.95), quads(17, 17), (0.05, 0.42, 0.6, 0.3)
-    motion = simulate(x, triangles, np.array([0, 16]), fps=40, frames=70, mass=0.25, ball=ball)
+    motion = simulate(x, triangles, np.array([0, 16]), fps=40, frames=70, mass=0.25, stiffness=4000, ball=ball)
     save(
         folder, name, motion, triangles, 40, np.array([0, 16]), "MuJoCo, 1 m, two corners held, drops on a ball",
         ball=np.array(ball),
@@ -138,7 +139,7 @@ WINDY: list[tuple[str, tuple[float, float, float], dict[str, Any]]] = [
     ("panels", (-0.5, -2, 7), {}),
     ("panels", (-2, 1.5, -6), {"mass": 0.4, "stiffness": 1500.0}),
     ("panels", (1.5, 0.5, -5), {"mass": 0.1}),
-    ("panels", (3, 2, 4), {"corners": True, "along": 0.1}),
+    ("panels", (3, 2, 4), {"corners": True, "along": 0.1, "stiffness": 2500.0}),
     ("boxes", (-2, 0, -4), {"upright": True, "fps": 100, "frames": 160}),
     ("boxes", (4, 1, -3), {"mass": 0.6, "stiffness": 1500.0}),
     ("boxes", (-7.4, 2.8, -0.2), {"corners": True, "side": 14}),
