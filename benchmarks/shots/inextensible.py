@@ -27,7 +27,7 @@ def lines(rows: int, columns: int, closed: bool) -> tuple[Array, Array, Array]:
 
     def pairs(down: int, right: int) -> Array:
         other = (j + right) % columns if closed else j + right
-        there = (i + down < rows) & (0 <= other) & (other < columns)
+        there = (i + down < rows) & (other >= 0) & (other < columns)
         return np.stack([(i * columns + j)[there], ((i + down) * columns + other)[there]], axis=1)
 
     return (
@@ -163,7 +163,6 @@ def over_ball(folder: Path, name: str) -> None:
     """A woven sheet drops on a ball."""
     grid, ball = (17, 17), (0.04, 0.4, 0.62, 0.28)
     x, held = sheet(*grid, 0.9, 0.9), np.zeros(0, int)
-    x[:, 1] += 0.9
     motion = simulate(x, grid, held, frames=45, fps=40, ball=ball, density=0.2)
     save(folder, name, motion, quads(*grid), 40, held, "woven, 0.9 m, drops on a ball", ball=np.array(ball))
 

@@ -1,11 +1,11 @@
-"""Default fits of shots of other programs: `python benchmarks/shots/run.py FOLDER [NAME …] [--half choose|report]
-[--beside PYTHON|CHECKOUT] [--kept-out] [--values]`.
+"""Default fits of shots of other programs: `python benchmarks/shots/table.py FOLDER [NAME …] [--half choose|report]
+[--beside PYTHON|CHECKOUT] [--kept-out] [--auto]`. Needs clothfit only.
 
 FOLDER has the files that the generators beside this module write (`with_mujoco.py`, `with_newton.py`,
 `with_pybullet.py`, `with_bpy.py` and `inextensible.py`, each of which says what it needs), or others of that form.
 Each shot becomes a scene of the stock fabric that begins at its first frame; held vertices are fixed and, where they
-move, pinned to their paths. The fit chooses by itself what to fit where the package can (`--fit auto`); where it
-cannot, or with `--values`, one factor on all masses' stiffnesses, damping, drag, wind and gravity are free.
+move, pinned to their paths. Stiffnesses as a smooth map, damping, drag, wind and gravity are free; with
+`--auto` the fit chooses by itself what to fit, where the package can.
 
 Columns: travel and still are root mean squares, over all frames and vertices, of the target's distance from its first
 and from its mean frame, the best still picture; the error is the fit's, and bold where a still picture is better. With
@@ -42,28 +42,25 @@ CHOOSE = {
 MOVED, KEPT_OUT = 1e-4, 0.25
 """The way, m, from which a held vertex counts as moved; the share of frames that is kept out, the last."""
 
-KINDS = {"damping": "G", "drag": "G", "wind": "G", "gravity": "G"}
+LETTERS, KINDS = "nM", {"damping": "G", "drag": "G", "wind": "G", "gravity": "G"}
 
 
 def scene_of(path: Path, auto: bool) -> tuple[Any, Any]:
     """The scene and the motion of a shot; the fit is left to itself where that is asked for and can be."""
     import clothfit
-    from clothfit.formats.axes import Reading
+    from clothfit.formats.axes import Axes, Reading, to_scene
     from clothfit.meshes.mesh import Mesh
     from clothfit.motion.foreign import load
 
     with np.load(path) as arrays:
         triangles, held, fps, up = arrays["triangles"], arrays["held"], float(arrays["fps"]), str(arrays["up"])[:1]
-        ball, x = arrays["ball"] if "ball" in arrays else None, arrays["positions"]
-    reading = Reading(up=up, handedness="right", fps=fps)
+        ball, x = arrays.get("ball"), arrays["positions"]
+    reading, axes = Reading(up=up, handedness="right", fps=fps), Axes(up, "right")
     motion = load(path, None, reading).motion
-    spheres = []
-    if ball is not None:
-        a, b, c = ball[:3].tolist()
-        spheres = [(a, c, -b, float(ball[3])) if up == "z" else (a, b, c, float(ball[3]))]
+    spheres = [] if ball is None else [(*to_scene(ball[:3], axes).tolist(), float(ball[3]))]
     scene = clothfit.new_scene(
-        Mesh(motion.positions[0], triangles), np.isin(np.arange(x.shape[1]), held), fits=KINDS, delta=1 / fps,
-        frames=len(x), spheres=spheres,
+        Mesh(motion.positions[0], triangles), np.isin(np.arange(x.shape[1]), held), fit=LETTERS, fits=KINDS,
+        delta=1 / fps, frames=len(x), spheres=spheres,
     )  # fmt: skip
     document = json.loads(clothfit.dumps(scene)) if hasattr(clothfit, "dumps") else _document(scene)
     moved = held[np.ptp(x[:, held], axis=0).max(axis=1) > MOVED] if len(held) else held
@@ -99,8 +96,8 @@ def fitted(path: Path, auto: bool, kept_out: bool) -> dict[str, Any]:
     clothfit.estimate(scene, motion, max_evaluations=2, intervals=False)  # compiled
     began = time.process_time()
     fit = clothfit.estimate(scene, motion)
-    found: dict[str, Any] = {"seconds": time.process_time() - began, "error": fit.rmse, "status": str(fit.status)}
-    found["verdict"] = fit.verdict.model if fit.verdict else ""
+    found: dict[str, Any] = {"seconds": time.process_time() - began, "error": fit.whole or fit.rmse}
+    found |= {"status": str(fit.status), "verdict": fit.verdict.model if fit.verdict else ""}
     if kept_out:
         other = clothfit.estimate(scene, motion, holdout=KEPT_OUT, intervals=False)
         found["kept out"] = other.holdout.rmse if other.holdout else None
@@ -140,16 +137,17 @@ def main() -> None:
     parser.add_argument("--half", choices=("choose", "report"))
     parser.add_argument("--beside")
     parser.add_argument("--kept-out", action="store_true")
-    parser.add_argument("--values", action="store_true")
+    parser.add_argument("--auto", action="store_true")
     parser.add_argument("--one", action="store_true", help="used by the program itself")
     given = parser.parse_args()
     if given.one:
-        print(json.dumps(fitted(given.folder, not given.values, given.kept_out)))
+        print(json.dumps(fitted(given.folder, given.auto, given.kept_out)))
         return
-    options = [f"--{name}" for name in ("kept-out", "values") if getattr(given, name.replace("-", "_"))]
+    options = [f"--{name}" for name in ("kept-out", "auto") if getattr(given, name.replace("-", "_"))]
     both = ["", *([given.beside] if given.beside else [])]
     names = ["error", "of travel", *(["kept out"] if given.kept_out else []), "CPU s", "verdict"]
-    columns = ["shot", "half", "program", "travel", "still", *names, *(f"{n}, beside" for n in names[: 9 * len(both[1:])])]
+    columns = ["shot", "half", "program", "travel", "still", *names]
+    columns += [f"{name}, beside" for name in names] if given.beside else []
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|")
     for path in sorted(given.folder.glob("*.npz")):
         half = "choose" if path.stem in CHOOSE else "report"
