@@ -1,6 +1,6 @@
 """Which faults do the tests find? `python benchmarks/planted_faults.py [--only WORD] [--repo PATH] [--out FILE]`.
 
-Sixty faults, each one expression of the package, are planted one at a time into a copy of it: flipped signs, missing
+Sixty-two faults, each one expression of the package, are planted one at a time into a copy: flipped signs, missing
 factors and terms, wrong indices, swapped axes, counts off by one, options that are ignored. The tests that a row of the
 table names then run until the first of them fails: path by path, of a folder the quick tests before the slow ones. A
 test that fails without the fault as well does not count. Prints for each fault which test found it after how many
@@ -59,6 +59,10 @@ FAULTS = (
           "engine/test_forces.py derivative engine"),
     Fault("engine/forces/wind: corner of a gradient", "add_along(gy, faces.corners[i, 1], 1.0, by_b)",
           "add_along(gy, faces.corners[i, 2], 1.0, by_b)", "engine/test_forces.py derivative engine"),
+    Fault("engine/forces/air: slope of the pressure", "(2.0 * abs(v) - rub) * total - 2.0 * v / sigma * T",
+          "(2.0 * abs(v) - rub) * total - v / sigma * T", "engine/test_forces.py derivative engine"),
+    Fault("engine/forces/air: friction along the face", "fma(splat((abs(v) - RATIO * omega) * v), unit",
+          "fma(splat(abs(v) * v), unit", "engine/test_forces.py engine derivative"),
     Fault("engine/forces/colliders: sign in a pullback", "pi = dot(lam_i, z) - nu * dot(n, z)",
           "pi = dot(lam_i, z) + nu * dot(n, z)", "engine/test_derivatives.py engine derivative"),
     Fault("engine/forces/touch: transpose of a spin", "stretched(own, by_v, cross(by_v, load3(own, SPIN)))",

@@ -22,7 +22,7 @@ from clothfit.cli.common.scenes import read_scene, under_forces, warn_of_steps
 from clothfit.cli.parts import estimate_results, estimate_simulator
 from clothfit.cli.parts.estimate_files import Effort, Files, bounds_of, filled, read_start, read_target, weights
 from clothfit.cli.parts.estimate_results import Page, Recording
-from clothfit.fit.options import FitOptions
+from clothfit.fit.options import FitOptions, asked_fit
 from clothfit.many.job import INTERRUPTED
 from clothfit.optimise.status import Status
 
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 @option("--fit-time", "Fit the rate and the offset of the target's clock too.")
 @option("--fit-placement", "Fit how the target is turned and moved too.")
 @option("--fit-scale", "Fit how large the target's unit is too.")
+@option("--hold", "Keep fixed vertices still, also where they move in the target.  [default: they follow it]")
 @option("--keep-markers", "Take the target's markers as they are, also where they are swapped or show no vertex.")
 @section("The file of the target")
 @motions.reads
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
         "values; R, a factor for each family and region; M, smooth maps; G, one value; L, each by itself; or auto: the "
         "simplest of F, R, M and L, unless a freer one is clearly better on frames that are kept out. With --simulator "
         "xpbd L fits the values of each constraint.  [default: the flags]")
+@option("--fit KIND[=LETTER]", "Fit this in place of what SCENE flags, such as wind, stiffness=R or two letters as new "
+        "has them; may be repeated. With auto the fit chooses.  [default: the flags]", name="fits", multiple=True)
 @option("--substeps K", "Time steps to a frame of the target, or auto, which takes more where the fit gains by them.  "
         "[default: auto for scenes with BDF2, else the scene's step]")
 @option("--keep-step", "Keep the scene's time step and integrator.")
@@ -96,7 +99,8 @@ if TYPE_CHECKING:
 @gathered("effort", Effort)
 def command(
     scene_paths: tuple[str, ...], files: Files, objectives: tuple[str, ...], substeps: str | None,
-    time_budget: str | None, bounds: tuple[str, ...], no_intervals: bool, report_path: str | None, effort: Effort,
+    time_budget: str | None, bounds: tuple[str, ...], fits: tuple[str, ...], no_intervals: bool,
+    report_path: str | None, effort: Effort,
     log: str | None, pictures: pictures.Pictures, tool: estimate_simulator.Asked, console: Console, **as_given: Any,
 ) -> int:
     """Fit the parameters that SCENE flags and write the scene with only those numbers changed.
@@ -127,11 +131,12 @@ def command(
     if any(as_given[name] for name in ("fit_time", "fit_placement", "fit_scale")) and not files.target_paths:
         raise click.UsageError("--fit-time, --fit-placement and --fit-scale are for the motion of --target; add that")
     tool.check(as_given["model"])
+    refuse({"--fit": fits if fits and tool.simulator else None}, "{} is for a fit of this program's own cloth")
     if tool.simulator:
         return estimate_simulator.fit(scene_paths, files, tool, substeps, as_given["model"], console)
     options = FitOptions(
         objective=weights(objectives), intervals=not no_intervals, bounds=bounds_of(bounds),
-        substeps=substeps_of(substeps), budget=duration(time_budget, "--budget"), **as_given,
+        substeps=substeps_of(substeps), budget=duration(time_budget, "--budget"), **asked_fit(fits), **as_given,
     )  # fmt: skip
     single = len(scene_paths) == 1 and effort.starts == 1 and effort.cluster is None
     estimate_results.check_page(report_path, scene_paths, single, files)
@@ -157,6 +162,7 @@ def fit_one(
     defer(LINEAR_ALGEBRA)
     from clothfit.cli.parts import checkpoints
     from clothfit.fit import estimate as fitting
+    from clothfit.fit.flags import reflagged
     from clothfit.optimise.checkpoint import Checkpoint
 
     options.check()
@@ -168,6 +174,7 @@ def fit_one(
     readings: list[dict[str, Any]] = []
     targets = [read_target(pair, scene, files.reading, console, readings) for pair in files.pairs]
     first = read_start(files.start, console)
+    scene = reflagged(scene, options)
     check_start(scene, first)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in scene.blocks)
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")

@@ -16,6 +16,7 @@ from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import Printed, attributes, print_json
 from clothfit.cli.common.scenes import read_scene, vector
 from clothfit.formats.registry import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, kind_of
+from clothfit.scene.kinds import EDITORS
 
 if TYPE_CHECKING:
     from clothfit.evaluation.forecast import Forecast
@@ -217,7 +218,7 @@ def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
         "rest length": spread(own.rest, "m") + (" (not those at the start)" if own.strained else ""),
         "velocity": "at the start" if own.moving else "none at the start",
         "damping": f"{own.damping:.4g}",
-        "drag": f"{own.drag:.4g}",
+        "drag": f"{own.drag:.4g}" + (f" (law {own.drag_law})" if own.drag_law != EDITORS else ""),
         "to fit": ", ".join(f"{each.name} ({each.mode}, {each.count})" for each in wanted) or "nothing",
     }
 

@@ -35,6 +35,9 @@ MOST_NAMED = 12
 PLANE = "plane"
 """Stands for a mesh that needs no file."""
 
+AUTO = "auto"
+"""Stands for all that may be fitted."""
+
 AIR, CALM, UNKNOWN = "air", 1.0, 5.0
 """Stands for the drag of real air; at so many m/s where there is no wind, and where it is to be found."""
 
@@ -73,6 +76,9 @@ class Asked:
     damping: float = given("--damping A", "Damping of vertices and springs.  [default: 0.1]", float, default=0.1)
     drag: str | None = given("--drag C|air", "Drag coefficient of the faces, or air for that of real air.  [default: "
         "0.1; where the wind is fitted, air, which is then fitted too]")
+    drag_law: str = given("--drag-law", "How the air pushes faces: editor, as the editor does, or air, by area and "
+        "by the square of the speed; then --drag has no unit, and is 1.2 by default.  [default: editor]",
+        click.Choice(["editor", "air"]), default="editor")
     region: tuple[str, ...] = given("--region NAME=PLACE", "Name a part for fits in mode R: a box, vertices, or a "
         "side, written as in the --fix options, such as collar=top=0.05.", multiple=True)
     warp: str | None = given("--warp", "Axis of the scene that is along the cloth.  [default: u of the mesh's texture, "
@@ -87,8 +93,8 @@ class Asked:
     wind: str | None = given("--wind X,Y,Z", "Wind in m/s.  [default: none]")
     fit: tuple[str, ...] = given("--fit LETTERS|NAME[=L]", "Parameters to fit. Two letters for masses and stiffnesses: "
         "n none, F one factor on what is there, R one per family and region, M a smooth map, G the same for all, L "
-        "each its own; or damping, drag, velocity, rest, wind, gravity.  [default: nF]", multiple=True,
-        title="Simulation and fit")
+        "each its own; or damping, drag, velocity, rest, wind, gravity; or auto: the fit chooses.  [default: nF]",
+        multiple=True, title="Simulation and fit")
     integrator: str = given("--integrator NAME", "Integrator: bdf2, of second order; or implicit, symplectic or "
         "explicit, of first order, which the editor in Unity can play.  [default: bdf2]", default="bdf2")
     delta: float | None = given("--delta SECONDS", "Time step in s.  [default: 0.02]", float)
@@ -107,6 +113,8 @@ class Asked:
             raise click.UsageError("--delta and --fps say the same; give one of them")
         if self.bending is not None and self.no_bending:
             raise click.UsageError("--bending and --no-bending say the same; give one of them")
+        if AUTO in self.fit and len(set(self.fit)) > 1:
+            raise click.UsageError("--fit auto chooses what to fit by itself; leave the others out")
         positive("--fps", self.fps)
 
     @property
@@ -121,10 +129,12 @@ class Asked:
         """The wind, m/s. Raises InvalidInput."""
         return numbers("--wind", self.wind or "0,0,0", 3, "5,0,1")
 
-    def drag_of(self, mesh: Mesh) -> float:
-        """The air drag of a mesh. Raises InvalidInput."""
+    def drag_of(self, mesh: Mesh) -> float | None:
+        """The air drag of a mesh; None for the usual one of its law. Raises InvalidInput."""
         if not self.of_air:
-            return numbers("--drag", self.drag or "0.1", 1, f"0.1 or {AIR}")[0]
+            return numbers("--drag", self.drag, 1, f"0.1 or {AIR}")[0] if self.drag else None
+        if self.drag_law == AIR:
+            return None
         from clothfit.meshes.mesh import air_drag
 
         return air_drag(mesh, hypot(*self.blows) or (UNKNOWN if self._fits("wind") else CALM))
@@ -154,13 +164,15 @@ class Asked:
     @property
     def letters(self) -> str:
         """What to fit of masses and stiffnesses."""
+        if AUTO in self.fit:
+            return AUTO
         letters = [text for text in self.fit if len(text) == 2]
         return letters[-1] if letters else "nn" if self.fit else "nF"
 
     @property
     def kinds(self) -> dict[str, str]:
         """What else to fit: modes by names. The drag of air depends on its speed: with the wind it is not known."""
-        split = [text.partition("=") for text in self.fit if len(text) != 2]
+        split = [text.partition("=") for text in self.fit if len(text) != 2 and text != AUTO]
         named = {name: mode.upper() if equals else "G" for name, equals, mode in split}
         return {"drag": "G", **named} if self._fits("wind") and self.of_air else named
 
@@ -248,7 +260,7 @@ def command(cloth_path: str | None, path: str | None, asked: Asked, console: Con
     scene = new_scene(
         cloth.mesh, held(cloth, asked), density=asked.density, stiffness=asked.stiffness,
         bending=not asked.no_bending if asked.bending is None else asked.bending, damping=asked.damping,
-        drag=asked.drag_of(cloth.mesh), fit=asked.letters, fits=asked.kinds,
+        drag=asked.drag_of(cloth.mesh), drag_law=asked.drag_law, fit=asked.letters, fits=asked.kinds,
         spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere],
         wind=asked.blows, integrator=asked.integrator, delta=asked.step, frames=asked.frames, tolerance=asked.tolerance,
         title=asked.title or stem_of(mesh_path), numbering=cloth.numbering,

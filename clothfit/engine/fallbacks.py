@@ -32,9 +32,9 @@ class Fallbacks(NamedTuple):
     def sentences(self, steps: int) -> list[str]:
         """What a user should know, for motions of this many steps in all."""
         said = (
-            "{} linear systems were too stiff for conjugate gradients and were solved directly",
-            f"in {{}} of {steps} steps the cloth was so strongly compressed that the matrix was indefinite; they were "
-            "taken with the springs' push sideways left out of it",
+            "{} times the fast solver of a step did not reach its tolerance, and a slower, exact one took over",
+            f"in {{}} of {steps} steps the cloth was so strongly compressed that its springs could buckle either way; "
+            "they were taken without the springs' push sideways",
             f"{{}} of {steps} steps would have added energy and were shortened; with a smaller delta there are fewer",
             f"in {{}} of {steps} steps contacts began so deep that they would have added energy; the steps were taken "
             "anew with these contacts in their equations; with a smaller delta there are fewer",

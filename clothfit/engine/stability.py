@@ -33,6 +33,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import touch
+from clothfit.engine.forces.air import SHARE
 from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
 from clothfit.scene.kinds import INTEGRATORS
@@ -188,12 +189,19 @@ def drag(system: System) -> float:
 
 
 def drags(system: System) -> Array:
-    """The air's drag on each vertex at the start, along the normals of its faces, Σ κ |n|² (n,), kg/s."""
-    corners, x = system.faces.corners, system.x0
+    """The air's drag on each vertex at the start, along the normals of its faces, Σ κ |n|² (n,), kg/s; in the law "air"
+    as if all the wind that they feel then blew along these.
+    """
+    faces, x = system.faces, system.x0
+    corners = faces.corners
     a, b, c = (x[corners[:, corner]] for corner in range(3))
     n = np.cross(b - a, c - a)
     size = (n * n).sum(axis=1)
-    each = np.repeat(system.faces.drag / 6.0 * size**1.5, 3)
+    own = faces.drag / 6.0 * size**1.5
+    if faces.quadratic:
+        flow = np.linalg.norm(faces.wind - system.v0[corners].mean(axis=1), axis=1)
+        own = 2.0 * SHARE * faces.drag * np.sqrt(size) * flow
+    each = np.repeat(own, 3)
     return np.asarray(np.bincount(corners.reshape(-1), each, len(x)), float)
 
 

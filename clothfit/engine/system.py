@@ -13,12 +13,13 @@ import numpy as np
 
 from clothfit.base.arrays import NO_TABLE, Array, Elements, Flags
 from clothfit.base.errors import InvalidScene
-from clothfit.engine.forces import applied, bodies, spheres, springs, surfaces, touch, vertex, wind
+from clothfit.engine.forces import applied, bodies, faces, spheres, springs, surfaces, touch, vertex
 from clothfit.engine.forces.selfcontact import force, pairs
 from clothfit.engine.inputs import fitted_paths, sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.kernels.kernel import record
 from clothfit.scene.cloth import SPHERE, Cloth, Collider
+from clothfit.scene.kinds import AIR
 from clothfit.scene.scene import Scene
 
 EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
@@ -39,7 +40,7 @@ class System(NamedTuple):
     guarded: bool  # False: such steps as the format has them, whatever comes of it
     vertex: vertex.Vertex
     springs: springs.Springs
-    faces: wind.Faces
+    faces: faces.Faces
     spheres: spheres.Spheres
     colliders: touch.Colliders | None  # None where there are none and nothing changes over time
     pattern: sparse.Pattern  # of the step's matrix
@@ -67,7 +68,9 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
         guarded=True,
         vertex=vertex.Vertex(np.array(cloth.mass), float(cloth.damping), np.array(scene.gravity, float), ~cloth.fixed),
         springs=springs.build(np.array(cloth.springs), cloth.rest, cloth.stiffness, cloth.damping, slot),
-        faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
+        faces=faces.build(
+            np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n", cloth.drag_law == AIR
+        ),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
         colliders=touched,
         pattern=pattern,

@@ -19,7 +19,7 @@ from clothfit.scene import schema as structure
 from clothfit.scene.cloth import Cloth, Layout
 from clothfit.scene.directions import edges_of, keys, opposite, pairs_of
 from clothfit.scene.families import Groups, spring_groups, vertex_groups
-from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
+from clothfit.scene.kinds import EDITORS, INTEGRATORS, OF_THE_EDITOR
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene
 
@@ -74,6 +74,7 @@ class Facts:
     low: tuple[float, ...]  # corner of the bounding box, m
     high: tuple[float, ...]
     drag: float
+    drag_law: str
     damping: float
     moving: bool  # whether a velocity at the start is not 0
     strained: bool  # whether rest lengths differ from the lengths at the start
@@ -87,6 +88,8 @@ def beyond_editor(scene: Scene) -> str | None:
             return "the front end in Unity does not know of selfCollision: there cloths pass through themselves"
         if scene.colliders:
             return "the front end in Unity has no colliders but plain spheres, and nothing that changes over time"
+        if any(cloth.drag_law != EDITORS and cloth.feels_air for cloth in scene.cloths):
+            return "the front end in Unity does not know of dragLaw: there the air pushes by the editor's law"
         return "the front end in Unity does not know of inputs over time: there they stay" if scene.moves else None
     return (
         f"the editor in Unity cannot play its step ({name}, integrationMethod {scene.method}); a scene for Unity is "
@@ -113,6 +116,7 @@ def facts(cloth: Cloth) -> Facts:
         low=tuple(cloth.positions.min(axis=0).tolist()),
         high=tuple(cloth.positions.max(axis=0).tolist()),
         drag=cloth.drag,
+        drag_law=cloth.drag_law,
         damping=cloth.damping,
         moving=bool(cloth.velocity.any()),
         strained=not np.array_equal(cloth.rest, cloth.lengths),

@@ -29,7 +29,7 @@ WITHOUT_STEPS = ("csv", *PATHS)
 """Those that simulate nothing."""
 
 TABLES = {
-    "objects.csv": ("object", "vertices", "springs", "triangles", "damping", "drag"),
+    "objects.csv": ("object", "vertices", "springs", "triangles", "damping", "drag", "drag_law"),
     "vertices.csv": ("object", "vertex", "x", "y", "z", "fixed", "mass"),
     "springs.csv": ("object", "spring", "a", "b", "kind", "rest_length", "stiffness", "damping"),
 }
@@ -79,7 +79,7 @@ def tables(scene: Scene) -> dict[str, bytes]:
     objects, vertices, springs = [], [], []
     for number, cloth in enumerate(scene.cloths):
         counts = (len(cloth.mass), len(cloth.springs), len(cloth.triangles))
-        objects.append((number, *counts, float(cloth.damping), float(cloth.drag)))
+        objects.append((number, *counts, float(cloth.damping), float(cloth.drag), cloth.drag_law))
         places, fixed, mass = cloth.positions.tolist(), cloth.fixed.tolist(), cloth.mass.tolist()
         vertices += [(number, i, *x, int(f), m) for i, (x, f, m) in enumerate(zip(places, fixed, mass, strict=True))]
         damping = (0.5 * cloth.damping * cloth.stiffness).tolist()

@@ -22,6 +22,9 @@ from clothfit.base.memory import budget as memory_budget
 from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
+from clothfit.fit.baselines import with_start, with_still
+from clothfit.fit.flags import reflagged
+from clothfit.fit.followed import followed
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.options import (
@@ -45,6 +48,7 @@ from clothfit.fit.result import (
     result,
     with_fallbacks,
     with_verdict,
+    without_intervals,
 )
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
@@ -77,6 +81,9 @@ from clothfit.strategy.trajectory_fit import best_prior, by_gauss_newton, go_on
 
 GRACE = 0.5
 """Seconds for each look at a result whose time is up."""
+
+ALIKE = "some values change the motion too alike to be told apart; fit fewer of them (--model F), or give a --prior"
+"""What is said where equations of a fit have no solution."""
 
 SOLVED_AS = (
     "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved to "
@@ -120,6 +127,8 @@ def estimate(
     fit_placement: bool = False,
     fit_scale: bool = False,
     keep_markers: bool = False,
+    hold: bool = False,
+    fit: str | Sequence[str] | None = None,
     on_memory: Callable[[Needs], None] | None = None,
     on_hint: Callable[[Hint], None] | None = None,
     on_found: Callable[[Scene], None] | None = None,
@@ -167,6 +176,9 @@ def estimate(
     `bounds` replaces those of the scene: for a kind, such as "stiffness", its lower and upper bound in its unit, None
     where the default is to hold.
 
+    `fit` takes the place of the scene's flags: kinds such as "wind", "stiffness=R" or ["nR", "damping"], or "auto",
+    with which the fit chooses them by itself, as it does for scenes that say so.
+
     `model` takes the place of the modes of all masses, stiffnesses and rest lengths that are flagged: "F", "R", "M",
     "G", "L", or "auto", the smallest of F, R, M and L that no finer one beats on what is kept out of the fit.
     `substeps` is the number of time steps to a frame of the target, by the scene's integrator or by BDF2, whichever
@@ -185,6 +197,9 @@ def estimate(
     Markers of a target that are swapped are exchanged, and what shows no vertex is left out, as `Fit.markers` says,
     unless `keep_markers` is true: only where the target shows it plainly, at its start or from one frame to the next.
 
+    Fixed vertices that move in a target, by more than noise, follow it: `Fit.scene` has pins for them. With `hold` they
+    stay where they are. In windows, and where the paths of pins are fitted, they stay as well.
+
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as the target, diverges.
     """
@@ -193,7 +208,7 @@ def estimate(
     named = {name: given[name] for name in Keywords.__annotations__ if name in given}
     options = replace(options_of("estimate", named), checkpoint=checkpoint, resume=resume)
     first = load(start) if isinstance(start, (str, os.PathLike)) else start
-    return fit(scene, target, first, options)
+    return by_options(scene, target, first, options)
 
 
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
@@ -205,11 +220,15 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
         raise InvalidInput(f"{what}: a target is needed; without one, the model and the step are the scene's")
     if hidden and options.windows is not None:
         raise InvalidInput("windows: a target is needed, in whose states they begin")
-    scene = scene.with_bounds(from_user(options.bounds or {}))
+    options = replace(options, auto=options.auto or (scene.auto and not options.fit))
+    scene = reflagged(scene.with_bounds(from_user(options.bounds or {})), options)
     if target is not None and not (options.keep_markers or callable(options.objective)) and scene.blocks:
         return marked_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
     if options.registers and scene.blocks:
         return registered_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
+    pinned = 0
+    if target is not None and not (options.hold or options.windows or callable(options.objective)) and scene.blocks:
+        scene, target, pinned = followed(scene, target)
     scene = flagged(scene, options.model)
     objective, kept_out = objectives(scene, target, options)
     options = options.within(objective.rounding)
@@ -236,7 +255,11 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
                 found = searched(plan, start, hidden, options, checkpoint, None)
                 found = replace(found, warnings=[*found.warnings, SOLVED_AS.format(looser.tolerance)])
             found = replace(found, hints=[*hints, *found.hints])
-        return assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
+        found = assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
+        return replace(looked_at(found, with_start, objective, options=options), followed=pinned)
+
+
+by_options = fit  # for `estimate`, which has an argument of that name
 
 
 def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:
@@ -248,7 +271,8 @@ def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> F
     objective, kept_out = plan.objective, plan.kept_out
     found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
     found = looked_at(found, with_verdict, objective, options.enough, hidden, options=options)
-    found = looked_at(replace(found, windows=options.windows), with_residual_hints, objective, options=options)
+    found = with_still(replace(found, windows=options.windows), plan.whole or objective)
+    found = looked_at(found, with_residual_hints, objective, options=options)
     if plan.whole is not None:
         found = looked_at(found, with_whole, plan.whole, options=options)
     found = looked_at(found, with_stall_hint, objective, options=options)
@@ -341,9 +365,8 @@ def unflattened(found: Fit, objective: Objective, cost: float) -> Fit:
         f"{metres(objective.rmse(cost))}, than equal ones (G), to {metres(found.rmse)}, and are kept; --model F keeps "
         "their pattern"
     )
-    blocks = [replace(block, interval=[None] * block.count) for block in found.parameters]
     hints = [*found.hints, Hint("pattern", text, early=False)]
-    found = replace(found, parameters=blocks, rank=None, sigma=None, hints=hints, verdict=None)
+    found = replace(without_intervals(found), hints=hints, verdict=None)
     return replace(found, scene=objective.scene, cost=cost, rmse=objective.rmse(cost))
 
 
@@ -371,7 +394,12 @@ def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOpt
         seconds = None if options.budget is None else GRACE
         return in_time(partial(look, found, *given), found, seconds, known=True)
     except np.linalg.LinAlgError as error:
-        return replace(found, warnings=[*found.warnings, f"the fit could not be looked at in full: {error}"])
+        return replace(found, warnings=[*found.warnings, f"the fit could not be looked at in full: {in_words(error)}"])
+
+
+def in_words(error: Exception) -> str:
+    """Why something ended, in the user's terms."""
+    return ALIKE if isinstance(error, np.linalg.LinAlgError) else str(error) or "out of memory"
 
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
@@ -428,7 +456,7 @@ def search_by(search: Search, options: FitOptions, method: Callable[[], Status])
     except (Diverged, MemoryError, np.linalg.LinAlgError) as error:
         if not np.isfinite(search.best.cost):
             raise
-        search.warn(f"the search ended early: {str(error) or 'out of memory'}")
+        search.warn(f"the search ended early: {in_words(error)}")
         status = Status.STALLED
     return search.finish(status)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -85,6 +85,9 @@ class FitOptions:
     fit_time: bool = False  # whether the rate and the offset of each target's clock are found
     fit_placement: bool = False  # whether each target's place is found: a rotation and a translation
     fit_scale: bool = False  # whether each target's scale is found
+    fit: tuple[str, ...] = ()  # kinds to fit in place of the scene's flags, such as "wind" or "stiffness=R"
+    auto: bool = False  # whether the fit chooses the kinds by itself; so it does where the scene says so, and not `fit`
+    hold: bool = False  # whether held vertices stay where they are, also where they move in the target
     keep_markers: bool = False  # whether mistaken markers of targets are left as they are
 
     def check(self) -> None:
@@ -159,6 +162,8 @@ class FitOptions:
             "of": self.holdout_of, "objective": self.objective, "loss": self.loss, "loss_scale": self.loss_scale,
             "model": self.model, "substeps": self.substeps, "keep_step": self.keep_step,
             **({"windows": self.windows} if self.windows else {}),
+            **({"hold": True} if self.hold else {}),
+            **({"fit": list(self.fit), "auto": self.auto} if self.fit or self.auto else {}),
             **({"bounds": dict(self.bounds)} if self.bounds else {}),
         }  # fmt: skip
 
@@ -200,6 +205,8 @@ class Keywords(TypedDict, total=False):
     fit_placement: bool
     fit_scale: bool
     keep_markers: bool
+    hold: bool
+    fit: str | Sequence[str] | None
     on_memory: Callable[[Needs], None] | None
     on_hint: Callable[[Hint], None] | None
     on_found: Callable[[Scene], None] | None
@@ -217,7 +224,16 @@ def options_of(caller: str, given: Mapping[str, Any]) -> FitOptions:
         named["budget"] = duration(named["budget"], "budget")
     if named.get("max_evaluations", 0) is None:
         named["max_evaluations"] = BUDGET
+    named |= asked_fit(named.pop("fit", None))
     return FitOptions(**named)
+
+
+def asked_fit(given: str | Sequence[str] | None) -> dict[str, Any]:
+    """The options `fit` and `auto` that kinds to fit, or "auto", mean. Raises InvalidInput where both are given."""
+    asked = (given,) if isinstance(given, str) else tuple(given or ())
+    if AUTO in asked and len(asked) > 1:
+        raise InvalidInput("fit: auto chooses what to fit by itself; leave the others out")
+    return {"fit": () if AUTO in asked else asked, "auto": AUTO in asked}
 
 
 def settled(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Targets | None, FitOptions]:

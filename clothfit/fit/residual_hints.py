@@ -292,7 +292,7 @@ class Distances:
 
 def with_stall_hint(found: Fit, objective: Objective) -> Fit:
     """The fit with what to do next where its search has stalled."""
-    if found.status != Status.STALLED or not found.rmse > 0.0:
+    if found.status != Status.STALLED or not found.rmse > 0.0 or (found.verdict and found.verdict.fails):
         return found
     others = [objective.rmse(objective.cost_or_infinity(p)) for p in around(found, objective)]
     away = max(others, key=lambda rmse: abs(rmse - found.rmse), default=found.rmse)

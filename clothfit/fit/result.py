@@ -2,9 +2,9 @@
 
 The verdict on the model: does the fitted motion explain the target but for noise, and if not, how much is left?
 
-What is left counts as noise where `whiteness` finds no structure in it. Of what has structure, the share s of the
-squares is no noise; the fraction of the motion that is not explained is then sqrt(s) RMSE / travel, with the travel
-the RMS distance of the target's positions from the start.
+What is left counts as noise where `whiteness` finds no structure and no bias in it. Of what has structure, the share s
+of the squares is no noise; the fraction of the motion that is not explained is then sqrt(s) RMSE / travel, with the
+travel the RMS distance of the target's positions from the start.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, wi
 from clothfit.scene.scene import Scene
 from clothfit.strategy.step_choice import Step
 
-ADEQUATE, DIFFERS = "adequate", "differs"
+ADEQUATE, DIFFERS, FAILS = "adequate", "differs", "fails"
 
 NEGLIGIBLE = 1e-4
 """Unexplained fraction of the motion that nobody sees: 0.1 mm in a metre."""
@@ -81,14 +81,27 @@ class Scatter:
 class Verdict:
     """Whether the model can reproduce the target."""
 
-    model: str  # "adequate": what is left is noise, rounding or nothing; "differs": it is not
+    model: str  # "adequate": what is left is noise, rounding or nothing; "differs": it is not; "fails": nor is it
+    # nearer than the best still picture
     unexplained: float  # fraction of the motion, without noise
 
     @property
     def differs(self) -> bool:
         """Whether the model cannot reproduce the target."""
-        return self.model == DIFFERS
+        return self.model != ADEQUATE
 
+    @property
+    def fails(self) -> bool:
+        """Whether the fit is no nearer than the best still picture of its target."""
+        return self.model == FAILS
+
+
+@dataclass(frozen=True)
+class Baselines:
+    """What a fit must beat: root mean square distances from the target, m."""
+
+    still: float  # of the target's mean frame
+    start: float | None = None  # of the scene as it came; None: its motion diverges, or there was no time
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -112,12 +125,14 @@ class Fit:
     travel: float | None = None  # root mean square distance of the compared positions from the start, m
     hints: list[Hint] = field(default_factory=list)  # what the target shows of its difference from the scene
     verdict: Verdict | None = None  # on the model; None: it was not looked at
+    baselines: Baselines | None = None  # what it must beat; None: the cost is one's own, or nothing was evaluated
     ladder: list[Judged] = field(default_factory=list)  # the models that were fitted from coarse to fine
     steps: list[Step] = field(default_factory=list)  # time steps that were tried
     substeps: int | None = None  # steps to a frame of the target, chosen or asked for; None: the step is the scene's
     windows: int | None = None  # frames of each window that the target was cut into; None: whole motions were compared
     whole: float | None = None  # m, the error over whole motions, where windows were compared
     registration: list[Registration] | None = None  # of each target; None: none was looked for
+    followed: int = 0  # held vertices that follow the targets
     markers: list[Markers] | None = None  # of each target, those that were mistaken; None: none was
     start: Scene | None = None  # where the fit began
     objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights
@@ -215,8 +230,8 @@ def verdict(objective: Objective, p: Array, relative: float) -> Verdict | None:
 
 def judged(test: ResidualTest, relative: float) -> Verdict:
     """The verdict on residuals whose size, relative to the motion, is `relative`."""
-    unexplained = float(np.sqrt(test.structured)) * relative
-    adequate = test.is_noise or unexplained <= NEGLIGIBLE
+    unexplained = float(np.sqrt(test.unexplained)) * relative
+    adequate = test.is_unbiased or unexplained <= NEGLIGIBLE
     return Verdict(ADEQUATE if adequate else DIFFERS, unexplained)
 
 
@@ -274,6 +289,12 @@ def with_verdict(found: Fit, objective: Objective, tolerance: float, trial: bool
         return replace(found, verdict=verdict(objective, p, found.relative_rmse))
     except Diverged:
         return found
+
+
+def without_intervals(found: Fit) -> Fit:
+    """The fit without what its values' intervals say."""
+    blocks = [replace(block, interval=[None] * block.count) for block in found.parameters]
+    return replace(found, parameters=blocks, rank=None, sigma=None, correlations=(), samples=None)
 
 
 def fitted_block(search: Search, block: Block, p: Array, known: Confidence | None) -> FittedBlock:

@@ -173,7 +173,8 @@ def fitted_fields(document: dict[str, Any], fit: Any) -> dict[str, Any]:
         item["optimizationSettings"] = letters
         kept = {name: value for name, value in item.get("fit", {}).items() if name == "bounds"}
         item["fit"] = kept | {field: True for name, field in OF_OBJECTS.items() if flags.get(name)}
-    kept = {name: value for name, value in document.get("fit", {}).items() if name == "bounds"}
+    own = document.get("fit", {})  # or "auto"
+    kept = {"bounds": own["bounds"]} if "bounds" in own else {}
     document["fit"] = kept | {field: True for name, field in OF_SCENE.items() if flags.get(name)}
     return document
 

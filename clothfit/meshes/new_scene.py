@@ -29,9 +29,19 @@ from clothfit.formats.animation import unused
 from clothfit.meshes.mesh import Mesh, object_document
 from clothfit.scene.cloth import ELSEWHERE, SPHERE
 from clothfit.scene.families import FAMILIES, families_of
-from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS
+from clothfit.scene.kinds import (
+    AIR,
+    CLOTH_KINDS,
+    EDITORS,
+    INTEGRATORS,
+    KIND,
+    KINDS,
+    LETTERED,
+    PLATE,
+    SCENE_KINDS,
+)
 from clothfit.scene.mesh_numbering import FIELD
-from clothfit.scene.scene import Scene, load
+from clothfit.scene.scene import AUTO, Scene, load
 
 
 def new_scene(
@@ -42,7 +52,8 @@ def new_scene(
     stiffness: float = 50.0,
     bending: bool | float = True,
     damping: float = 0.1,
-    drag: float = 0.1,
+    drag: float | None = None,
+    drag_law: str = EDITORS,
     fit: str = "nF",
     fits: Mapping[str, str] | None = None,
     spheres: Sequence[Sequence[float]] = (),
@@ -60,14 +71,16 @@ def new_scene(
 
     `fixed` (n,) marks the vertices that do not move (default: none). `density` is in kg/m², `stiffness` E in N/m.
     `bending` is True for the editor's bending springs, False for none, or their share of E. `damping` and `drag` are
-    those of the file. `fit` is two letters, for masses and stiffnesses: n keeps them, F fits one factor on what is
-    there, R one per family and region, M a smooth map, G one value for all, L one each; `fits` gives the letters of
-    other kinds, such as {"wind": "G"}. Spheres are (x, y, z, radius), m. `wind` is in m/s,
-    the time step `delta` in s. A cloth that the editor is to play needs the `integrator` "implicit", "symplectic" or
-    "explicit". A fit compares `frames` frames. `tolerance` is that of the linear solver, relative.
-    `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. `warp` is the direction along the cloth,
-    which else is that of the mesh's texture coordinates; `regions` gives the vertices of named regions, which come
-    before the parts of the mesh. Raises InvalidInput when no scene can be
+    those of the file; without `drag` it is 0.1, or in the `drag_law` "air" that of a plate, 1.2. `fit` is two letters,
+    for masses and stiffnesses: n keeps them, F fits one factor on what is there, R one per family and region, M a
+    smooth map, G one value for all, L one each; `fits` gives the letters of other kinds, such as {"wind": "G"}; or
+    `fit` is "auto", and a fit chooses by itself. Spheres
+    are (x, y, z, radius), m. `wind` is in m/s, the time step `delta` in s. A cloth that the editor is to play needs the
+    `integrator` "implicit", "symplectic" or "explicit" and the `drag_law` "editor". A fit compares `frames` frames.
+    `tolerance` is that of the linear solver, relative. `numbering` (vertices of the mesh before welding,) is
+    `Welded.vertices`. `warp` is the direction along the cloth, which else is that of the mesh's texture coordinates;
+    `regions` gives the vertices of named regions, which come before the parts of the mesh. Raises InvalidInput when no
+    scene can be
     made.
     """
     if isinstance(mesh, (str, os.PathLike)):
@@ -77,10 +90,18 @@ def new_scene(
     held = np.zeros(len(mesh.positions), bool) if fixed is None else fixed
     if integrator not in INTEGRATORS:
         raise InvalidInput(f"integrator: there is no {integrator!r}; use {', '.join(INTEGRATORS)}")
+    if drag is None:
+        drag = PLATE if drag_law == AIR else 0.1
     own, whole = _flags(fits or {})
+    auto = fit == AUTO
+    if auto and (own or whole):
+        raise InvalidInput("fit: auto chooses what to fit by itself; leave the others out")
     cloth = object_document(
-        mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings=fit, bending=bending
+        mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings="nn" if auto else fit,
+        bending=bending,
     )
+    if drag_law != EDITORS:
+        cloth["dragLaw"] = drag_law
     cloth |= fields(mesh, np.array(cloth["springs"], np.int32).reshape(-1, 2), warp, regions or {})
     if own:
         cloth["fit"] = own
@@ -101,8 +122,8 @@ def new_scene(
         "forwardSubSteps": 1,
         "title": title,
     }
-    if whole:
-        document["fit"] = whole
+    if whole or auto:
+        document["fit"] = whole or AUTO
     return replace(load(io.StringIO(text(document))), name=title)
 
 

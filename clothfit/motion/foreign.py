@@ -29,7 +29,7 @@ from clothfit.formats.files import name_of
 from clothfit.formats.markers import METRES_PER_UNIT
 from clothfit.formats.registry import NATIVE, Format, foreign, format_of, read, suffix_of
 from clothfit.motion.markers import Matches, initial, matched
-from clothfit.motion.motion import Motion, at_frames, check_motion, opened, read_motion
+from clothfit.motion.motion import Motion, at_frames, check_motion, opened, path_of, read_motion
 from clothfit.scene.mesh_numbering import mesh_counts, picks
 from clothfit.scene.scene import Scene
 
@@ -38,6 +38,9 @@ DOUBTFUL_DISTANCE = 0.05
 
 MISTAKEN = 0.25
 """The share of the vertices that may be as far away without a word: markers that were mistaken for others."""
+
+SAID = ("fps", "scale", "up", "handedness")
+"""What keys of a scene can say of their file as well."""
 
 MUCH_NEARER = 0.2
 """A change that leaves less than this share of the distance is worth trying."""
@@ -138,8 +141,11 @@ def load(
     name = name_of(path_or_file) if name is None else name
     found = foreign(path_or_file)
     if found is None:
-        return _native(path_or_file, scene, reading, name)
-    return _foreign(read(found, path_or_file), found, scene, reading, name)
+        loaded = _native(path_or_file, scene, reading, name)
+    else:
+        loaded = _foreign(read(found, path_or_file), found, scene, reading, name)
+    said = {key: value for key in SAID if (value := getattr(reading, key)) is not None}
+    return replace(loaded, motion=replace(loaded.motion, path=path_of(path_or_file), said=said))
 
 
 def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Reading, name: str) -> Loaded:

@@ -14,7 +14,7 @@ import io
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import IO, Any
 
 import numpy as np
@@ -53,6 +53,8 @@ class Motion:
     remedies: Fallbacks = NO_FALLBACKS  # how many of its steps were solved directly, clamped, shortened or taken anew
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: all once
     unit: float = 1.0  # of the numbers in its file, m
+    path: str | None = None  # of that file; what became of its positions since, this does not say
+    said: Mapping[str, Any] = field(default_factory=dict)  # fps, scale, up, handedness, as the user gave them for it
 
     def __repr__(self) -> str:
         frames, vertices, _ = self.positions.shape
@@ -115,7 +117,7 @@ def checked_motion(motion: Motion, scene: Scene) -> Motion:
     """A motion made by hand, checked as one from a file is. Raises InvalidMotion when it does not fit the scene."""
     check_counts(motion, scene)
     arrays = {key: np.asarray(array) for key, array in arrays_of(motion).items()}
-    return replace(check_motion(arrays, scene, motion.name), unit=motion.unit)
+    return replace(check_motion(arrays, scene, motion.name), unit=motion.unit, path=motion.path, said=motion.said)
 
 
 def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:
@@ -226,7 +228,12 @@ def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, 
     if name is None:
         name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
     with opened(path_or_file, name) as file:
-        return read_motion(file, scene, name)
+        return replace(read_motion(file, scene, name), path=path_of(path_or_file))
+
+
+def path_of(path_or_file: str | os.PathLike[str] | IO[bytes]) -> str | None:
+    """The path of a file; None of an open one."""
+    return os.fspath(path_or_file) if isinstance(path_or_file, (str, os.PathLike)) else None
 
 
 @contextmanager

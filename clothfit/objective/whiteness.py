@@ -10,6 +10,12 @@ however it grows: turning the signs of frames changes no c_t² (E. S. Edgington,
 that were fitted only lower it. Of a few frames, z cannot be large; there, and where the frames are so far apart that
 the motion itself forgets from one to the next, the same test is done in space, with a sum for each pair of vertices
 that a spring joins in place of each frame.
+
+A bias far below the noise adds up over the frames. With the weights W of pairs of frames that a mean over time has, or
+the slowest cosines, T = Σ_{s≠t} W_st e_s·e_t is 0 on average over the signs of the frames, with the variance
+2 Σ_{s≠t} W_st² (e_s·e_t)². Beside the diagonal E = Σ_t W_tt |e_t|², E + T is then nearly E/ν times a χ² of
+ν = 2 E² / variance degrees of freedom (F. E. Satterthwaite, 1946): exactly so for normal noise, whether all vertices
+share it or none. `RARE` is how often noise fails each of the two.
 """
 
 from __future__ import annotations
@@ -38,6 +44,15 @@ FEWEST_PAIRS = 14
 FORGOTTEN = 0.5
 """Correlation of a motion's changes from frame to frame, below which its frames are too far apart for a test in time.
 """
+
+RARE = 0.005
+"""Probability of a bias in noise by chance from which on it counts: with two tests one fit in 100."""
+
+BLOCKS = 64
+"""Sums over successive frames, at most, that a bias is looked for in; of more frames each has several."""
+
+SLOWEST = 4
+"""Cosines beside the mean, of half a period to two over the motion."""
 
 NEAR_ZERO = 1e-2
 """Residuals of a frame, relative to those of all, below which they count as if they were so large: they are rounding.
@@ -75,11 +90,23 @@ class ResidualTest:
     z_time: float  # standard deviations above that of noise
     z_space: float
     space_counts: bool  # whether frames are too few or too far apart for the test in time
+    bias: float = 0.0  # share of the squares that a mean over time, or slow changes, have beside the noise
+    by_chance: float = 1.0  # probability of so large a bias in noise, the smaller one of both tests
 
     @property
     def is_noise(self) -> bool:
         """Whether nothing speaks against noise."""
         return self.z_time < SIGNIFICANT and not (self.space_counts and self.z_space >= SIGNIFICANT)
+
+    @property
+    def is_unbiased(self) -> bool:
+        """Whether nothing speaks against noise, nor does anything add up over the frames."""
+        return self.is_noise and self.by_chance >= RARE
+
+    @property
+    def unexplained(self) -> float:
+        """Share of the squares that is no noise, a bias included, 0 … 1."""
+        return max(self.structured, float(np.clip(self.bias, 0.0, 1.0)) if self.by_chance < RARE else 0.0)
 
     @property
     def structured(self) -> float:
@@ -128,6 +155,50 @@ class Series:
         return Sums(self.beside, np.sqrt(self.first * self.second))
 
 
+class Bias:
+    """The residuals of one cloth, summed over blocks of successive frames."""
+
+    def __init__(self, count: int, frames: int) -> None:
+        """Of `count` vertices in so many frames."""
+        self.length, self.squares = max(-(-frames // BLOCKS), 1), 0.0
+        self.sums = np.zeros((-(-frames // self.length), 3 * count))
+
+    def add(self, frame: int, values: Array) -> None:
+        """Take the residuals (count, 3) of a frame, 0 where nothing is seen."""
+        self.sums[frame // self.length] += values.ravel()
+        self.squares += float((values * values).sum())
+
+    def parts(self) -> Array:
+        """E, T, m², and the variance of T, of the mean and of the slowest cosines, (2, 3)."""
+        count = len(self.sums)
+        if not count:
+            return np.zeros((2, 3))
+        G = self.sums @ self.sums.T / self.length
+        waves = np.cos(np.pi * np.arange(SLOWEST + 1)[:, None] * (np.arange(count) + 0.5) / count)
+        waves *= np.sqrt(np.where(np.arange(SLOWEST + 1) > 0, 2.0, 1.0) / count)[:, None]
+        found = []
+        for basis in (waves[:1], waves[1:count]):
+            product = (basis.T @ basis) * G
+            apart = product - np.diag(np.diag(product))
+            found.append((np.trace(product), apart.sum(), 2.0 * (apart * apart).sum()))
+        return np.array(found)
+
+
+def biased(found: Iterable[Bias]) -> tuple[float, float]:
+    """The share of the squares of residuals that is a bias, and the probability of such a one in noise."""
+    from scipy.special import gammaincc  # of χ²
+
+    given = list(found)
+    E, T, variance = sum((each.parts() for each in given), np.zeros((2, 3))).T
+    squares = sum(each.squares for each in given)
+    known = (variance > 0) & (E > 0)
+    if not known.any() or not squares > 0:
+        return 0.0, 1.0
+    half = (E[known] ** 2) / variance[known]
+    chance = gammaincc(half, np.maximum(half * (1.0 + T[known] / E[known]), 0.0))
+    return float(np.maximum(T, 0.0).sum()) / squares, float(chance.min())
+
+
 class Watch:
     """An observer of one run, which takes what is left of each frame."""
 
@@ -139,6 +210,7 @@ class Watch:
         count = len(self.ends) if edges else len(self.free)
         self.residuals = Series(count, none if edges else self.ends, lag=2 if velocities else 1)
         self.motion = Series(len(self.free), none)
+        self.bias = Bias(len(self.free), 0 if velocities or edges else len(self.goal.step))
         self.before: Array | None = None  # (n, 3) gaps and states of the frame before
         self.state: Array | None = None
 
@@ -160,6 +232,7 @@ class Watch:
             if len(weights := self.goal.weights):
                 factor = factor * np.sqrt(np.where(seen, weights[frame], 0.0))
             self.residuals.add(factor[:, None] * gap, seen)
+            self.bias.add(frame, factor[:, None] * gap)
         elif self.before is not None:
             self.residuals.add(gap - self.before, seen)
         if self.state is not None:
@@ -167,14 +240,16 @@ class Watch:
         self.before, self.state = gap, s.copy()
 
 
-def combined(series: Iterable[tuple[Series, Series]]) -> ResidualTest:
-    """The test of the residuals of one or more cloths, each with the changes of its motion from frame to frame."""
+def combined(series: Iterable[tuple[Series, Series]], sums: Iterable[Bias] = ()) -> ResidualTest:
+    """The test of the residuals of one or more cloths, each with the changes of its motion from frame to frame, and of
+    their sums over frames.
+    """
     given = list(series)
     time, space = together(own.in_time() for own, _ in given), together(own.in_space() for own, _ in given)
     motion = together(changes.in_time() for _, changes in given)
     few = max((len(own.along) for own, _ in given), default=0) < FEWEST_PAIRS
     coarse = few or motion.correlation() < FORGOTTEN
-    return ResidualTest(time.correlation(), space.correlation(), time.z(), space.z(), coarse)
+    return ResidualTest(time.correlation(), space.correlation(), time.z(), space.z(), coarse, *biased(sums))
 
 
 def together(sums: Iterable[Sums]) -> Sums:
@@ -193,9 +268,10 @@ def residual_test(objective: Objective, p: Array) -> ResidualTest | None:
         return None
     velocities = "position" not in compared and "velocity" in compared
     edges = "position" not in compared and not velocities
-    found = []
+    found, sums = [], []
     for run in objective.runs:
         watch = Watch(run, objective.loss, velocities, edges)
         objective.simulate(run, p, watch.update)
         found.append((watch.residuals, watch.motion))
-    return combined(found)
+        sums.append(watch.bias)
+    return combined(found, sums)

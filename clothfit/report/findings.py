@@ -16,7 +16,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres, owned
 from clothfit.evaluation.evaluate import Distance
-from clothfit.fit.result import ADEQUATE, DIFFERS
+from clothfit.fit.result import ADEQUATE, DIFFERS, FAILS
 from clothfit.optimise.status import Status
 from clothfit.report import captures
 from clothfit.report.log import Log, entry, intervals, number, records
@@ -59,6 +59,8 @@ def judged(summary: Mapping[str, Any]) -> tuple[str, str]:
     left, model = number(entry(summary, "verdict", "unexplained")), entry(summary, "verdict", "model")
     if left is not None and model == DIFFERS:
         return WARN, f"The model differs from the target: {percent(left)} of the motion is unexplained."
+    if left is not None and model == FAILS:
+        return WARN, f"The fit fails, no nearer than a still picture: {percent(left)} of the motion is unexplained."
     if left is not None and model == ADEQUATE:
         return GOOD, "The fit explains the target: what is left is noise or rounding."
     return PLAIN, ""

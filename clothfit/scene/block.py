@@ -13,7 +13,7 @@ from clothfit.scene.bounds import NO_BOUNDS, Bounds, End
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.factors import FACTOR_MODES, Factors, factors_of, modes_of_each, one_factor, smooth_maps
 from clothfit.scene.families import spring_groups, vertex_groups
-from clothfit.scene.kinds import CLOTH_KINDS, KIND, SCENE_KINDS, Kind
+from clothfit.scene.kinds import CLOTH_KINDS, SCENE_KINDS, Kind
 from clothfit.scene.smooth_maps import vertex_modes
 
 NO_SHAPES: Mapping[str, tuple[int, ...]] = {}
@@ -28,7 +28,7 @@ class Block:
     """
 
     cloth: int | None  # index of the object; None: of the scene as a whole
-    name: str  # of the kind
+    kind: Kind
     mode: str  # "F", "R", "M", "G" or "L"
     elements: int  # vertices or springs that the block acts on
     start: int  # place in the fit vector
@@ -38,9 +38,9 @@ class Block:
     ends: tuple[float, float] = field(default=(-np.inf, np.inf), compare=False)  # bounds of the values in a fit
 
     @property
-    def kind(self) -> Kind:
-        """The kind of the parameters."""
-        return KIND[self.name]
+    def name(self) -> str:
+        """That of the kind."""
+        return self.kind.name
 
     @property
     def count(self) -> int:
@@ -161,7 +161,7 @@ def flagged(
                 count = max(1, sum(len(cloths[i].mass) for i in reached(cloths, kind.name)))
             else:
                 count = len(cloths[cloth].stiffness if kind.of == "spring" else cloths[cloth].mass)
-            block = Block(cloth, kind.name, mode, count, start, shape)
+            block = Block(cloth, kind, mode, count, start, shape)
             wanted = asked.get(kind.name, (None, None))
             if cloth is None:
                 block = replace(block, ends=bounds.of_values(kind, NO_NUMBERS, wanted))
@@ -176,7 +176,8 @@ def flagged(
 def _modes(cloths: Sequence[Cloth], fits: Mapping[str, str]) -> Iterator[tuple[int | None, Kind, str]]:
     """Which kind of which cloth, None for the scene's own, is flagged, and in which mode."""
     for index, cloth in enumerate(cloths):
-        yield from ((index, kind, cloth.mode(kind.name)) for kind in CLOTH_KINDS if cloth.mode(kind.name) != "n")
+        names = [kind.name for kind in CLOTH_KINDS if cloth.mode(kind.name) != "n"]
+        yield from ((index, cloth.kind(name), cloth.mode(name)) for name in names)
     yield from ((None, kind, fits[kind.name]) for kind in SCENE_KINDS if fits.get(kind.name, "n") != "n")
 
 

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import hypot, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.bounds import Bounds
 from clothfit.scene.keys import Keys, Pin, keys, scales
-from clothfit.scene.kinds import AIR_DENSITY, LETTERED, Kind
+from clothfit.scene.kinds import AIR, AIR_DENSITY, DRAG_IN_AIR, EDITORS, KIND, LETTERED, PLATE, Kind
 
 ELSEWHERE = "elsewhere"
 """The name of what lies in no region."""
@@ -74,7 +75,7 @@ class Cloth(checks.ReadOnly):
     springs: Indices  # (S, 2) the vertices each spring joins
     stiffness: Array  # (S,) N/m, 0 or more
     triangles: Indices  # (T, 3) the corners of each face
-    drag: float  # air drag of the faces, kg/(m^6 s), 0 or more
+    drag: float  # air drag of the faces, 0 or more, kg/(m^6 s); without unit in the law "air"
     damping: float  # α: damps a vertex by α m v (α in 1/s), a spring by (α/2) k along its axis (α in s)
     settings: str  # two letters, masses then stiffnesses: n keeps them, the others are those of `Kind.modes`
     velocity: Array  # (n, 3) at the start, m/s; those of fixed vertices do nothing
@@ -84,6 +85,7 @@ class Cloth(checks.ReadOnly):
     bounds: Bounds = field(default_factory=dict)  # of a fit, by kind, before those of the scene
     pins: tuple[Pin, ...] = ()  # fixed vertices that move
     shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m: of all pins, from where their paths have them
+    drag_law: str = EDITORS  # one of `DRAG_LAWS`
 
     def __repr__(self) -> str:
         sizes = f"{len(self.mass)} vertices, {len(self.stiffness)} springs, {len(self.triangles)} triangles"
@@ -124,6 +126,10 @@ class Cloth(checks.ReadOnly):
         """How a kind ("mass", "drag", …) is fitted: "n" not at all, or one of the modes of the kind."""
         return self.settings[LETTERED.index(name)] if name in LETTERED else self.fits.get(name, "n")
 
+    def kind(self, name: str) -> Kind:
+        """A kind as this object has it: the unit and the bounds of its drag are those of its law."""
+        return DRAG_IN_AIR if name == "drag" and self.drag_law == AIR else KIND[name]
+
     @cached_property
     def lengths(self) -> Array:
         """Lengths (S,) of the springs at the initial positions, m, read-only."""
@@ -138,17 +144,38 @@ class Cloth(checks.ReadOnly):
     @cached_property
     def air_drag(self) -> float:
         """The drag coefficient, kg/(m⁶ s), with which air of 1 m/s pushes a face as real air would, ϱ/(8 A²) with A the
-        median area of the faces that have one; 0 without faces.
+        median area of the faces that have one; 0 without faces. In the law "air" that of a plate.
         """
-        a, b, c = (self.positions[corner] for corner in self.triangles.T)
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
+        if self.drag_law == AIR:
+            return PLATE
+        area = self.areas
         square = float(np.median(area[area > 0])) ** 2 if (area > 0).any() else 0.0
         return AIR_DENSITY / (8.0 * square) if square > SMALLEST_SQUARE else 0.0
+
+    @property
+    def areas(self) -> Array:
+        """Areas (T,) of the faces at the start, m²."""
+        a, b, c = (self.positions[corner] for corner in self.triangles.T)
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
 
     @property
     def feels_air(self) -> bool:
         """Whether the air drags the cloth, or may do so in a fit."""
         return bool(len(self.triangles)) and (self.drag > 0 or self.mode("drag") != "n")
+
+
+def wind_of(force: float, cloths: Sequence[Cloth], drags: Sequence[float]) -> float:
+    """The wind, m/s, that pushes cloths with these drag coefficients by a force, N, where it meets all their faces at a
+    right angle; 0 where none does.
+    """
+    linear = square = 0.0  # the force of a wind v is linear v + square v²
+    for cloth, drag in zip(cloths, drags, strict=True):
+        if cloth.drag_law == AIR:
+            square += 0.5 * AIR_DENSITY * drag * float(cloth.areas.sum())
+        else:
+            linear += 4.0 * drag * float((cloth.areas**3).sum())
+    push = linear + hypot(linear, 2.0 * sqrt(square * force))
+    return 2.0 * force / push if push > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)

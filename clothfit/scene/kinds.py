@@ -10,7 +10,7 @@ group of vertices or springs, a smooth map of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,15 @@ LETTERED = ("mass", "stiffness")
 
 AIR_DENSITY = 1.2
 """Of air, kg/m³."""
+
+DRAG_LAWS = EDITORS, AIR = "editor", "air"
+"""Values of an object's `dragLaw`."""
+
+PLATE = 1.2
+"""The drag coefficient of a plate that faces the air, in the law "air"."""
+
+DRAG_IN_AIR = replace(KIND["drag"], unit="", upper=100.0, neutral=(PLATE,))
+"""The kind "drag" of an object with that law."""
 
 INTEGRATORS = ("explicit", "symplectic", "implicit", "bdf2")
 """Names of the values of integrationMethod."""

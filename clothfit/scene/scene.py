@@ -32,11 +32,14 @@ from clothfit.scene.cloth import vector as _vector
 from clothfit.scene.forces import Forces
 from clothfit.scene.forces import check as check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
-from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
-from clothfit.scene.splice import Optional, splice
+from clothfit.scene.kinds import CLOTH_KINDS, EDITORS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
+from clothfit.scene.splice import Appended, Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 
 WAY_OUT = '"planes": "solid" in the scene makes them solid'
+AUTO = "auto"
+"""In place of what to fit: the fit chooses by itself."""
+
 NOT_FITTED = (None, "n", "N", False)
 LETTERS: dict[str | bool, str] = {
     "n": "n", "f": "F", "r": "R", "m": "M", "g": "G", "l": "L", False: "n", True: "G",
@@ -70,6 +73,7 @@ class Scene(checks.ReadOnly):
     self_contact: SelfContact | None = None  # of each cloth with itself; None: cloths pass through themselves
     folder: str = ""  # that paths in its text are relative to; empty: the current one
     forces: Forces | None = None  # that are applied to the vertices of all objects; not in the file
+    auto: bool = False  # whether a fit chooses by itself what to fit
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
 
     def __repr__(self) -> str:
@@ -252,6 +256,9 @@ def load(path_or_file: Readable, *, folder: str | None = None) -> Scene:
     if problems:
         raise InvalidScene(problems, name)
     document = {**structure.defaults("scene"), **given}
+    auto = document["fit"] == AUTO
+    if auto:
+        document["fit"] = {}
     if folder is None:
         folder = os.path.dirname(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else ""
     cloths = tuple(_cloth(item, f"objects[{i}]", folder, problems) for i, item in enumerate(document["objects"]))
@@ -264,7 +271,7 @@ def load(path_or_file: Readable, *, folder: str | None = None) -> Scene:
     if problems:
         raise InvalidScene(problems, name)
     made = _scene(document, tuple(cloth for cloth in cloths if cloth), inputs, touched, asked, name, source)
-    return replace(made, folder=os.path.abspath(folder))
+    return replace(made, folder=os.path.abspath(folder), auto=auto)
 
 
 def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes]) -> None:
@@ -296,6 +303,7 @@ def dumps(scene: Scene, folder: str | None = None) -> bytes:
     objects: list[dict[str, Any]] = []
     for cloth in scene.cloths:
         values = {kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS if kind.name != "path"}
+        values["dragLaw"] = Optional(cloth.drag_law, cloth.drag_law != EDITORS)
         if own := {i: pin.own.values for i, pin in enumerate(cloth.pins) if pin.own}:
             values["pins"] = {i: {"posKeys": {"values": _vectors(each)}} for i, each in own.items()}
         objects.append(values)
@@ -318,6 +326,21 @@ def dumps(scene: Scene, folder: str | None = None) -> bytes:
     return scene.source.encode(splice(scene.source.text, objects, whole))
 
 
+def with_pins(scene: Scene, items: Mapping[int, list[dict[str, Any]]]) -> Scene:
+    """Make a new scene with more pins, as its file has them, of objects by their numbers. Raises InvalidScene."""
+    before, problems = json.loads(scene.source.text)["objects"], list[str]()
+    new = [{"pins": Appended(items[i])} if i in items else {} for i in range(len(before))]
+    cloths = list(scene.cloths)
+    for i, added in items.items():
+        cloth, place = cloths[i], f"objects[{i}]"
+        every = pins([*before[i].get("pins", ()), *added], cloth.fixed, place, scene.folder, problems)
+        cloths[i] = replace(cloth, pins=(*cloth.pins, *every[len(cloth.pins) :]))
+    if problems:
+        raise InvalidScene(problems, scene.name)
+    source = replace(scene.source, text=splice(scene.source.text, new))
+    return replace(scene, cloths=tuple(cloths), source=source)
+
+
 def _together(values: Mapping[Any, Any], others: Mapping[Any, Any]) -> dict[Any, Any]:
     """Two nests of values as one."""
     made = dict(values)
@@ -335,7 +358,7 @@ def _checked(owner: Cloth | Scene, values: Mapping[str, Any], place: str, proble
     """Turn given values of kinds, by name, into what their owner has; what is wrong goes to `problems`."""
     made: dict[str, Any] = {}
     for name, given in values.items():
-        kind, old = KIND[name], getattr(owner, name)
+        kind, old = owner.kind(name) if isinstance(owner, Cloth) else KIND[name], getattr(owner, name)
         value = checks.new_values(given, np.shape(old), f"{place}{kind.field}", problems)
         checks.check_range(value if value is None else value.reshape(-1), kind, f"{place}{kind.field}", problems)
         made[name] = float(value) if isinstance(old, float) and value is not None else value
@@ -430,6 +453,7 @@ def _cloth(item: dict[str, Any], place: str, folder: str, problems: list[str]) -
     return Cloth(
         **arrays,
         drag=float(item["dragCoefficient"]),
+        drag_law=item["dragLaw"],
         damping=float(item["damping"]),
         settings="".join(LETTERS[letter.lower()] for letter in item["optimizationSettings"]),
         fits=_fits(item["fit"], CLOTH_KINDS),

@@ -34,6 +34,12 @@ class Optional(NamedTuple):
     needed: bool  # whether to insert it where it is missing
 
 
+class Appended(NamedTuple):
+    """Items that go behind those of a list, which a text may lack."""
+
+    items: list[Any]
+
+
 def splice(text: str, objects: Sequence[Mapping[str, Any]], scene: Mapping[str, Any] | None = None) -> str:
     """Put values into the fields of a scene and its objects: `objects[i]["vertMass"]` into `objects[i].vertMass`.
 
@@ -57,7 +63,11 @@ def _edits(text: str, start: int, spans: Mapping[str, Span], values: Mapping[str
     missing = {}
     for name, given in values.items():
         value, needed = given if isinstance(given, Optional) else (given, True)
-        if name in spans:
+        if isinstance(value, Appended) and name in spans:
+            yield _appended(text, spans[name], value.items)
+        elif isinstance(value, Appended):
+            missing[name] = value.items
+        elif name in spans:
             yield from _changes(text, spans[name], value)
         elif needed:
             missing[name] = value
@@ -94,6 +104,13 @@ def _insertion(text: str, start: int, missing: Mapping[str, Any]) -> Edit:
     separators = (", ", ": ") if colon.endswith(" ") else (",", ":")
     fields = [f'{gap}"{name}"{colon}{json.dumps(new, separators=separators)}' for name, new in missing.items()]
     return value[1], value[1], "".join(f",{field}" for field in fields)
+
+
+def _appended(text: str, span: Span, items: Sequence[Any]) -> Edit:
+    """Text for new items of the list at `span`."""
+    ends = [end for _, end in _items(text, span[0])]
+    place = ends[-1] if ends else span[0] + 1
+    return place, place, (", " if ends else "") + ", ".join(map(json.dumps, items))
 
 
 def _renumbered(numbers: str, values: Sequence[float]) -> str:

@@ -45,7 +45,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.engine.forces import wind
+from clothfit.engine.forces import faces, wind
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
@@ -248,7 +248,7 @@ class Model(NamedTuple):
     time: Array  # (K,), s
     relaxation: Array  # (K,), of corrections
     damping: Array  # (n,), 1/s
-    faces: wind.Faces  # that feel the air; its wind is that of the substep
+    faces: faces.Faces  # that feel the air; its wind is that of the substep
     radius: Array  # (R,), m
     contact: float  # m/N, compliance of contacts
     wind: Array  # (T + 1, 3), m/s

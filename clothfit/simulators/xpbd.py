@@ -27,6 +27,7 @@ from clothfit.export.blender import FOLD
 from clothfit.export.topology import roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.families import FAMILIES, families_of
+from clothfit.scene.kinds import DRAG_IN_AIR, KIND
 from clothfit.scene.scene import Scene
 from clothfit.simulators.directions import Seeds, Sweep, no_seeds, simulate
 from clothfit.simulators.substep import Model
@@ -272,8 +273,8 @@ def relaxations(group: Array) -> Part:
 
 def drag(model: Model) -> list[Part]:
     """That of the air, where the scene has some."""
-    own = float(model.faces.drag)
-    return [Part([Value("air drag", "kg/(m^6 s)", own, own)], "drag", np.zeros(1, np.int32))] if own > 0 else []
+    own, kind = float(model.faces.drag), DRAG_IN_AIR if model.faces.quadratic else KIND["drag"]
+    return [Part([Value("air drag", kind.unit, own, own)], "drag", np.zeros(1, np.int32))] if own > 0 else []
 
 
 def each_of(scene: Scene, index: int, settings: Settings, frames: int) -> Parts:

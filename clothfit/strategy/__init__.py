@@ -2,7 +2,7 @@
 
 start (with smooth_balances in wind) says where it begins. auto, the default method, tries the balances of
 momentum, a scan, the trajectory_fit (Gauss–Newton by windows of frames) and, where no values reproduce the target, the
-ladder of models from coarse to fine (few_values and wide_search are its parts). Where windows lead the
-trajectory_fit astray it goes through the pulls and forms of step_forms. step_choice chooses the time
-step. To add a way: a function of a `Search`, and a line in `auto.find`.
+ladder of models from coarse to fine (few_values fits the coarse ones), whose values come from afar by continuation.
+Where windows lead the trajectory_fit astray it goes through the pulls and forms of step_forms. step_choice chooses the
+time_step. To add a way: a function of a `Search`, and a line in `auto.find`.
 """

@@ -15,7 +15,8 @@ Each problem is solved by a few steps of Gauss–Newton in coordinates in which 
 
     log p,    asinh(p / s) of dampings and drags, which may be 0,    c W / m g of a wind beside a drag c that is fitted,
 
-as it is the push c W that moves a cloth: with c alone c W would change as well. Where the whole motion still ends far
+as it is the push c W that moves a cloth, or c W² in the law "air", where the coordinate is √c W: with c alone the push
+would change as well. Where the whole motion still ends far
 from its target, the same begins again from points between the best one and some that are drawn at random.
 
 Weak-constraint 4D-Var balances a model and observations alike (Y. Trémolet, Accounting for an imperfect model in
@@ -43,9 +44,10 @@ from clothfit.optimise.gauss_newton import Model, Patience
 from clothfit.optimise.prior import Prior, none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import AIR, Scores, Trajectory
-from clothfit.scene.cloth import Cloth
+from clothfit.scene.cloth import wind_of
 from clothfit.scene.fit_vector import bounds
 from clothfit.scene.forces import STRONGEST, Forces
+from clothfit.scene.kinds import AIR as BY_AREA
 from clothfit.scene.scene import Scene
 from clothfit.strategy.time_step import with_substeps
 
@@ -63,7 +65,7 @@ SAVING, PATIENCE = 0.01, Patience(2, 1e-2, 1e-2)
 TOLERANCE, NUDGED_TOLERANCE = 1e-5, 1e-7
 """Of the linear systems by coarse steps; of other nudged motions: its error is far below what is left of them."""
 
-HOPS, NEAR, REACH = 8, 0.1, 2.0
+HOPS, NEAR, REACH = 24, 0.1, 2.0
 """Points that are drawn, the error relative to that of a still cloth below which none is, and how far away they are, in
 units of the coordinates.
 """
@@ -96,26 +98,28 @@ class Even(Trajectory):
         ]
         typical = np.repeat(sizes, [block.count for block in blocks])
         other = np.where(self.log, 1.0, np.maximum(np.abs(start), typical))
+        self.power = 0.5 if cloths and all(own.drag_law == BY_AREA for own in cloths) else 1.0
         self.unit = np.where(self.positive, SMALL * typical, other)
         self.unit[self.wind] = self.lift
 
     @cached_property
     def lift(self) -> float:
-        """The product of drag and wind, or the wind where the drag is known, that carries the weight of the cloths: air
-        pushes faces of area A that it meets with 4 c A³ W; 1 m/s where they have none.
+        """The wind that carries the weight of the cloths, times the power of a drag that is fitted with it; 1 m/s where
+        there is none.
         """
-        cloths = [cloth for cloth in self.objective.scene.cloths if cloth.feels_air]
-        weight = float(np.linalg.norm(self.objective.scene.gravity)) * sum(float(own.mass.sum()) for own in cloths)
-        fitted = len(self.drag) > 0
-        push = sum(4.0 * (1.0 if fitted else own.drag) * float((areas(own) ** 3).sum()) for own in cloths)
-        return weight / push if weight and push else 1.0
+        scene = self.objective.scene
+        cloths = [cloth for cloth in scene.cloths if cloth.feels_air]
+        weight = float(np.linalg.norm(scene.gravity)) * sum(float(own.mass.sum()) for own in cloths)
+        drags = [own.air_drag or 1.0 if len(self.drag) else own.drag for own in cloths]
+        factor = float(np.exp(np.log(drags).mean())) ** self.power if len(self.drag) and drags else 1.0
+        return factor * wind_of(weight, cloths, drags) or 1.0
 
     def air(self, p: Array) -> float:
-        """The drag that is fitted, no less than what hardly moves a cloth, in the geometric mean of the cloths; 1
-        without one.
+        """The power of the drag that is fitted, no less than what hardly moves a cloth, in the geometric mean of the
+        cloths, by which the wind goes; 1 without one.
         """
         size = np.hypot(p[self.drag], self.unit[self.drag])
-        return float(np.exp(np.log(size).mean())) if len(size) else 1.0
+        return float(np.exp(np.log(size).mean())) ** self.power if len(size) else 1.0
 
     def y(self, p: Array) -> Array:
         """Coordinates (Q,) of parameters (P,)."""
@@ -163,7 +167,7 @@ class Even(Trajectory):
         place = np.cumsum(self.fitted) - 1
         drag, wind = (own[self.fitted[own]] for own in (self.drag, self.wind))
         if len(drag) and len(wind):
-            share = p[drag] / np.hypot(p[drag], self.unit[drag]) / len(self.drag)
+            share = self.power * p[drag] / np.hypot(p[drag], self.unit[drag]) / len(self.drag)
             turn[np.ix_(place[wind], place[drag])] = -np.outer(y[place[wind]], share)
         return Model(y, known.cost, turn.T @ known.H @ turn, turn.T @ known.g)
 
@@ -172,12 +176,6 @@ def flags(objective: Objective, names: Sequence[str]) -> Array:
     """Which parameters (P,) are of kinds."""
     counts = [block.count for block in objective.blocks]
     return np.repeat(np.array([block.name in names for block in objective.blocks], bool), counts)
-
-
-def areas(cloth: Cloth) -> Array:
-    """Areas (T,) of the faces of a cloth, m²."""
-    a, b, c = (cloth.positions[corner] for corner in cloth.triangles.T)
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
 
 
 def can_nudge(objective: Objective) -> bool:
@@ -255,17 +253,19 @@ def through_pulls(
             break
 
 
-def hops(own: Search, seed: int = 0) -> None:
-    """The same from points half-way to others that are drawn around the best one, while it is far from the target.
-    Raises Stop.
+def hops(own: Search, took: float, seed: int = 0) -> None:
+    """The same from points half-way to others that are drawn around the best one, while it is far from the target
+    and has time for what `took` so many seconds of computing before. Raises Stop.
     """
     random, part = np.random.default_rng(seed), Even(own, own.objective)
     for _ in range(HOPS):
-        if own.progress.computing > SHARE * own.longest or own.best.cost <= NEAR**2 * own.objective.still:
+        began = own.progress.computing
+        if began + took > SHARE * own.longest or own.best.cost <= NEAR**2 * own.objective.still:
             break
         lower, upper = part.bounds
         y = np.clip(part.y(own.best.p) + 0.5 * random.uniform(-REACH, REACH, part.size), lower, upper)
         through_pulls(own, PULLS[2:], part.parameters(y), own.best.cost)
+        took = own.progress.computing - began
 
 
 def through_weak_pulls(own: Search) -> None:
@@ -280,8 +280,9 @@ def coarse(objective: Objective) -> Objective:
 
 def from_afar(own: Search) -> None:
     """Come from values that may be far off to the target, by coarse steps. Raises Stop."""
+    began = own.progress.computing
     through_pulls(own, PULLS)
-    hops(own)
+    hops(own, own.progress.computing - began)
 
 
 def by_coarse_steps(own: Search) -> None:

@@ -5,7 +5,8 @@ them, and with fields φ over the cloth that are smooth and vanish where it is h
 
     Σ φ m a = s Σ φ f_springs + α Σ φ d + c Σ φ Σ_faces κ₁ n (n·(W − v̄)) + Σ φ m g
 
-in each frame: linear in one factor s on the stiffnesses, the damping α, the drag c, c W and gravity. The fields average
+in each frame: linear in one factor s on the stiffnesses, the damping α, the drag c, c W and gravity. The law "air" is
+linear in c, and its dependence on W is made so around the W found before. The fields average
 over what the model of the springs, noise and the frames' distance make of single vertices, and no frame depends on the
 ones before: neither chaos nor what a wrong model leaves in late frames hides the wind here. A fit of whole motions may
 begin from these values, and they can be told beside its own.
@@ -19,11 +20,13 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
+from clothfit.engine.forces.air import RATIO, SHARE
 from clothfit.motion.motion import Motion
 from clothfit.objective.objective import Objective
 from clothfit.registration.free_fall import graph_distance
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import bounds, with_parameters
+from clothfit.scene.kinds import AIR
 from clothfit.scene.scene import Scene
 from clothfit.scene.smooth_maps import vertex_modes
 from clothfit.strategy.gravity_direction import held
@@ -37,8 +40,13 @@ FEWEST_FRAMES, MOST_NUMBERS = 12, 3_000_000
 EQUAL = 1e-3
 """Relative difference of times between frames that count as equal."""
 
-ROUNDS = 2
-"""How often the springs' damping, which is a product, is taken from the values before."""
+ROUNDS, IN_AIR = 2, 6
+"""How often the springs' damping, which is a product, is taken from the values before; as often as that where the law
+"air" is linear only around them.
+"""
+
+USUAL = 5.0
+"""m/s: the law "air" is at first as linear as if all faces met this wind."""
 
 LEAST = {"stiffness": 1e-3, "damping": 0.0, "drag": 0.0}
 """The least of what is found, the factor s for stiffnesses."""
@@ -69,8 +77,8 @@ def values(objective: Objective, p: Array) -> Array | None:
     known = [(own, frames) for own, frames in given if frames is not None]
     if sum(len(frames.x) for _, frames in known) < FEWEST_FRAMES:
         return None
-    for _ in range(ROUNDS):
-        rows = [Terms(with_parameters(own, p), cloth, frames).rows() for own, frames in known]
+    for i in range(IN_AIR if scene.cloths[cloth].drag_law == AIR else ROUNDS):
+        rows = [Terms(with_parameters(own, p), cloth, frames, i == 0).rows() for own, frames in known]
         wanted = unknowns(scene, scene.cloths[cloth])
         found = solved(wanted, *(np.concatenate([row[i] for row in rows]) for i in range(2)))
         if found is None:
@@ -107,8 +115,9 @@ def fields(cloth: Cloth) -> Array:
 class Terms:
     """The terms of the balances of one cloth, with the values of a scene."""
 
-    def __init__(self, scene: Scene, index: int, frames: Frames) -> None:
-        self.scene, self.cloth, self.frames = scene, scene.cloths[index], frames
+    def __init__(self, scene: Scene, index: int, frames: Frames, first: bool = False) -> None:
+        """`first`: nothing is known of the wind."""
+        self.scene, self.cloth, self.frames, self.first = scene, scene.cloths[index], frames, first
         self.fields = fields(self.cloth)
 
     def rows(self) -> tuple[Array, Array]:
@@ -171,10 +180,29 @@ class Terms:
         over: Indices | Array = self.fields[:, corners].sum(axis=2)  # (M, T)
         a, b, c = (x[:, corner] for corner in corners.T)
         n = np.cross(b - a, c - a)
-        kappa = np.linalg.norm(n, axis=2) / 6.0
-        own = (n * v[:, corners].mean(axis=2)).sum(axis=2)
-        for push in (-own, n[..., 0], n[..., 1], n[..., 2]):
-            yield np.tensordot(over, (kappa * push)[..., None] * n, (1, 1))
+        size, moved = np.linalg.norm(n, axis=2), v[:, corners].mean(axis=2)
+        pushes = self._by_area(n, size, moved) if self.cloth.drag_law == AIR else (
+            (size / 6.0 * push)[..., None] * n for push in (-(n * moved).sum(axis=2), *np.moveaxis(n, 2, 0))
+        )  # fmt: skip
+        for push in pushes:
+            yield np.tensordot(over, push, (1, 1))
+
+    def _by_area(self, n: Array, size: Array, moved: Array) -> Iterator[Array]:
+        """The same of the law "air", linear around the wind that the scene has: forces (K, T, 3) of a corner of faces
+        that move at velocities `moved`, with normals n of these sizes.
+        """
+        unit, flow = n / np.maximum(size, np.finfo(float).tiny)[..., None], self.scene.wind - moved
+        across = (unit * flow).sum(axis=2)
+        speed = np.full(across.shape, USUAL) if self.first else np.abs(across)
+        slope, rub = speed if self.first else 2.0 * speed, RATIO * np.linalg.norm(flow, axis=2)
+        weight = SHARE * size[..., None]
+        by_wind = [
+            weight * ((slope - rub)[..., None] * unit[..., i, None] * unit + np.multiply.outer(rub, axis))
+            for i, axis in enumerate(np.eye(3))
+        ]
+        force = ((speed - rub) * across)[..., None] * unit + rub[..., None] * flow
+        yield weight * force - np.tensordot(self.scene.wind, by_wind, 1)
+        yield from by_wind
 
 
 def solved(wanted: Sequence[Unknown], C: Array, b: Array) -> dict[Unknown, float] | None:

@@ -185,7 +185,10 @@ def chosen(
             p = best.search.best.p
             made.append(own if step is None else Trial(root.beside(with_substeps(origin, *step), p, np.inf), step))
             made[-1].arrive(model, p, through_pulls_to_the_minimum)
-        made += [freer] if finer else []
+        if 1 in counts or is_coarse:
+            made += [freer] if finer else []
+        else:  # coarse steps are the way alone
+            made = made[1:] or [own]
     best, p = nearest(made), nearest(made).search.best.p
     fine = best.search.objective
     if best.chosen == (1, IMPLICIT):

@@ -31,6 +31,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import unreadable
 from clothfit.base.reading import MOST_TEXT, unchanged, whole
 from clothfit.engine.inputs.interpolation import resolved
+from clothfit.scene.cloth import wind_of
 from clothfit.scene.keys import INTERPOLATIONS, Frame, Keys, Pin, times_problem
 from clothfit.scene.scene import Scene
 
@@ -188,12 +189,9 @@ class Episode:
 
 def gentle_wind(scene: Scene) -> float:
     """The wind, m/s, that pushes the cloths of a scene with a part of their weight; 0 where they feel no air."""
-    push = weight = 0.0
-    for cloth in scene.cloths:
-        a, b, c = (cloth.positions[corner] for corner in cloth.triangles.T)  # faced with all faces, by 1 m/s
-        push += 0.5 * cloth.drag * float((np.linalg.norm(np.cross(b - a, c - a), axis=1) ** 3).sum())
-        weight += float(cloth.mass[~cloth.fixed].sum() * np.linalg.norm(scene.gravity))
-    return float(f"{GENTLE * weight / push:.2g}") if push > 0 else 0.0
+    mass = sum(float(cloth.mass[~cloth.fixed].sum()) for cloth in scene.cloths)
+    push = GENTLE * mass * float(np.linalg.norm(scene.gravity))
+    return float(f"{wind_of(push, scene.cloths, [cloth.drag for cloth in scene.cloths]):.2g}")
 
 
 def episodes(scene: Scene, ranges: Ranges, count: int, seconds: float, seed: int) -> list[Episode]:

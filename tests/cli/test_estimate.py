@@ -44,7 +44,8 @@ pytestmark = [
 KEYS = {
     "schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds",
     "ladder", "step", "parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory", "windows",
-    "samples", "objective", "correlations", "travel", "relative_rmse", "verdict", "hints", "registration", "markers",
+    "samples", "objective", "correlations", "travel", "relative_rmse", "verdict", "baselines", "pins", "hints",
+    "registration", "markers",
 }  # fmt: skip
 DOWNHILL = "--method l-bfgs-b --start 1"  # begins at the start, and takes its time
 ENDLESS = f"{DOWNHILL} --rmse 0 --max-evaluations 1000000 --prior none --json"
@@ -96,7 +97,10 @@ def test_the_fitted_scene_goes_beside_the_scene_and_is_described(scene, told):
     first, second = err.splitlines()[-2:]
     outcome = r"converged: RMSE [\d.]+ nm over 20 frames, \d+ evaluations? in [\d.]+ s → scene.fitted.json"
     assert re.fullmatch(outcome, first)
-    known = r"objects\[0\] mass: 16 values, ±[\d.e+-]+ % \(median 95 % interval\), 2 not shown by the motion: 0, 3"
+    known = (
+        r"objects\[0\] mass: 16 values, ±[\d.e+-]+ % \(median 95 % interval, for this model only\), "
+        "2 not shown by the motion: 0, 3"
+    )
     assert re.fullmatch(known, second)
 
 
@@ -110,7 +114,7 @@ def test_a_noisy_fit_tells_intervals_prior_and_holdout(said, told):
     assert 1e-3 < held["rmse"] < 3e-3  # noise of 1 mm in three directions
     assert summary["sigma"] == pytest.approx(1e-3, rel=0.2)  # of some 600 residuals: 3 % is one standard error
     assert re.search(r"\nholdout: RMSE [\d.]+ mm over 80 positions kept out of the fit\n", err)
-    assert re.search(r"\nobjects\[0\] mass: 16 values, ±[\d.]+ % \(median 95 % interval\), ", err)
+    assert re.search(r"\nobjects\[0\] mass: 16 values, ±[\d.]+ % \(median 95 % interval, for this model only\), ", err)
 
 
 def test_a_value_at_a_bound_is_a_warning(here, said):

@@ -56,6 +56,13 @@ def test_a_step_that_the_editor_does_not_have_is_said(here, said):
     assert "3.json: valid; the editor in Unity cannot play its step (bdf2, integrationMethod 3)" in second
 
 
+def test_a_law_of_the_air_that_the_editor_does_not_have_is_said(here, said):
+    write_scene(here, document(cloth(3, 3, dragLaw="air", dragCoefficient=1.2), integrationMethod=2))
+    _, out, _ = said("info scene.json")
+    assert "1.2 (law air)" in out
+    assert "the front end in Unity does not know of dragLaw" in out
+
+
 def test_the_summary_of_a_scene_through_a_pipe(told, standard_input):
     standard_input(EXAMPLES / "drape.json")
     found, err = told("info - -q")

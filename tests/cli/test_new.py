@@ -72,6 +72,16 @@ def test_the_drag_of_air_goes_with_the_wind():
     assert made("plane --fit damping").cloths[0].drag == 0.1
 
 
+@pytest.mark.parametrize(
+    ("options", "drag", "fits"),
+    [("", 1.2, {}), ("--drag air --wind 0,3,4", 1.2, {}), ("--drag 0.5", 0.5, {}), ("--fit wind", 1.2, {"drag": "G"}),
+     ("--fit wind --drag 2", 2.0, {})],
+)  # fmt: skip
+def test_in_the_law_air_the_drag_is_that_of_a_plate(options, drag, fits):
+    (cloth,) = made(f"plane --drag-law air {options}").cloths
+    assert (cloth.drag_law, cloth.drag, cloth.fits) == ("air", drag, fits)
+
+
 def test_the_options_of_a_scene():
     scene = made("plane --sphere 0,-1,0,0.5 --sphere 1,-1,0,0.25 --wind -1,0,2 --integrator symplectic --fps 500 "
                  "--frames 30 --tolerance 1e-6 --title 'my cloth' -o x.txt", name="x.txt")  # fmt: skip

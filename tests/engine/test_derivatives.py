@@ -58,9 +58,9 @@ def obstacles(wobble):
     ]
 
 
-def everything(colliders, method="implicit", newton=1, settings="LL", own=OWN, **fields):
+def everything(colliders, method="implicit", newton=1, settings="LL", own=OWN, law="editor", **fields):
     """A sheet of which all values are fitted, two of its corners and a vertex between them pinned."""
-    one = sheet(settings, vertIsFixed=[i in (0, 1, 2) for i in range(9)], fit=own, pins=PINS)
+    one = sheet(settings, vertIsFixed=[i in (0, 1, 2) for i in range(9)], fit=own, pins=PINS, dragLaw=law)
     one |= {"vertVel": [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)], "pinOffset": xyz((0.004, -0.003, 0.002))}
     whole = {
         "windVel": xyz((4, -2, -3)), "windVelKeys": keys([0, 0.01, 0.02], [ZERO, (-8, 1, 2), (1, 2, 3)]),
@@ -73,13 +73,13 @@ def everything(colliders, method="implicit", newton=1, settings="LL", own=OWN, *
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("turning", [False, True])
+@pytest.mark.parametrize(("turning", "law"), [(False, "editor"), (True, "editor"), (False, "air")])
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
-def test_gradient_tangent_and_columns(wobble, method, newton, turning):
+def test_gradient_tangent_and_columns(wobble, method, newton, turning, law):
     fit = {"windVel": True, "gravity": True, "windVelKeys": "L", "friction": "L", "contact": "L"}
     more = {"frame": FRAME} if turning else {}  # where colliders have no offset
     fit |= {} if turning else {"colliderOffset": "G"}
-    made = everything(obstacles(wobble), method, newton, fit=fit, **more)
+    made = everything(obstacles(wobble), method, newton, law=law, fit=fit, **more)
     target = simulate(made.with_values([made.cloths[0].mass * 1.1], [made.cloths[0].stiffness * 0.9]))
     objective, p = Objective(made, target, TIGHT), parameters(made)
     found = check(objective, p, seed=1)

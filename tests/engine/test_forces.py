@@ -7,7 +7,20 @@ import pytest
 from helpers import physics
 from helpers.matrices import dense_matrix
 from helpers.obstacles import SHAPES, box, ring, touching
-from helpers.physics import STATES, ball, dense_forces, full, parts, relative, state, step_terms, thing, times, xyz
+from helpers.physics import (
+    STATES,
+    ball,
+    dense_forces,
+    full,
+    of_air,
+    parts,
+    relative,
+    state,
+    step_terms,
+    thing,
+    times,
+    xyz,
+)
 
 from clothfit.engine.forces import spheres, springs, touch
 from clothfit.engine.system import clamped
@@ -18,6 +31,7 @@ SPRINGS = SYSTEM.springs
 
 def alone(system, name):
     """The system without all forces but one."""
+    system, name = of_air(system) if name == "air" else system, KIND[name]
     kept = {each: float(each == name) for each in ("vertex", "springs", "wind", "spheres")}
     return system._replace(
         vertex=system.vertex._replace(mass=kept["vertex"] * system.vertex.mass),
@@ -31,11 +45,11 @@ def alone(system, name):
 
 
 @pytest.mark.parametrize("at", STATES)
-@pytest.mark.parametrize("name", ["vertex", "springs", "clamped springs", "wind", "spheres"])
+@pytest.mark.parametrize("name", ["vertex", "springs", "clamped springs", "wind", "air", "spheres"])
 def test_forces_matrices_and_right_hand_sides_are_those_of_the_formulas(name, at):
-    system = alone(clamped(SYSTEM) if name.startswith("clamped") else SYSTEM, name.split()[-1])
+    system = alone(clamped(SYSTEM) if name.startswith("clamped") else SYSTEM, name)
     point, h = state(SYSTEM, at), system.h
-    (f, K, D), (module, force) = dense_forces(system, point.y, point.u), parts(system)[name.split()[-1]]
+    (f, K, D), (module, force) = dense_forces(system, point.y, point.u), parts(system)[KIND[name]]
     (A, b), later = (step_terms(system, module, force, point.y, point.u, ahead) for ahead in (False, True))
     f, u, d = f.ravel(), point.u.ravel(), point.dy.ravel()
     assert max(np.abs(f).max(), np.abs(K).max()) > 0
@@ -66,7 +80,8 @@ def test_what_is_stored_has_the_force_as_its_slope(name, at, wobble):
 
 
 KIND = {"vertex": "vertex", "springs": "springs", "clamped springs": "springs", "wind": "wind", "spheres": "spheres"}
-TOLERANCE = {"vertex": 1e-9, "springs": 1e-7, "clamped springs": 1e-7, "wind": 1e-7, "spheres": 1e-7}
+KIND |= {"air": "wind"}
+TOLERANCE = {"vertex": 1e-9, **dict.fromkeys(("springs", "clamped springs", "wind", "air", "spheres"), 1e-7)}
 """Of central differences at 1e-5, where they round and what they leave out of forces that bend over some 0.3 m; those
 of colliders bend over 0.1 m and 0.1 m/s.
 """
@@ -75,7 +90,7 @@ of colliders bend over 0.1 m and 0.1 m/s.
 def of(name, wobble):
     """A system with that force."""
     if name in KIND:
-        return clamped(SYSTEM) if name.startswith("clamped") else SYSTEM
+        return clamped(SYSTEM) if name.startswith("clamped") else of_air(SYSTEM) if name == "air" else SYSTEM
     return touching(ring(wobble) if name == "mesh" else SHAPES[name])
 
 
@@ -112,6 +127,7 @@ POINT = physics.system(thing([(0, 0, 0)]), colliders=[ball((0, 0, 0), 1.0)])
 EMPTY = {
     "a spring of zero length": ("springs", SPRING, np.zeros((2, 3))),
     "a face without area": ("wind", THIN, LINE),
+    "a face without area in the air": ("wind", of_air(THIN), LINE),
     "the centre of a sphere": ("spheres", POINT, np.zeros((1, 3))),
     **{f"the centre of a {name}": ("colliders", touching(shape), None) for name, shape in SHAPES.items()},
 }
@@ -190,6 +206,57 @@ def test_the_derivative_of_the_rounded_clamp(rho):
     for kink in (0.95, 1.0):  # of which there is none
         before, after = (springs.capped(rounded, kink + side)[1] / (kink + side) for side in (-1e-9, 1e-9))
         assert after == pytest.approx(before, abs=1e-6)  # a second derivative of 4/0.05, over 2e-9
+
+
+# --- the law "air"
+
+CORNERS = np.array([(0.1, 0, 0), (0.9, 0.2, 0.1), (0.3, 0.7, -0.2)])
+AREA = 0.5 * np.linalg.norm(np.cross(CORNERS[1] - CORNERS[0], CORNERS[2] - CORNERS[0]))
+AIR = 0.6 * 1.2  # ϱ/2 · c, kg/m³, of a plate
+
+
+def pushed(points, faces, flow, v=(0, 0, 0)):
+    """The forces (n, 3) on such faces where they feel this flow."""
+    own = thing(points, [], faces, dragCoefficient=1.2, dragLaw="air")
+    plate = physics.system(own, windVel=xyz(np.add(flow, v)))
+    moved = np.tile(np.array(v, float), (len(points), 1))
+    return physics.total_force(physics.wind, plate.faces, plate.x0, moved)
+
+
+def test_a_plate_feels_pressure_across_the_flow_and_friction_along_it():
+    n = np.cross(CORNERS[1] - CORNERS[0], CORNERS[2] - CORNERS[0]) / (2 * AREA)
+    along = (CORNERS[1] - CORNERS[0]) / np.linalg.norm(CORNERS[1] - CORNERS[0])
+    for flow, expected in ((3 * n, AIR * AREA * 9 * n), (-3 * n, -AIR * AREA * 9 * n),
+                           (3 * along, 0.02 * AIR * AREA * 9 * along)):  # fmt: skip
+        found = pushed(CORNERS, [(0, 1, 2)], flow, (1, -2, 0.5))  # only the difference of wind and velocity counts
+        np.testing.assert_allclose(found, np.tile(expected / 3, (3, 1)), atol=1e-14)  # sums of some ten terms of 1 N
+
+
+def test_divided_faces_feel_the_same_force_and_moment():
+    flow, (a, b, c) = (3, 1, -2), CORNERS
+    whole = pushed(CORNERS, [(0, 1, 2)], flow)
+    for points, faces in (
+        ([a, b, c, (0.3 * b + 0.7 * c)], [(0, 1, 3), (0, 3, 2)]),
+        ([a, b, c, (a + b + c) / 3], [(0, 1, 3), (1, 2, 3), (2, 0, 3)]),
+        (CORNERS, [(0, 2, 1)]),  # its other side
+    ):
+        parts_ = pushed(points, faces, flow)
+        np.testing.assert_allclose(parts_.sum(axis=0), whole.sum(axis=0), atol=1e-14)
+        moments = [np.cross(x, f).sum(axis=0) for x, f in ((np.array(points), parts_), (CORNERS, whole))]
+        np.testing.assert_allclose(*moments, atol=1e-14)  # as each part is pushed at its centroid
+
+
+def test_the_matrix_damps_whatever_the_state_and_is_nearly_the_jacobian_where_all_corners_move_alike():
+    system, rng = of_air(SYSTEM), np.random.default_rng(3)
+    at = state(system, "random")
+    A, _ = step_terms(system, physics.wind, system.faces, at.y, at.u)
+    assert np.linalg.eigvalsh(dense_matrix(A)).min() > -1e-14
+    # in a flow that is across a plane cloth nothing but the rounding of |·| by 1 mm/s is left out
+    plane = system._replace(faces=system.faces._replace(wind=np.array([0.0, 3.0, 0.0])))
+    shift, t = np.tile(rng.normal(size=3), (9, 1)), 1e-6
+    ends = [physics.total_force(physics.wind, plane.faces, system.x0, sign * t * shift) for sign in (1, -1)]
+    found = physics.damping(physics.wind, plane.faces, system.x0, 0 * shift, shift)
+    assert relative(found, (ends[0] - ends[1]) / (2 * t)) < 1e-6  # (1 mm/s / 3 m/s)² / 2, and rounding at 1e-6
 
 
 # --- spheres

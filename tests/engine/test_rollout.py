@@ -78,6 +78,17 @@ def test_terminal_velocity_of_a_falling_sheet(method):
     np.testing.assert_allclose(fall[-1], speed, rtol=2 * q ** (steps - 1.0))  # what is left of the approach
 
 
+@pytest.mark.parametrize("method", ALL)
+def test_terminal_velocity_of_a_plate_in_the_air(method):
+    one = cloth(3, 3, size=0.5, dragCoefficient=1.2, dragLaw="air", damping=0.0, vertIsFixed=[False] * 9)
+    one["vertMass"] = (0.002 * np.bincount(one["triangles"])).tolist()
+    x = run(at_method(method, one, delta=0.01), 70)
+    # of a face of 1/8 m²: m g = ϱ/2 A c v², reached like tanh(t g / v), of which 2 e^−17 is left; the explicit steps
+    # begin to flutter
+    speed = np.sqrt(3 * 0.002 * GRAVITY / (0.6 * 0.125 * 1.2))
+    np.testing.assert_allclose((x[-2] - x[-1])[:, 1] / 0.01, speed, rtol=1e-6)
+
+
 def test_a_hanging_chain_comes_to_rest_with_each_tension_the_weight_below():
     n, k = 5, 40.0
     mass = 0.1 + 0.05 * np.arange(n)

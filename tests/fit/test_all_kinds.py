@@ -53,6 +53,10 @@ CASES = {
         {"fit": {"damping": "G", "dragCoefficient": "G"}, "damping": 0.6, "dragCoefficient": 0.4},
         {"fit": {"windVel": True}, **WIND},
     ),
+    "drag and damping and wind in the law air": (
+        {"fit": {"damping": "G", "dragCoefficient": "G"}, "damping": 0.6, "dragCoefficient": 1.4, "dragLaw": "air"},
+        {"fit": {"windVel": True}, **WIND},
+    ),
     "stiffness, drag and damping": (
         {"fit": {"damping": "G", "dragCoefficient": "G"}, "damping": 0.6, "dragCoefficient": 0.4}
         | {"optimizationSettings": "nG", "springStiffness": [30.0] * 16},

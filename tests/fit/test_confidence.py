@@ -15,7 +15,7 @@ from scipy import stats
 from clothfit.cli.parts.estimate_results import certainty
 from clothfit.fit import confidence, posterior
 from clothfit.fit.confidence import not_shown
-from clothfit.fit.estimate import estimate, looked_at, record_target
+from clothfit.fit.estimate import ALIKE, estimate, looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, FitOptions
 from clothfit.fit.posterior import Kept, half_width, inverse_beside, null_space
 from clothfit.motion.degrade import degrade
@@ -303,7 +303,7 @@ def test_a_fit_that_cannot_be_looked_at_is_kept_with_a_warning(sheet):
     found = estimate(sheet[0], max_evaluations=1, intervals=False)
     kept = looked_at(found, singular, options=FitOptions())
     assert kept.scene is found.scene
-    assert kept.warnings == [*found.warnings, "the fit could not be looked at in full: Singular matrix"]
+    assert kept.warnings == [*found.warnings, f"the fit could not be looked at in full: {ALIKE}"]
 
 
 def test_where_a_step_of_the_motion_is_singular_there_are_no_intervals(monkeypatch, sheet):
@@ -356,9 +356,9 @@ def test_they_are_those_of_the_matrix_as_far_as_samples_know(sparse, by_samples)
 
 def test_they_say_so_wherever_intervals_are_shown(by_samples):
     found = by_samples
-    text = certainty(found.parameters[0], found.samples)
-    assert text.endswith(f"(median 95 % interval, by {K} samples, to 18 %)")
-    assert "samples" not in certainty(found.parameters[0])
+    text = certainty(found.parameters[0], KIND["stiffness"], found.samples)
+    assert text.endswith(f"(median 95 % interval, by {K} samples, to 18 %, for this model only)")
+    assert "samples" not in certainty(found.parameters[0], KIND["stiffness"])
     given = {"samples": asdict(found.samples)}
     assert findings.by_samples(given) == f"the intervals are by {K} samples of the posterior, to 18%"
     for wrong in (None, [], {}, {"count": K}, {"count": "x", "accuracy": 0.1}, {"count": 16, "accuracy": 1e400}):

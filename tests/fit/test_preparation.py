@@ -105,8 +105,8 @@ def test_a_plan_with_other_steps_and_another_model_has_them_for_what_is_kept_out
 
 @fits
 def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen(coarse):
-    plan = chosen_before(Prepared(coarse, None), STATE._replace(model="F", substeps=4))
-    assert (plan.model, plan.substeps, plan.p) == ("F", 4, None)
+    plan = chosen_before(Prepared(coarse, None), STATE._replace(model="F", substeps=4, integrator=BDF2))
+    assert (plan.model, plan.step, plan.p) == ("F", (4, BDF2), None)
     assert (plan.objective.scene.delta, plan.objective.scene.cloths[0].settings) == (coarse.scene.delta / 4, "nF")
     for model in ("", "R", "L"):  # of another number of values
         with pytest.raises(InvalidInput, match="the checkpoint is not what a fit has written"):
@@ -117,7 +117,7 @@ def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen(coarse):
 def test_nothing_is_chosen_where_nobody_asks(coarse):
     plan = prepared(Prepared(coarse, None), None, FitOptions().checked())
     assert plan.objective is coarse
-    assert (plan.p, plan.wanted, plan.judged, plan.model, plan.substeps, plan.tried) == (None, None, None, "", 0, ())
+    assert (plan.p, plan.wanted, plan.judged, plan.model, plan.step, plan.tried) == (None, None, None, "", None, ())
 
 
 @fits
@@ -128,7 +128,7 @@ def test_the_values_of_a_plan_cost_what_it_says(options):
     plan = prepared(Prepared(goal, None), 30.0 if "model" not in options else None, FitOptions(**options).checked())
     assert plan.objective.cost(plan.p) == pytest.approx(plan.cost, rel=1e-6)
     assert plan.objective.rmse(plan.cost) <= goal.rmse(goal.cost(parameters(scene)))
-    assert bool(plan.tried) == bool(plan.substeps) == ("substeps" in options)
+    assert bool(plan.tried) == bool(plan.step) == ("substeps" in options)
     assert bool(plan.judged) == bool(plan.model) == ("model" in options)
     assert plan.evaluations > 0
     assert plan.seconds > 0

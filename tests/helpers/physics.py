@@ -138,6 +138,11 @@ def pendulum(method: str, h: float, alpha: float = 0.8, k: float = 30.0, m: floa
     return system(one, integrationMethod=METHODS[method], delta=h)
 
 
+def of_air(system: System) -> System:
+    """The system with the other law of the air, and the drag of a plate."""
+    return system._replace(faces=system.faces._replace(quadratic=True, drag=1.2))
+
+
 def unbound(system: System, **changes: Any) -> System:
     """The system without weight, and with other `changes` in its vertices."""
     return system._replace(vertex=system.vertex._replace(gravity=np.zeros(3), **changes))
@@ -319,6 +324,13 @@ def dense_forces(system: System, x: Array, v: Array) -> tuple[Array, Array, Arra
         a, b, c = x[corners]
         normal = np.cross(b - a, c - a)
         kappa = system.faces.drag * np.linalg.norm(normal) / 2 / 3
+        if system.faces.quadratic:
+            N, w = normal / np.linalg.norm(normal), system.faces.wind - v[corners].mean(axis=0)
+            along, across = np.outer(N, N), np.eye(3) - np.outer(N, N)
+            own, rub = (np.sqrt(speed**2 + 1e-6) for speed in (N @ w, np.linalg.norm(w)))
+            f[corners] += 0.6 * kappa * (abs(N @ w) * along + 0.02 * np.linalg.norm(w) * across) @ w
+            D[corners, corners] -= 0.6 * kappa * (2 * own * along + 0.02 * rub * across)
+            continue
         for i in corners:
             f[i] += kappa * normal * (normal @ (system.faces.wind - v[corners].mean(axis=0)))
             D[i, i] -= kappa * np.outer(normal, normal)

@@ -40,7 +40,8 @@ def small(letters: str = "nL", frames: int = 24, method: int = 2, side: int = 4,
     own = {"vertIsFixed": [i < side for i in range(side**2)], "vertMass": [0.002] * side**2}
     own["springStiffness"] = [20.0] * springs
     kept = {"optimizationIterations": frames, "integrationMethod": method, "tolerance": 1e-10}
-    parts = {name: fields.pop(name) for name in list(fields) if name in (*cloth(2, 2), *own, "springRestLength")}
+    known = (*cloth(2, 2), *own, "springRestLength", "dragLaw")
+    parts = {name: fields.pop(name) for name in list(fields) if name in known}
     fit = fields.pop("of_cloth", {})
     made = cloth(side, side, 0.1, **{**own, **parts, "optimizationSettings": letters, "fit": fit})
     return load_text(json.dumps(document(made, **{**kept, **fields})))
@@ -54,10 +55,10 @@ def with_finer_steps(scene: Scene, count: int) -> Motion:
 
 def windy(
     wind: Sequence[float] = WIND, drag: float = DRAG, damping: float = DAMPING, stiffness: float = 5.0,
-    letters: str = "nF", frames: int = 160, **fields: Any,
+    letters: str = "nF", frames: int = 160, law: str = "editor", **fields: Any,
 ) -> Scene:  # fmt: skip
     """A sheet of 6 × 6 vertices in wind, held at one side; its frames are near enough for differences."""
-    own = {"springStiffness": [stiffness] * SPRINGS, "dragCoefficient": drag, "damping": damping}
+    own = {"springStiffness": [stiffness] * SPRINGS, "dragCoefficient": drag, "damping": damping, "dragLaw": law}
     own["of_cloth"] = {"damping": "G", "dragCoefficient": "G"}
     world = {"windVel": dict(zip("xyz", wind, strict=True)), "fit": {"windVel": "G"}, "delta": 0.0025, **fields}
     return small(letters, frames, 3, 6, **own, **world)

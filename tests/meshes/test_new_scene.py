@@ -75,6 +75,7 @@ def test_what_is_held_nowhere_falls_freely():
     [({"delta": 0.0}, "delta"), ({"delta": np.nan}, "delta"), ({"frames": 1}, "optimizationIterations"),
      ({"tolerance": 1.0}, "tolerance"), ({"damping": -1.0}, r"objects\[0\].damping"),
      ({"drag": np.inf}, r"objects\[0\].dragCoefficient"), ({"fit": "xx"}, r"objects\[0\].optimizationSettings"),
+     ({"drag_law": "x"}, r"objects\[0\].dragLaw"),
      ({"spheres": [(0, 0, 0, -1)]}, r"colliders\[0\].scale.x"), ({"wind": (0, np.nan, 0)}, "windVel.y")],
 )  # fmt: skip
 def test_what_the_format_does_not_have_is_refused_by_the_check_of_scenes(options, place):

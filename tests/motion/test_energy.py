@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 import pytest
-from helpers.physics import GRAVITY, METHODS, STATES, ball, full, scene, sheet, state, thing, unbound, xyz
+from helpers.physics import GRAVITY, METHODS, STATES, ball, full, of_air, scene, sheet, state, thing, unbound, xyz
 from helpers.scenes import cloth
 
 import clothfit.motion.energy
@@ -40,8 +40,9 @@ def account(made, frames, **options):
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_what_is_not_potential_is_wind_damping_and_drag(name):
-    system = full()
+@pytest.mark.parametrize("law", [lambda system: system, of_air])
+def test_what_is_not_potential_is_wind_damping_and_drag(name, law):
+    system = law(full())
     at = state(system, name)
     still = with_elements(system, all_elements(system)._replace(wind=np.zeros(3)))
     conservative = np.vdot(force(still, at.y, np.zeros_like(at.y)), at.w)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.objective.whiteness import Series, combined
+from clothfit.objective.whiteness import RARE, Bias, Series, biased, combined
 
 PAIRS = np.array([(i, i + 1) for i in range(19)], np.int32)
 
@@ -78,3 +78,35 @@ def test_space_decides_where_frames_are_too_far_apart():
 def test_nothing_is_noise():
     assert judged(np.zeros((30, 20, 3))).is_noise
     assert judged(drift(30), np.zeros((30, 20), bool)).is_noise
+
+
+def summed(gaps):
+    """The share of a bias in residuals (F, n, 3), and its probability in noise."""
+    bias = Bias(gaps.shape[1], len(gaps))
+    for frame, values in enumerate(gaps):
+        bias.add(frame, values)
+    return biased([bias])
+
+
+@pytest.mark.parametrize("alone", [True, False])
+@pytest.mark.parametrize("frames", [12, 50, 200])
+def test_noise_has_a_bias_as_rarely_as_is_said(frames, alone):
+    # Two tests of RARE each: 10 of 1000 expected, fewer than 21 but once in 1000 (Poisson); the same whether vertices
+    # share their noise. The distribution is that of normal noise only nearly, so 30 are allowed.
+    found = [summed(noise(frames, seed, 20) if alone else np.repeat(noise(frames, seed, 1), 20, axis=1))[1]
+             for seed in range(1000)]  # fmt: skip
+    assert sum(chance < RARE for chance in found) <= 30
+
+
+def test_a_constant_bias_of_a_fifth_of_the_noise_is_found_and_its_share_is_right():
+    for seed in range(20):
+        share, chance = summed(noise(100, seed, 100) + 0.2 * np.where(np.arange(100) % 2, 1, -1)[:, None])
+        assert chance < 1e-6
+        assert share == pytest.approx(0.04 / 1.04, abs=0.01)  # of 30,000 numbers, and 5 waves of 300 each
+
+
+def test_a_slow_bias_is_found_where_the_frames_before_show_nothing():
+    slow = 0.15 * np.cos(2 * np.pi * np.arange(200) / 200)[:, None, None]
+    found = [(judged(noise(200, seed) + slow), summed(noise(200, seed) + slow)[1]) for seed in range(20)]
+    assert sum(test.is_noise for test, _ in found) > 15
+    assert sum(chance < RARE for _, chance in found) > 15

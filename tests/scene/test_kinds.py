@@ -141,6 +141,14 @@ def test_what_belongs_to_colliders_needs_one(name):
             assert problems(asked)[0].startswith(f"fit.{name}: there are no colliders{more}")
 
 
+def test_the_drag_has_the_unit_and_the_bounds_of_its_law():
+    laws = [cloth(3, 3, dragLaw=law, fit={"dragCoefficient": "G"}) for law in ("air", "editor")]
+    small = cloth(3, 3, 0.01, dragLaw="air", fit={"dragCoefficient": "G"})  # where the editor's law needs more
+    made = load_text(json.dumps(document(*laws, small)))
+    assert [block.kind.unit for block in made.blocks] == ["", "kg/(m^6 s)", ""]
+    assert [end.tolist() for end in bounds(made)] == [[0, 0, 0], [100, 1e4, 100]]
+
+
 def test_what_the_parameters_stand_for():
     first = load_text(json.dumps(full({"vertVel": "G", "springRestLength": "G"})))
     p = parameters(first)

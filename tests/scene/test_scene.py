@@ -4,6 +4,7 @@ import codecs
 import io
 import json
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,6 +108,18 @@ def test_another_step_changes_these_numbers_and_no_other_byte(old, asked, new):
     assert saved.decode() == text.replace(old, new)
     again = load_text(saved)
     assert (again.method, again.delta, again.frames) == (changed.method, changed.delta, changed.frames)
+
+
+def test_the_law_of_the_air_is_written_where_it_is_not_the_editors():
+    made = load_text(TEXT)
+    assert {each.drag_law for each in made.cloths} == {"editor"}
+    other = replace(made, cloths=(replace(made.cloths[0], drag_law="air"), made.cloths[1]))
+    saved = scene.dumps(other)
+    assert saved.decode().replace(', "dragLaw": "air"', "") == TEXT
+    again = load_text(saved)
+    assert [each.drag_law for each in again.cloths] == ["air", "editor"]
+    assert scene.dumps(again) == saved
+    assert json.loads(scene.dumps(replace(again, cloths=made.cloths)))["objects"][0]["dragLaw"] == "editor"
 
 
 def test_frames_that_the_text_lacks_are_added_where_they_are_not_the_default():

@@ -22,19 +22,30 @@ where springs swing in 60 ms.
 """
 
 
+DRAGS = {"editor": DRAG, "air": 1.2}
+
+
 @pytest.fixture(scope="module")
 def motion():
     """The motion of such a sheet by steps four times finer."""
     return with_finer_steps(windy(), 4)
 
 
-def test_the_rows_are_the_forces_of_the_engine_over_smooth_fields(motion):
-    scene = windy()
-    frames = smooth_balances.frames_of(motion, 0, scene)
+@pytest.fixture(scope="module")
+def motions(motion):
+    """The same, and that with the other law of the air."""
+    return {"editor": motion, "air": with_finer_steps(windy(drag=DRAGS["air"], law="air"), 4)}
+
+
+@pytest.mark.parametrize("law", DRAGS)
+def test_the_rows_are_the_forces_of_the_engine_over_smooth_fields(motions, law):
+    drag = DRAGS[law]
+    scene = windy(drag=drag, law=law)
+    frames = smooth_balances.frames_of(motions[law], 0, scene)
     terms = smooth_balances.Terms(scene, 0, frames)
     wanted = smooth_balances.unknowns(scene, scene.cloths[0])
     C, right = terms.rows()
-    values = {"stiffness": (1.0,), "damping": (DAMPING,), "drag": (DRAG,), "wind": DRAG * np.array(WIND)}
+    values = {"stiffness": (1.0,), "damping": (DAMPING,), "drag": (drag,), "wind": drag * np.array(WIND)}
     found = (C @ [values[name][axis] for name, axis in wanted]).reshape(len(terms.fields), -1, 3)
     system = build(scene, 0)
     for i in (0, 7, 30):
@@ -55,10 +66,11 @@ def test_fields_are_smooth_and_vanish_where_the_cloth_is_held():
     assert np.linalg.matrix_rank(found) == smooth_balances.FIELDS
 
 
-def test_wind_drag_damping_and_stiffness_come_from_single_frames(motion):
-    start = windy(wind=(0, 0, 0), drag=0.1, damping=0.0, stiffness=15.0)
-    found = smooth_balances.values(Objective(start, motion, 1e-10), parameters(start))
-    np.testing.assert_allclose(found, [1 / 3, DAMPING, DRAG, *WIND], rtol=NEAR)
+@pytest.mark.parametrize("law", DRAGS)
+def test_wind_drag_damping_and_stiffness_come_from_single_frames(motions, law):
+    start = windy(wind=(0, 0, 0), drag=0.1, damping=0.0, stiffness=15.0, law=law)
+    found = smooth_balances.values(Objective(start, motions[law], 1e-10), parameters(start))
+    np.testing.assert_allclose(found, [1 / 3, DAMPING, DRAGS[law], *WIND], rtol=NEAR)
 
 
 def test_what_is_known_is_not_changed(motion):

@@ -23,7 +23,7 @@ from clothfit.cli.common.pictures import Pictures
 from clothfit.cli.parts.estimate_files import Files, filled
 from clothfit.many.job import EXIT_CODES, NEVER_FINITE
 from clothfit.optimise.status import Status
-from clothfit.scene.kinds import INTEGRATORS, MODEL_NAMES
+from clothfit.scene.kinds import INTEGRATORS, KIND, MODEL_NAMES, Kind
 
 if TYPE_CHECKING:
     from clothfit.fit.confidence import Samples
@@ -32,12 +32,16 @@ if TYPE_CHECKING:
     from clothfit.report.log import Point
     from clothfit.scene.scene import Scene
 
+FAILED = "fails"
+"""The code of the hint that says that a fit fails, which comes before all else."""
+
 WORTH_A_WORD = 1e-5
 """Error relative to the distance travelled below which its percentage says nothing."""
 
 AS_IN_FIT = (
     "status", "method", "cost", "rmse", "frames", "evaluations", "seconds", "rank", "sigma", "travel", "relative_rmse",
-    "objective", "prior", "holdout", "verdict", "ladder", "parameters", "correlations", "samples", "warnings",
+    "objective", "prior", "holdout", "verdict", "baselines", "ladder", "parameters", "correlations", "samples",
+    "warnings",
 )  # fmt: skip
 """Keys of the summary for --json that are attributes of `Fit`."""
 
@@ -48,6 +52,7 @@ def finish(
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
     result = summary(scene, found, out) | (more or {})
+    console.warn(*(f"the fit fails: {hint.text}" for hint in found.hints if hint.code == FAILED), of=scene.name)
     console.warn(*found.warnings, of=scene.name)
     diverged = found.status == Status.DIVERGED
     if diverged:
@@ -78,18 +83,23 @@ def describe(found: Fit, out: Output, console: Console) -> None:
         console.say(f"that is over windows of {counted(found.windows, 'frame', 'frames')}; the whole motion: {far}")
     for i, each in enumerate(found.registration or []):
         console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
+    if found.followed:
+        what = counted(found.followed, "held vertex follows", "held vertices follow")
+        console.say(f"{what} the target, as pins of the scene; --hold keeps them still")
     describe_choices(found, console)
-    console.say(*(hint.text for hint in found.hints if not hint.early), of="hint")  # the others were said before
+    late = [hint.text for hint in found.hints if not hint.early and hint.code != FAILED]  # the others were said before
+    console.say(*late, of="hint")
     if found.holdout:
         kept = counted(found.holdout.observations, "position", "positions")
         console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
     for block in found.parameters:
         place = owned(block.object, block.name)
+        kind = KIND[block.name] if block.object is None else found.scene.cloths[block.object].kind(block.name)
         if block.at_bound:
-            console.warn(f"{place}: {at_bound(block)}")
+            console.warn(f"{place}: {at_bound(block, kind)}")
         if times := factors(block):
             console.say(f"{place}: {times}")
-        if known := certainty(block, found.samples):
+        if known := certainty(block, kind, found.samples, found.verdict is not None and found.verdict.differs):
             console.say(f"{place}: {known}")
 
 
@@ -126,6 +136,8 @@ def ending(found: Fit) -> str:
     if found.verdict is None or not found.verdict.differs:
         return str(found.status)
     left = f"{percent(found.verdict.unexplained)} of the motion unexplained"
+    if found.verdict.fails:
+        return f"{found.status}, the fit fails: {left}"
     return f"{found.status}, {left}" if found.status == Status.LIMIT else f"{found.status}, the model differs: {left}"
 
 
@@ -149,25 +161,24 @@ def factors(block: FittedBlock) -> str:
     return ", ".join(parts)
 
 
-def at_bound(block: FittedBlock) -> str:
+def at_bound(block: FittedBlock, kind: Kind) -> str:
     """Which values are at a bound, and which bound that is."""
-    from clothfit.scene.kinds import KIND
-
     factor = block.values is not None or (block.name == "rest" and block.mode == "G")
     ends = " and ".join(f"{end:g}" for end in sorted(set(block.bounds)))
     which = "" if block.count == 1 else f": {indices(block.at_bound)}"
-    unit = " times the start" if factor else KIND[block.name].suffix
+    unit = " times the start" if factor else kind.suffix
     return f"{len(block.at_bound)} of {block.count} at a bound, {ends}{unit} (--bounds){which}"
 
 
-def certainty(block: FittedBlock, samples: Samples | None = None) -> str:
+def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None, differs: bool = False) -> str:
     """What is known of the values of a block, and what is not; empty where neither was looked for. `samples`: those
-    that the intervals are by.
+    that the intervals are by; `differs`: whether the model does.
     """
     parts = [f"{counted(block.count, 'value', 'values')}"]
     if any(block.interval):
         by = f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
-        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval{by})")
+        scope = "not certain, as the model differs" if differs else "for this model only"
+        parts.append(f"{accuracy(block, kind)} ({'median ' if block.count > 1 else ''}95 % interval{by}, {scope})")
     if block.unidentifiable:
         parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
     if block.unmoved:
@@ -175,13 +186,11 @@ def certainty(block: FittedBlock, samples: Samples | None = None) -> str:
     return ", ".join(parts) if len(parts) > 1 else ""
 
 
-def accuracy(block: FittedBlock) -> str:
+def accuracy(block: FittedBlock, kind: Kind) -> str:
     """Half of the middle one of the intervals: in percent where a fit moves the logarithm."""
     from numpy import median  # not that of the standard library, which is slower to import
 
-    from clothfit.scene.kinds import KIND
-
-    kind, ends = KIND[block.name], [interval for interval in block.interval if interval]
+    ends = [interval for interval in block.interval if interval]
     if kind.log:
         return f"±{100 * (math.sqrt(median([high / low for low, high in ends])) - 1):.2g} %"
     return f"±{median([high - low for low, high in ends]) / 2:.2g}{kind.suffix}"
@@ -206,6 +215,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "hints": [attributes(hint, "code", "text") for hint in found.hints],
         "registration": found.registration and [each.summary() for each in found.registration],
         "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
+        "pins": {"followed": found.followed},
         "output": out.path,
     })  # fmt: skip
     return told

@@ -27,10 +27,10 @@ friction and with d < 0: so that none is deep in a body before it is pushed.
 from __future__ import annotations
 
 from clothfit.engine.forces import touch
+from clothfit.engine.forces.faces import add_along
 from clothfit.engine.forces.meeting import counts
 from clothfit.engine.forces.spheres import offset_of
 from clothfit.engine.forces.touch import FRICTION, LAW, STIFFNESS, across, contact, gamma_slope, slide
-from clothfit.engine.forces.wind import add_along
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, sub

@@ -1,4 +1,4 @@
-"""Air drag of the faces, in still air or wind.
+"""Air drag of the faces, in still air or wind: the editor's law, or for `quadratic` faces that of `air`.
 
 Triangle (a, b, c): un-normalised normal n = (y_b − y_a) × (y_c − y_a), area |n|/2, mean velocity ū, wind W. Each
 of the three vertices feels
@@ -9,47 +9,20 @@ n is not divided by its length: existing scenes are tuned to that. With Λ = Σ 
 ν_i = n·λ_i:
 
     φ = h Σ λ_i·F_i = h κ [ (n·Λ)(n·(W − ū)) − Σ ν_i θ_i ].
+
+The other law is called apart: a scene without it compiles nothing of it.
 """
 
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
 
-import numpy as np
-
-from clothfit.base.arrays import Array, Indices
+from clothfit.engine.forces import air
+from clothfit.engine.forces.faces import add_along, add_by_normal, at, change_of_normal, edges, mean, relative
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, splat, store3, sub
+from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, splat, sub
 from clothfit.kernels.vectors import cross, dot, vector
-
-
-class Faces(NamedTuple):
-    """Constants of the faces of one cloth that feel the air."""
-
-    corners: Indices  # (T, 3), the vertices a, b, c; no rows where the air does nothing
-    drag: float  # drag coefficient, kg/(m⁶ s)
-    wind: Array  # W, (3,), m/s
-
-
-def build(triangles: Indices, drag: float, wind: Array, fitted: bool = False) -> Faces:
-    """The faces, or none of them where the drag coefficient is 0 and not `fitted`: no pass over them is ever made."""
-    corners = triangles if drag > 0 or fitted else triangles[:0]
-    return Faces(np.ascontiguousarray(corners), float(drag), np.array(wind, float))
-
-
-@kernel
-def at(x, faces, i):
-    """The rows of x (n, 3) of the corners of face i."""
-    return load3(x, faces.corners[i, 0]), load3(x, faces.corners[i, 1]), load3(x, faces.corners[i, 2])
-
-
-@kernel
-def edges(faces, y, i):
-    """p = y_b − y_a and q = y_c − y_a of face i."""
-    a, b, c = at(y, faces, i)
-    return sub(b, a), sub(c, a)
 
 
 @kernel
@@ -61,27 +34,10 @@ def normal(faces, y, i):
 
 
 @kernel
-def mean(faces, u, i):
-    """ū, the mean over the corners of face i."""
-    a, b, c = at(u, faces, i)
-    return mul(splat(1.0 / 3.0), add(add(a, b), c))
-
-
-@kernel
-def relative(faces, u, i):
-    """W − ū of face i."""
-    return sub(vector(faces.wind), mean(faces, u, i))
-
-
-@kernel
-def add_along(out, i, scale, n):
-    """out_i += scale · n."""
-    store3(fma(splat(scale), n, load3(out, i)), out, i)
-
-
-@kernel
 def powers(faces, y, u, w):
     """f·w, W, in its two parts: the push of the wind on a cloth that is still, and what its own velocity adds."""
+    if faces.quadratic:
+        return air.powers(faces, y, u, w)
     wind, drag = 0.0, 0.0
     still = vector(faces.wind)
     for i in range(len(faces.corners)):
@@ -94,6 +50,9 @@ def powers(faces, y, u, w):
 
 @kernel(empty=None, apart=None)
 def add_force(faces, y, u, f):
+    if faces.quadratic:
+        air.add_force(faces, y, u, f)
+        return
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
         push = kappa * dot(n, relative(faces, u, i))
@@ -103,6 +62,9 @@ def add_force(faces, y, u, f):
 
 @kernel(empty=None, apart=None)
 def add_damping(faces, y, u, scale, q, out):
+    if faces.quadratic:
+        air.add_damping(faces, y, u, scale, q, out)
+        return
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
         for corner in range(3):
@@ -112,6 +74,9 @@ def add_damping(faces, y, u, scale, q, out):
 
 @kernel(empty=0.0, apart=0.0)
 def add_step(faces, y, u, h, ahead, A, b):
+    if faces.quadratic:
+        air.add_step(faces, y, u, h, ahead, A, b)
+        return 0.0
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
         c = h * kappa
@@ -128,6 +93,9 @@ def add_step(faces, y, u, h, ahead, A, b):
 
 @kernel(empty=None, apart=None)
 def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
+    if faces.quadratic:
+        air.add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu)
+        return
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
         size = dot(n, n)
@@ -154,23 +122,21 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
             grad.wind[1] += h * kappa * total * lane1(n)
             grad.wind[2] += h * kappa * total * lane2(n)
         g = fma(splat(value / size), n, g)  # κ = drag |n| / 6, so ∂κ/∂n = κ n / |n|²
-        g, (p, q) = mul(splat(h * kappa), g), edges(faces, y, i)
-        by_b, by_c = cross(q, g), cross(g, p)  # n = p × q: g·(dp × q) = dp·(q × g) and g·(p × dq) = dq·(g × p)
-        add_along(gy, faces.corners[i, 1], 1.0, by_b)
-        add_along(gy, faces.corners[i, 2], 1.0, by_c)
-        add_along(gy, faces.corners[i, 0], -1.0, add(by_b, by_c))
+        add_by_normal(gy, faces, y, i, mul(splat(h * kappa), g))
 
 
 @kernel(empty=None, apart=None)
 def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
+    if faces.quadratic:
+        air.add_pushforward(faces, y, u, w, s, dy, du, direction, h, out)
+        return
     # F_j = κ n (η − θ_j): the product rule over κ, n, η and θ_j.
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
         size = dot(n, n)
         if size == 0.0:
             continue
-        (p, q), (dp, dq) = edges(faces, y, i), edges(faces, dy, i)
-        dn = add(cross(dp, q), cross(p, dq))
+        dn = change_of_normal(faces, y, dy, i)
         dkappa = kappa * dot(n, dn) / size
         if len(direction.drag) > 0:
             dkappa += direction.drag[0] / 6.0 * sqrt(size)

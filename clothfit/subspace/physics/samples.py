@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices, aligned
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.forces import applied, bodies, colliders, meeting, spheres, springs, touch, vertex, wind
+from clothfit.engine.forces import applied, bodies, colliders, faces, meeting, spheres, springs, touch, vertex, wind
 from clothfit.engine.inputs import tables
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.solve.sparse import BLOCK_SIZE, XX, XY, XZ, YY, YZ, ZZ
@@ -98,7 +98,7 @@ class Sampled(NamedTuple):
 
     h: float  # s
     springs: springs.Springs  # between copy 0 and those of the springs
-    faces: wind.Faces
+    faces: faces.Faces
     spheres: spheres.Spheres
     colliders: touch.Colliders | None
     vertex: vertex.Vertex  # no vertices, but the gravity and the damping

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.physics import of_air
 from helpers.scenes import cloth, document, sphere
 from helpers.subspaces import moving, scene_of, some, whole
 
@@ -24,12 +25,14 @@ def system_of(method, **fields):
     return build(scene_of(made), 0, steps=STEPS)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_on_all_motions_the_steps_are_the_engine_s(method):
+@pytest.mark.parametrize(
+    ("method", "law"), [*((each, "editor") for each in METHODS), ("newton", "air"), ("bdf2", "air")]
+)
+def test_on_all_motions_the_steps_are_the_engine_s(method, law):
     """With wind, a pin that moves, a sphere and a floor that rubs; 30 coordinates are two registers, the second not
     full.
     """
-    system = system_of(method)
+    system = of_air(system_of(method)) if law == "air" else system_of(method)
     full, good = rollout(system, STEPS, 1e-13)
     assert good == STEPS
     assert not full.clamped.any()

@@ -1,0 +1,79 @@
+"""Faces of a cloth in the air: what both laws of the air work with.
+
+The corners of a face are a, b, c, its edges p = y_b − y_a and q = y_c − y_a, and n = p × q, as long as twice its area.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
+from clothfit.kernels.vectors import cross, vector
+
+
+class Faces(NamedTuple):
+    """Constants of the faces of one cloth that feel the air."""
+
+    corners: Indices  # (T, 3), the vertices a, b, c; no rows where the air does nothing
+    drag: float  # drag coefficient, kg/(m⁶ s); of the law "air" without unit
+    wind: Array  # W, (3,), m/s
+    quadratic: bool  # whether the law is that of `air`, not that of `wind`
+
+
+def build(triangles: Indices, drag: float, wind: Array, fitted: bool = False, quadratic: bool = False) -> Faces:
+    """The faces, or none of them where the drag coefficient is 0 and not `fitted`: no pass over them is ever made."""
+    corners = triangles if drag > 0 or fitted else triangles[:0]
+    return Faces(np.ascontiguousarray(corners), float(drag), np.array(wind, float), quadratic)
+
+
+@kernel
+def at(x, faces, i):
+    """The rows of x (n, 3) of the corners of face i."""
+    return load3(x, faces.corners[i, 0]), load3(x, faces.corners[i, 1]), load3(x, faces.corners[i, 2])
+
+
+@kernel
+def edges(faces, y, i):
+    """p and q of face i."""
+    a, b, c = at(y, faces, i)
+    return sub(b, a), sub(c, a)
+
+
+@kernel
+def mean(faces, u, i):
+    """ū, the mean over the corners of face i."""
+    a, b, c = at(u, faces, i)
+    return mul(splat(1.0 / 3.0), add(add(a, b), c))
+
+
+@kernel
+def relative(faces, u, i):
+    """W − ū of face i."""
+    return sub(vector(faces.wind), mean(faces, u, i))
+
+
+@kernel
+def add_along(out, i, scale, n):
+    """out_i += scale · n."""
+    store3(fma(splat(scale), n, load3(out, i)), out, i)
+
+
+@kernel
+def add_by_normal(gy, faces, y, i, g):
+    """gy += the gradient by the corners of face i, where g is that by n."""
+    p, q = edges(faces, y, i)
+    by_b, by_c = cross(q, g), cross(g, p)  # g·(dp × q) = dp·(q × g) and g·(p × dq) = dq·(g × p)
+    add_along(gy, faces.corners[i, 1], 1.0, by_b)
+    add_along(gy, faces.corners[i, 2], 1.0, by_c)
+    add_along(gy, faces.corners[i, 0], -1.0, add(by_b, by_c))
+
+
+@kernel
+def change_of_normal(faces, y, dy, i):
+    """dn of face i along dy."""
+    (p, q), (dp, dq) = edges(faces, y, i), edges(faces, dy, i)
+    return add(cross(dp, q), cross(p, dq))

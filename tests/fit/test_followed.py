@@ -1,0 +1,102 @@
+"""Held vertices that move in a target: which do, and that the fitted scene plays as the fit has it, from its file."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers.marks import fits
+from helpers.scenes import even
+
+from clothfit.fit.estimate import estimate
+from clothfit.fit.followed import followed, moves
+from clothfit.motion.motion import as_motion, load_motion, save_motion
+from clothfit.motion.simulate import simulate
+from clothfit.scene.scene import dumps, load, save
+
+WAVE = {"times": [0.0, 0.1, 0.3], "values": [{"x": 0, "y": 0, "z": 0}, {"x": 0, "y": 0.2, "z": 0},
+                                            {"x": 0.1, "y": -0.1, "z": 0}]}  # fmt: skip
+
+
+@cache
+def waved(frames=20):
+    """A scene whose two corners are held, and its motion where the first of them is waved."""
+    made = even("nG", frames)
+    scene = load(made)
+    made["objects"][0]["pins"] = [{"vertices": [0], "posKeys": WAVE}]
+    return scene, simulate(load(made), frames)
+
+
+def pins_in(scene):
+    """The pins in the text of a scene."""
+    return json.loads(dumps(scene))["objects"][0].get("pins", [])
+
+
+def test_noise_moves_nothing_and_a_path_below_it_still_does():
+    rng = np.random.default_rng(1)
+    still = sum(moves(rng.normal(0, 0.02, (100, 3)), 1e-3) for _ in range(1000))
+    assert still <= 2  # 4 standard deviations: expected below 0.1 of 1000
+    path = np.linspace(0, 0.03, 100)[:, None] * [1, 0, 0]
+    assert moves(path + rng.normal(0, 0.005, (100, 3)), 1e-3)
+    assert moves(path[::20], 1e-3)  # five frames without noise
+    assert not moves(path[::25], 1e-3)  # four say nothing
+    assert not moves(path, 0.01)  # it scatters by 0.03 / √12 m
+
+
+def test_a_target_of_an_array_leaves_keys_in_the_scene_and_its_text_as_it_was():
+    scene, motion = waved()
+    found = followed(scene, motion.positions)
+    (pin,) = pins_in(found.scene)
+    assert (found.vertices, pin["vertices"], sorted(pin["posKeys"])) == (1, [0], ["times", "values"])
+    before, after = dumps(scene).decode(), dumps(found.scene).decode()
+    begin = after.index(', "pins"')
+    assert after.replace(after[begin : begin + len(after) - len(before)], "") == before
+    played = simulate(found.scene, 20)
+    assert np.abs(played.positions - motion.positions).max() < 1e-12  # m: the same path, rounded twice
+
+
+def test_a_target_of_a_file_is_named_and_the_scene_plays_the_same_from_another_folder(tmp_path):
+    scene, motion = waved()
+    for name in ("scenes", "out"):
+        (tmp_path / name).mkdir()
+    save(scene, tmp_path / "scenes" / "scene.json")
+    save_motion(motion, tmp_path / "target.npz")
+    own = load(tmp_path / "scenes" / "scene.json")
+    found = followed(own, load_motion(tmp_path / "target.npz", own)).scene
+    save(found, tmp_path / "out" / "fitted.json")
+    assert pins_in(found) == [{"vertices": [0], "posKeys": {"file": "../target.npz", "points": [0]}}]
+    played = simulate(load(tmp_path / "out" / "fitted.json"), 20)
+    assert np.abs(played.positions - motion.positions).max() < 1e-12
+
+
+def test_pins_that_are_there_stay_and_gaps_lie_between_the_frames_that_show_a_vertex():
+    _, motion = waved()
+    made = even("nG", 20)
+    made["objects"][0]["pins"] = [{"vertices": [3], "posKeys": WAVE}]
+    scene = load(made)
+    seen = np.ones(motion.positions.shape[:2], bool)
+    seen[:3, 0] = False
+    found = followed(scene, as_motion(scene, np.where(seen[..., None], motion.positions, np.nan), None, seen))
+    first, second = pins_in(found.scene)
+    assert (first, second["vertices"]) == (made["objects"][0]["pins"][0], [0])
+    assert second["posKeys"]["times"][:2] == pytest.approx([0.0, 0.06])
+    place = scene.cloths[0].positions[0] + list(second["posKeys"]["values"][1].values())
+    assert place == pytest.approx(motion.positions[3, 0], abs=1e-15)
+
+
+def test_each_of_several_targets_has_its_own_path():
+    scene, motion = waved()
+    found = followed(scene, [motion, simulate(scene, 20), motion])
+    assert found.vertices == 2
+    assert [len(pair[1].cloths[0].pins) for pair in found.target[1:]] == [0, 1]
+
+
+@fits
+def test_a_fit_finds_the_stiffness_where_the_edge_follows_and_is_far_off_where_it_is_held():
+    scene, motion = waved()
+    found = estimate(scene, motion, start=20.0)
+    assert found.followed == 1
+    assert found.scene.cloths[0].stiffness == pytest.approx(np.full(33, 30.0), rel=1e-4)  # the target is solved to 1e-5
+    held = estimate(scene, motion, start=20.0, hold=True)
+    assert (held.followed, held.scene.cloths[0].pins) == (0, ())
+    assert held.rmse > 100 * found.rmse
