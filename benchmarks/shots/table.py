@@ -20,10 +20,12 @@ them; `CHOOSE` lists the former.
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -45,8 +47,10 @@ MOVED, KEPT_OUT = 1e-4, 0.25
 LETTERS, KINDS = "nM", {"damping": "G", "drag": "G", "wind": "G", "gravity": "G"}
 
 
-def scene_of(path: Path, auto: bool) -> tuple[Any, Any]:
-    """The scene and the motion of a shot; the fit is left to itself where that is asked for and can be."""
+def scene_of(path: Path, auto: bool, folder: Path) -> tuple[Any, Any]:
+    """The scene and the motion of a shot; the fit is left to itself where that is asked for and can be. The folder
+    takes the paths of held vertices that move, and is needed as long as the scene.
+    """
     import clothfit
     from clothfit.formats.axes import Axes, Reading, to_scene
     from clothfit.meshes.mesh import Mesh
@@ -62,10 +66,12 @@ def scene_of(path: Path, auto: bool) -> tuple[Any, Any]:
         Mesh(motion.positions[0], triangles), np.isin(np.arange(x.shape[1]), held), fit=LETTERS, fits=KINDS,
         delta=1 / fps, frames=len(x), spheres=spheres,
     )  # fmt: skip
-    document = json.loads(clothfit.dumps(scene)) if hasattr(clothfit, "dumps") else _document(scene)
+    document = _document(scene)
     moved = held[np.ptp(x[:, held], axis=0).max(axis=1) > MOVED] if len(held) else held
     if len(moved):
-        keys = {"file": str(path.resolve()), "fps": fps, "up": up, "handedness": "right", "points": moved.tolist()}
+        ways = folder / "pins.npz"  # in the scene's axes, as pins take points of an npz for these
+        np.savez(ways, positions=motion.positions[:, moved], times=motion.times)
+        keys = {"file": str(ways), "points": list(range(len(moved)))}
         document["objects"][0]["pins"] = [{"vertices": moved.tolist(), "posKeys": keys}]
     if auto:
         try:
@@ -79,8 +85,6 @@ def scene_of(path: Path, auto: bool) -> tuple[Any, Any]:
 
 def _document(scene: Any) -> Any:
     """The fields of a scene's file."""
-    import io
-
     import clothfit
 
     text = io.StringIO()
@@ -90,9 +94,14 @@ def _document(scene: Any) -> Any:
 
 def fitted(path: Path, auto: bool, kept_out: bool) -> dict[str, Any]:
     """What the fits of a shot come to."""
+    with tempfile.TemporaryDirectory() as folder:
+        return fits(*scene_of(path, auto, Path(folder)), kept_out)
+
+
+def fits(scene: Any, motion: Any, kept_out: bool) -> dict[str, Any]:
+    """The same of a scene."""
     import clothfit
 
-    scene, motion = scene_of(path, auto)
     clothfit.estimate(scene, motion, max_evaluations=2, intervals=False)  # compiled
     began = time.process_time()
     fit = clothfit.estimate(scene, motion)

@@ -26,7 +26,8 @@ def simulate(
     builder = newton.ModelBuilder()
     builder.add_cloth_mesh(
         pos=wp.vec3(0, 0, 0), rot=wp.quat_identity(), scale=1.0, vel=wp.vec3(0, 0, 0),
-        vertices=[wp.vec3(*p) for p in x], indices=triangles.ravel().tolist(), density=density, tri_ke=stiffness, tri_ka=stiffness, tri_kd=1e-3,
+        vertices=[wp.vec3(*p) for p in x], indices=triangles.ravel().tolist(), density=density,
+        tri_ke=stiffness, tri_ka=stiffness, tri_kd=1e-3,
         edge_ke=bend, edge_kd=1e-4, particle_radius=0.005,
     )  # fmt: skip
     for i in held:

@@ -36,7 +36,8 @@ def simulate(
         )
         cloth = p.loadSoftBody(
             str(name), mass=mass, useNeoHookean=0, useBendingSprings=1, useMassSpring=1,
-            springElasticStiffness=stiffness, springDampingStiffness=damping, springBendingStiffness=bend, useSelfCollision=0, frictionCoeff=0.5,
+            springElasticStiffness=stiffness, springDampingStiffness=damping, springBendingStiffness=bend,
+            useSelfCollision=0, frictionCoeff=0.5,
             useFaceContact=1 if ball or box else 0, collisionMargin=0.006,
         )  # fmt: skip
     if ball:
