@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 from shot import Array, generate, on_faces, quads, save, sheet, skirt, turned
 
-STEP, NEAR = 1 / 480, 1e-4
+STEP, NEAR = 1 / 960, 1e-4
 GRAVITY = np.array([0, 0, -9.81])
 
 
@@ -135,7 +135,7 @@ def flag(folder: Path, name: str) -> None:
         size = 0.28 * smooth(t / 0.5)
         return x[held] + size * np.array([0.3 * np.cos(5 * t) - 0.3, np.sin(5 * t), 0.35 * np.sin(10 * t)])
 
-    motion = simulate(x, grid, held, path, frames=90)
+    motion = simulate(x, grid, held, path, frames=90, shear=40.0)
     save(folder, name, motion, quads(*grid), 30, held, "woven flag, 1.08 x 0.66 m, 0.15 kg/m², waved in still air")
 
 
@@ -151,7 +151,7 @@ def dress(turns: float, sway: float, wind: tuple[float, float, float]):
             return turned(x[held], turns * smooth(t / 1.5) * np.sin(3.5 * t)) + moved
 
         motion = simulate(
-            x, grid, held, path, frames=80, closed=True, wind=lambda t: np.array(wind), density=0.2, shear=12.0
+            x, grid, held, path, frames=80, closed=True, wind=lambda t: np.array(wind), density=0.2, shear=40.0
         )
         note = f"woven skirt, 0.6 m long, waist turned by {turns} rad and moved by {sway} m, wind {wind} m/s"
         save(folder, name, motion, quads(*grid, closed=True), 30, held, note)
@@ -163,7 +163,7 @@ def over_ball(folder: Path, name: str) -> None:
     """A woven sheet drops on a ball."""
     grid, ball = (17, 17), (0.04, 0.4, 0.62, 0.28)
     x, held = sheet(*grid, 0.9, 0.9), np.zeros(0, int)
-    motion = simulate(x, grid, held, frames=45, fps=40, ball=ball, density=0.2)
+    motion = simulate(x, grid, held, frames=45, fps=40, ball=ball, density=0.2, shear=30.0)
     save(folder, name, motion, quads(*grid), 40, held, "woven, 0.9 m, drops on a ball", ball=np.array(ball))
 
 
