@@ -52,14 +52,14 @@ def scene_of(path: Path, auto: bool, folder: Path) -> tuple[Any, Any]:
     takes the paths of held vertices that move, and is needed as long as the scene.
     """
     import clothfit
-    from clothfit.formats.axes import Axes, Reading, to_scene
+    from clothfit.formats.axes import Axes, to_scene
     from clothfit.meshes.mesh import Mesh
     from clothfit.motion.foreign import load
 
     with np.load(path) as arrays:
         triangles, held, fps, up = arrays["triangles"], arrays["held"], float(arrays["fps"]), str(arrays["up"])[:1]
         ball, x = arrays.get("ball"), arrays["positions"]
-    reading, axes = Reading(up=up, handedness="right", fps=fps), Axes(up, "right")
+    reading, axes = clothfit.Reading(up=up, handedness="right", fps=fps), Axes(up, "right")
     motion = load(path, None, reading).motion
     spheres = [] if ball is None else [(*to_scene(ball[:3], axes).tolist(), float(ball[3]))]
     scene = clothfit.new_scene(
