@@ -143,8 +143,8 @@ def dress(turns: float, sway: float, wind: tuple[float, float, float]):
     """A woven skirt, its waist turned to and fro and moved."""
 
     def make(folder: Path, name: str) -> None:
-        grid = (12, 30)
-        x, held = skirt(*grid, 0.13, 0.36, 0.6), np.arange(30)
+        grid = (12, 25)
+        x, held = skirt(*grid, 0.13, 0.36, 0.6), np.arange(25)
 
         def path(t: float) -> Array:
             moved = np.array([sway * np.sin(4 * t), 0, 0]) * smooth(t / 0.5)

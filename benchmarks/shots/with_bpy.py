@@ -117,7 +117,7 @@ def steady(folder: Path, name: str) -> None:
 
 def dress(folder: Path, name: str) -> None:
     """A skirt on a waist that turns, in wind."""
-    x, triangles, held = skirt(12, 30, 0.13, 0.36, 0.6), quads(12, 30, closed=True), np.arange(30)
+    x, triangles, held = skirt(12, 25, 0.13, 0.36, 0.6), quads(12, 25, closed=True), np.arange(25)
     motion = simulate(
         x, triangles, held, lambda t: (np.zeros(3), 1.0 * smooth(t) * np.sin(4 * t)), frames=80, wind=100.0
     )
