@@ -170,7 +170,7 @@ def over_ball(folder: Path, name: str) -> None:
 SHOTS = {
     "woven-wind-1": blown((0.8, 4.0, 0.3), 0.0, 0.12, 6.0, False),
     "woven-wind-2": blown((-0.5, 5.0, -1.0), 0.0, 0.2, 15.0, True),
-    "woven-wind-3": blown((2.0, 3.0, 0.0), 0.4, 0.15, 4.0, True),
+    "woven-wind-3": blown((2.0, 3.0, 0.0), 0.4, 0.15, 14.0, True),
     "woven-flag": flag,
     "woven-skirt-1": dress(1.2, 0.0, (0.0, 2.5, 0.0)),
     "woven-skirt-2": dress(0.5, 0.12, (2.0, 1.0, 0.0)),

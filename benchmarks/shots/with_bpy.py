@@ -97,7 +97,7 @@ def flag(folder: Path, name: str) -> None:
         size = 0.3 * smooth(t / 0.5)
         return size * np.array([0.3 * np.cos(5 * t) - 0.3, np.sin(5 * t), 0.25 * np.sin(10 * t)]), 0.0
 
-    motion = simulate(x, triangles, held, path)
+    motion = simulate(x, triangles, held, path, tension=50.0)
     save(folder, name, motion, triangles, FPS, held, "Blender 4.2, flag of 1.1 x 0.7 m, waved")
 
 
@@ -127,7 +127,7 @@ def dress(folder: Path, name: str) -> None:
 def over_ball(folder: Path, name: str) -> None:
     """A sheet drops on a ball."""
     x, triangles, ball = sheet(17, 17, 1, 1, z=0.95), quads(17, 17), (0.03, 0.48, 0.6, 0.28)
-    motion = simulate(x, triangles, np.zeros(0, int), frames=40, ball=ball)
+    motion = simulate(x, triangles, np.zeros(0, int), frames=60, ball=ball)
     none = np.zeros(0, int)
     save(folder, name, motion, triangles, FPS, none, "Blender 4.2, 1 m, drops on a ball", ball=np.array(ball))
 

@@ -69,7 +69,7 @@ def simulate(
 def corners(folder: Path, name: str) -> None:
     """A level sheet falls from two corners."""
     x, triangles, held = sheet(15, 15, 0.9, 0.9), quads(15, 15), np.array([0, 14])
-    motion = simulate(x, triangles, held, frames=90)
+    motion = simulate(x, triangles, held, frames=90, stiffness=1500.0)
     save(folder, name, motion, triangles, 40, held, "PyBullet, 0.9 m, level, two corners held")
 
 
@@ -88,7 +88,7 @@ def flag(folder: Path, name: str) -> None:
 def over_ball(folder: Path, name: str) -> None:
     """A sheet drops on a ball."""
     x, triangles, ball = sheet(15, 15, 0.9, 0.9, z=0.95), quads(15, 15), (0.03, 0.4, 0.6, 0.28)
-    motion = simulate(x, triangles, np.zeros(0, int), frames=45, ball=ball)
+    motion = simulate(x, triangles, np.zeros(0, int), frames=60, ball=ball)
     save(
         folder, name, motion, triangles, 40, np.zeros(0, int), "PyBullet, 0.9 m, drops on a ball", ball=np.array(ball)
     )
