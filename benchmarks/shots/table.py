@@ -36,7 +36,7 @@ from shot import measures
 CHOOSE = {
     "blender-ball", "blender-flag", "blender-steady", "blender-side", "blender-wind", "bullet-ball", "bullet-corners",
     "mujoco-corners", "mujoco-flag", "mujoco-side", "mujoco-wind", "newton-flag", "newton-vbd", "newton-wind",
-    "windy-1", "windy-3", "windy-5", "woven-flag", "woven-skirt-1", "woven-wind-1",
+    "windy-1", "windy-3", "windy-5", "windy-7", "windy-9", "woven-flag", "woven-skirt-1", "woven-wind-1",
     "woven-wind-3",
 }  # fmt: skip
 """Shots by which the program may be chosen: a half of each kind and program."""
