@@ -163,7 +163,7 @@ def over_ball(folder: Path, name: str) -> None:
     """A woven sheet drops on a ball."""
     grid, ball = (17, 17), (0.04, 0.4, 0.62, 0.28)
     x, held = sheet(*grid, 0.9, 0.9), np.zeros(0, int)
-    motion = simulate(x, grid, held, frames=45, fps=40, ball=ball, density=0.2, shear=30.0)
+    motion = simulate(x, grid, held, frames=60, fps=40, ball=ball, density=0.2, shear=30.0)
     save(folder, name, motion, quads(*grid), 40, held, "woven, 0.9 m, drops on a ball", ball=np.array(ball))
 
 

@@ -145,8 +145,8 @@ WINDY: list[tuple[str, tuple[float, float, float], dict[str, Any]]] = [
     ("boxes", (-7.4, 2.8, -0.2), {"box": 0.03, "corners": True, "side": 14, "stiffness": 3000.0}),
 ]
 """Air, wind, m/s, z up, and what else is different, of the sheets of docs/accuracy.md. Panels are level at first and
-reach from their held side, along y, towards -x; boxes hang in the plane of y and z. The wind of the seventh is (-2, 0, -4)
-there, in axes with y up and turned.
+reach from their held side, along y, towards -x; boxes hang in the plane of y and z. The seventh's
+wind is (-2, 0, -4) there, in axes with y up that are turned.
 """
 
 

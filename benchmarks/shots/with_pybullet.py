@@ -89,9 +89,7 @@ def over_ball(folder: Path, name: str) -> None:
     """A sheet drops on a ball."""
     x, triangles, ball = sheet(15, 15, 0.9, 0.9, z=0.95), quads(15, 15), (0.03, 0.4, 0.6, 0.28)
     motion = simulate(x, triangles, np.zeros(0, int), frames=60, ball=ball)
-    save(
-        folder, name, motion, triangles, 40, np.zeros(0, int), "PyBullet, 0.9 m, drops on a ball", ball=np.array(ball)
-    )
+    save(folder, name, motion, triangles, 40, np.zeros(0, int), "PyBullet, 0.9 m, drops on a ball", ball=np.array(ball))
 
 
 def over_box(folder: Path, name: str) -> None:
