@@ -163,11 +163,12 @@ def main() -> None:
         with np.load(path) as arrays:
             usable = "held" in arrays and "up" in arrays
             x = arrays["positions"].astype(float)
+            program = str(arrays.get("note", path.stem)).partition(",")[0]
         wanted = path.stem in given.names if given.names else given.half in (None, half)
         if not usable or not wanted:
             continue
         travel, still = measures(x)
-        row = f"| {path.stem} | {half} | {path.stem.partition('-')[0]} | {1e3 * travel:.0f} mm | {1e3 * still:.0f} mm |"
+        row = f"| {path.stem} | {half} | {program} | {1e3 * travel:.0f} mm | {1e3 * still:.0f} mm |"
         for each in both:
             row += cells(measured(path, each, options), travel, still, given.kept_out)
         print(row, flush=True)
