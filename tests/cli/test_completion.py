@@ -70,7 +70,7 @@ def test_files_complete_by_their_suffixes(line, found):
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ("estimate a.json --target b.npz --hold", ["--holdout", "--holdout-of"]),
+        ("estimate a.json --target b.npz --hold", ["--hold", "--holdout", "--holdout-of"]),
         ("estimate a.json --method g", ["gauss-newton"]),
         ("estimate a.json --objective ", ["position", "velocity", "edge-length", "spectrum"]),
         ("estimate a.json --loss h", ["huber"]),
