@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -41,7 +42,7 @@ from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise import gauss_newton
 from clothfit.optimise.gauss_newton import Model, Patience
-from clothfit.optimise.prior import Prior, none
+from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import AIR, Scores, Trajectory
 from clothfit.scene.cloth import wind_of
@@ -219,18 +220,23 @@ def pulled(scene: Scene, motion: Motion, pull: float) -> Scene:
     return scene.with_forces(Forces(times, np.zeros(places.shape), gain, places, pulls=True))
 
 
-def some_steps(part: Trajectory, y: Array, most: int) -> Array:
-    """Where some steps of Gauss–Newton lead from y (Q,)."""
-    points = [y]
+def some_steps(
+    part: Trajectory, y: Array, most: int, saving: float = SAVING, patience: Patience = PATIENCE
+) -> Array:
+    """Where some steps of Gauss–Newton lead from y (Q,), without a model of the last point, until one would save less
+    than a share of the cost. Raises Diverged.
+    """
+    points: list[Array] = []
 
-    def accepted(prior: Prior, model: Model, radius: float) -> None:
-        points.append(model.y)
-        part.passed(prior, model, radius)
-        if part.search.is_late:
+    def model(y: Array) -> Model:
+        points.append(y)
+        if len(points) > most or (len(points) > 1 and part.search.is_late):
             raise Enough
+        return part.model(y)
 
-    with contextlib.suppress(Enough, Diverged), np.errstate(over="ignore", invalid="ignore"):
-        gauss_newton.minimise(part.problem(SAVING, PATIENCE), y, none(part.size), accepted, most)
+    problem = replace(part.problem(saving, patience), model=model, widths=part.widths)
+    with contextlib.suppress(Enough):
+        return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
     return points[-1]
 
 
@@ -248,7 +254,8 @@ def through_pulls(
         y = part.y(p)
         if own.is_late or not np.isfinite(part.cost(y)):
             continue
-        p = part.parameters(some_steps(part, y, STEPS if pull else LAST_STEPS))
+        with contextlib.suppress(Diverged), np.errstate(over="ignore", invalid="ignore"):
+            p = part.parameters(some_steps(part, y, STEPS if pull else LAST_STEPS))
         if pull and own.visit(p) > limit and part.objective.cost_or_infinity(p) > limit:
             break
 

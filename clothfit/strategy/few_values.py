@@ -23,7 +23,7 @@ from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.strategy.continuation import Enough
+from clothfit.strategy import continuation
 from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
 
 FEW_VALUES = preconditioned.FEW
@@ -142,20 +142,9 @@ def through_windows(own: Search, windows: slice = slice(None)) -> Array:
 
 
 def some_steps(part: Trajectory, y: Array, most: int) -> Array:
-    """Where some steps of Gauss–Newton lead from y (Q,), without a model of the last point."""
-    points: list[Array] = []
-
-    def model(y: Array) -> gauss_newton.Model:
-        points.append(y)
-        if len(points) > most or (len(points) > 1 and part.search.is_late):
-            raise Enough
-        return part.model(y)
-
+    """Where some steps of Gauss–Newton on a window lead from y (Q,). Raises Diverged."""
     ends = (TOUCHING_SAVING, TOUCHING) if touches(part.objective) else (WINDOW_SAVING, HASTY)
-    problem = replace(part.problem(*ends), model=model, widths=part.widths)
-    with contextlib.suppress(Enough):
-        return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
-    return points[-1]
+    return continuation.some_steps(part, y, most, *ends)
 
 
 def beyond_switches(part: Trajectory, y: Array, most: int) -> Array:
