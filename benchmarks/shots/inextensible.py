@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
-from shot import Array, generate, on_faces, quads, save, sheet, skirt, turned
+from shot import Array, generate, on_faces, quads, save, sheet, skirt, smooth, turned
 
 STEP, NEAR = 1 / 960, 1e-4
 GRAVITY = np.array([0, 0, -9.81])
@@ -100,12 +100,6 @@ def simulate(
                 v[touched] *= 1 - min(1.0, friction * 9.81 * STEP * 10)
         found.append(x.copy())
     return np.array(found)
-
-
-def smooth(s: float) -> float:
-    """From 0 at s = 0 to 1 at s = 1, at rest at both."""
-    s = min(max(s, 0.0), 1.0)
-    return s * s * (3 - 2 * s)
 
 
 def blown(wind: tuple[float, float, float], gust: float, density: float, shear: float, corners: bool):

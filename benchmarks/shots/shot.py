@@ -48,6 +48,12 @@ def skirt(rows: int, columns: int, waist: float, hem: float, length: float, z: f
     return x.reshape(-1, 3)
 
 
+def smooth(s: float) -> float:
+    """From 0 at s = 0 to 1 at s = 1, at rest at both."""
+    s = min(max(s, 0.0), 1.0)
+    return s * s * (3 - 2 * s)
+
+
 def turned(x: Array, angle: float) -> Array:
     """Points (n, 3) turned about the z axis."""
     c, s = np.cos(angle), np.sin(angle)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from shot import Array, generate, quads, save, sheet, skirt
+from shot import Array, generate, quads, save, sheet, skirt, smooth
 
 FPS = 24
 
@@ -74,12 +74,6 @@ def simulate(
         evaluated.vertices.foreach_get("co", flat)
         found.append(flat.reshape(-1, 3).astype(float))
     return np.array(found)
-
-
-def smooth(s: float) -> float:
-    """From 0 at s = 0 to 1 at s = 1, at rest at both."""
-    s = min(max(s, 0.0), 1.0)
-    return s * s * (3 - 2 * s)
 
 
 def side(folder: Path, name: str) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import newton
 import numpy as np
 import warp as wp
-from shot import Array, generate, on_faces, quads, save, sheet, skirt, turned
+from shot import Array, generate, on_faces, quads, save, sheet, skirt, smooth, turned
 
 FPS, SUBSTEPS, ITERATIONS = 50, 12, 10
 
@@ -53,12 +53,6 @@ def simulate(
             state, other = other, state
         found.append(state.particle_q.numpy().astype(float).copy())
     return np.array(found)
-
-
-def smooth(s: float) -> float:
-    """From 0 at s = 0 to 1 at s = 1, at rest at both."""
-    s = min(max(s, 0.0), 1.0)
-    return s * s * (3 - 2 * s)
 
 
 def side(folder: Path, name: str) -> None:
