@@ -55,9 +55,10 @@ def state(faces, y, u, i):
 
 
 @kernel
-def roots(v, omega):
-    """√(v² + ε²) and √(ω² + ε²)."""
-    return sqrt(v * v + SLOW2), sqrt(omega * omega + SLOW2)
+def slopes(v, omega):
+    """√(v² + ε²), √(ω² + ε²), P and Q."""
+    sigma, root = sqrt(v * v + SLOW2), sqrt(omega * omega + SLOW2)
+    return sigma, root, 2.0 * sigma - RATIO * root, RATIO * root
 
 
 @kernel
@@ -93,12 +94,12 @@ def add_force(faces, y, u, f):
 def add_damping(faces, y, u, scale, q, out):
     for i in range(len(faces.corners)):
         unit, size, _, v, omega = state(faces, y, u, i)
-        sigma, root = roots(v, omega)
-        Q, c = RATIO * root, -scale * SHARE * faces.drag * size
+        _, _, P, Q = slopes(v, omega)
+        c = -scale * SHARE * faces.drag * size
         for corner in range(3):
             j = faces.corners[i, corner]
             q_j = load3(q, j)
-            add_along(out, j, c * (2.0 * sigma - Q) * dot(q_j, unit), unit)
+            add_along(out, j, c * P * dot(q_j, unit), unit)
             add_along(out, j, c * Q, q_j)
 
 
@@ -106,9 +107,9 @@ def add_damping(faces, y, u, scale, q, out):
 def add_step(faces, y, u, h, ahead, A, b):
     for i in range(len(faces.corners)):
         unit, size, flow, v, omega = state(faces, y, u, i)
-        sigma, root = roots(v, omega)
+        _, _, P, Q = slopes(v, omega)
         c = h * SHARE * faces.drag * size
-        P, Q = c * (2.0 * sigma - RATIO * root), c * RATIO * root
+        P, Q = c * P, c * Q
         low, high = outer(mul(splat(P), unit), unit)
         for corner in range(3):
             j = faces.corners[i, corner]
@@ -130,9 +131,8 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
         unit, size, flow, v, omega = state(faces, y, u, i)
         if size == 0.0:
             continue
-        sigma, root = roots(v, omega)
-        Q, rub = RATIO * root, RATIO * omega
-        P = 2.0 * sigma - Q
+        sigma, root, P, Q = slopes(v, omega)
+        rub = RATIO * omega
         a, b, c = at(lam, faces, i)
         lam_sum = add(add(a, b), c)  # Λ
         total, along, T, E = dot(unit, lam_sum), dot(flow, lam_sum), 0.0, 0.0
@@ -176,9 +176,8 @@ def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
         unit, size, flow, v, omega = state(faces, y, u, i)
         if size == 0.0:
             continue
-        sigma, root = roots(v, omega)
-        Q, rub = RATIO * root, RATIO * omega
-        P = 2.0 * sigma - Q
+        sigma, root, P, Q = slopes(v, omega)
+        rub = RATIO * omega
         dn = change_of_normal(faces, y, dy, i)
         grown = dot(unit, dn)
         dunit = mul(splat(1.0 / size), fma(splat(-grown), unit, dn))
