@@ -42,6 +42,12 @@ def at_upper(p: Array, upper: Array | float) -> Flags:
     return np.asarray(p >= upper - AT_BOUND * np.abs(upper))
 
 
+def of_kinds(scene: Scene, names: Collection[str]) -> Flags:
+    """Which parameters (P,) are of these kinds."""
+    found = scene.blocks
+    return np.repeat(np.array([block.name in names for block in found], bool), [block.count for block in found])
+
+
 def size(scene: Scene) -> int:
     """Number of parameters P."""
     return sum(block.count for block in scene.blocks)

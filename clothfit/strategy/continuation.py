@@ -46,7 +46,7 @@ from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import AIR, Scores, Trajectory
 from clothfit.scene.cloth import wind_of
-from clothfit.scene.fit_vector import bounds
+from clothfit.scene.fit_vector import bounds, of_kinds
 from clothfit.scene.forces import STRONGEST, Forces
 from clothfit.scene.kinds import AIR as BY_AREA
 from clothfit.scene.scene import Scene
@@ -90,8 +90,8 @@ class Even(Trajectory):
         super().__init__(search, objective)
         blocks, start = objective.blocks, search.start
         self.log = search.coordinates.log
-        self.positive = flags(objective, ("damping", "drag"))
-        self.drag, self.wind = (np.flatnonzero(flags(objective, names)) for names in (("drag",), AIR))
+        self.positive = of_kinds(objective.scene, ("damping", "drag"))
+        self.drag, self.wind = (np.flatnonzero(of_kinds(objective.scene, names)) for names in (("drag",), AIR))
         cloths = objective.scene.cloths
         sizes = [
             each.kind.scale if each.cloth is None or each.name != "drag" else cloths[each.cloth].air_drag or 1.0
@@ -171,12 +171,6 @@ class Even(Trajectory):
             share = self.power * p[drag] / np.hypot(p[drag], self.unit[drag]) / len(self.drag)
             turn[np.ix_(place[wind], place[drag])] = -np.outer(y[place[wind]], share)
         return Model(y, known.cost, turn.T @ known.H @ turn, turn.T @ known.g)
-
-
-def flags(objective: Objective, names: Sequence[str]) -> Array:
-    """Which parameters (P,) are of kinds."""
-    counts = [block.count for block in objective.blocks]
-    return np.repeat(np.array([block.name in names for block in objective.blocks], bool), counts)
 
 
 def can_nudge(objective: Objective) -> bool:

@@ -30,7 +30,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
 from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
@@ -41,7 +41,7 @@ from clothfit.objective.target import first_step, target
 from clothfit.scene.block import Block
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.factors import geometric_mean
-from clothfit.scene.fit_vector import bounds, parameters, with_parameters
+from clothfit.scene.fit_vector import bounds, of_kinds, parameters, with_parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
 from clothfit.strategy import smooth_balances
@@ -207,8 +207,8 @@ def given_start(scene: Scene, start: float | Array, others: Array) -> Array:
     p, given = np.broadcast_to(values.reshape(-1), (count,)).copy(), np.ones(count, bool)
     if values.ndim == 0:
         p = np.concatenate([block.at_level(float(values)) for block in scene.blocks])
-        if lettered(scene).any():
-            given = lettered(scene)
+        if (lettered := of_kinds(scene, LETTERED)).any():
+            given = lettered
             p = np.where(given, p, others)
     wrong = given & ~((p >= lower) & (p <= upper))  # True for NaN
     if wrong.any():
@@ -234,7 +234,7 @@ def other_starts(objective: Objective, start: Array, hidden: bool, given: bool =
         return best_scales(objective, [start])
     patterns = [fabric(scene), neutral(scene)]
     if not hidden:
-        patterns = [start, *(np.where(lettered(scene), p, start) for p in patterns)]
+        patterns = [start, *(np.where(of_kinds(scene, LETTERED), p, start) for p in patterns)]
     return best_scales(objective, patterns)
 
 
@@ -263,12 +263,6 @@ def fabric(scene: Scene) -> Array:
         if block.mode == "L" and block.name in LETTERED and block.cloth is not None:
             p[block.part] = proportions(scene.cloths[block.cloth])[LETTERED.index(block.name)]
     return p
-
-
-def lettered(scene: Scene) -> Flags:
-    """Which parameters (P,) are masses or stiffnesses."""
-    found = scene.blocks
-    return np.repeat(np.array([block.name in LETTERED for block in found], bool), [block.count for block in found])
 
 
 def proportions(cloth: Cloth) -> tuple[Array, Array]:
