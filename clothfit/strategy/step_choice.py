@@ -94,11 +94,11 @@ class Stepped(NamedTuple):
 class Trial:
     """Models of few values with one step."""
 
-    def __init__(self, search: Search, step: tuple[int, int] | None) -> None:
-        """`search` of the scene with that step; `step`: how many to a frame, and the method, None for the scene's own.
+    def __init__(self, search: Search, step: tuple[int, int] | None = None, first: bool = False) -> None:
+        """`search` of the scene with that step; `step`: how many to a frame, and the method, None for the scene's own;
+        `first`: there is no result before.
         """
-        self.search, self.chosen = search, step
-        self.first = False  # whether there is no result before
+        self.search, self.chosen, self.first = search, step, first
         self.explains = False  # whether single values by this step may leave nothing but noise
         self.ended = False  # by the user
         self.seconds = 0.0  # of computing
@@ -169,50 +169,52 @@ def chosen(
     with the step of the user's scene, where that was changed.
     """
     root, origin = Search(objective, start, enough, EVALUATIONS, report), origin or objective
-    own = Trial(root, None)
-    own.first = True
+    own = Trial(root, first=True)
     own.look()
-    made = [own]
-    if not (own.explains or own.ended):
-        root.longest = root.progress.computing + LONGEST
-        model, *finer = few_valued(objective)
-        is_coarse = objective.scene.method == IMPLICIT and own.step.substeps == 1
-        rough, step = continuation.coarse(origin), None if is_coarse else (1, IMPLICIT)
-        coarse, freer = own, Trial(root.beside(rough, start, np.inf), step)
-        if not is_coarse:
-            coarse = Trial(root.beside(rough, start, np.inf), step)
-        coarse.arrive(model, start, continuation.from_afar)
-        for each in finer:
-            freer.arrive(each, coarse.search.best.p, continuation.through_weak_pulls)
-        made = [coarse]
-        left = [(count, BDF2) for count in counts if not is_own(objective, origin, count)]
-        for step in left if is_coarse else (None, *left):
-            best = nearest(made)
-            late = root.progress.computing + min(FINER * made[-1].seconds, LONGEST_TRIAL) > root.longest
-            if (late and len(made) > 1) or made[-1].ended or is_enough(best.search) or is_poor(made):
-                break
-            p = best.search.best.p
-            made.append(own if step is None else Trial(root.beside(with_substeps(origin, *step), p, np.inf), step))
-            if step is None:
-                own.arrive(model, start, through_windows_to_the_minimum)
-            made[-1].arrive(model, p, through_pulls_to_the_minimum)
-        best = nearest(made)
-        if not best.ended and best.rmse < np.inf:
-            best.arrive(model, best.search.best.p, partial(continuation.hops, took=best.seconds, near=CLOSE))
-        if 1 in counts or is_coarse:
-            made += [freer] if finer else []
-        else:  # coarse steps are the way alone
-            made = made[1:] or [own]
+    made = [own] if own.explains or own.ended else compared(own, start, counts, origin)
     best = nearest(made)
-    if best is not own and best.chosen == (1, IMPLICIT):  # solved as tightly as a fit does
+    if best.chosen == (1, IMPLICIT):  # solved as tightly as a fit does
         p = best.search.best.p
-        best = Trial(root.beside(with_substeps(origin, 1, IMPLICIT), p, np.inf), (1, IMPLICIT))
+        best = Trial(root.beside(with_substeps(origin, 1, IMPLICIT), p, np.inf), best.chosen)
         best.run(lambda search: search.visit(p))
         best = best if np.isfinite(best.search.best.cost) else own  # it was interrupted
     return Stepped(
         best.search.objective, best.chosen, best.search.best.p, best.search.best.cost,
         tuple(each.step for each in made), root.budget.evaluations, own.explains or is_enough(best.search),
     )  # fmt: skip
+
+
+def compared(own: Trial, start: Array, counts: Sequence[int], origin: Objective) -> list[Trial]:
+    """Trials of steps that may be chosen, from `start` (P,), as `chosen` takes them; `own` is that of the scene's own
+    step, from which the time counts.
+    """
+    root, objective = own.search, own.search.objective
+    root.longest = root.progress.computing + LONGEST
+    model, *finer = few_valued(objective)
+    is_coarse = objective.scene.method == IMPLICIT and own.step.substeps == 1
+    rough, step = (objective, None) if is_coarse else (continuation.coarse(origin), (1, IMPLICIT))
+    coarse = own if is_coarse else Trial(root.beside(rough, start, np.inf), step)
+    coarse.arrive(model, start, continuation.from_afar)
+    freer = Trial(root.beside(rough, start, np.inf), step)
+    for each in finer:
+        freer.arrive(each, coarse.search.best.p, continuation.through_weak_pulls)
+    made, left = [coarse], [(count, BDF2) for count in counts if not is_own(objective, origin, count)]
+    for step in left if is_coarse else (None, *left):
+        best = nearest(made)
+        late = root.progress.computing + min(FINER * made[-1].seconds, LONGEST_TRIAL) > root.longest
+        if (late and len(made) > 1) or made[-1].ended or is_enough(best.search) or is_poor(made):
+            break
+        p = best.search.best.p
+        made.append(own if step is None else Trial(root.beside(with_substeps(origin, *step), p, np.inf), step))
+        if step is None:
+            own.arrive(model, start, through_windows_to_the_minimum)
+        made[-1].arrive(model, p, through_pulls_to_the_minimum)
+    best = nearest(made)
+    if not best.ended and best.rmse < np.inf:
+        best.arrive(model, best.search.best.p, partial(continuation.hops, took=best.seconds, near=CLOSE))
+    if 1 in counts or is_coarse:
+        return [*made, freer] if finer else made
+    return made[1:] or [own]  # coarse steps are the way alone
 
 
 def by_windows_of_noise(own: Search) -> None:
