@@ -17,6 +17,7 @@ from clothfit.cli.common.options import gathered, given, option, standard_comman
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
 from clothfit.formats.axes import positive
+from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags, Indices
@@ -35,11 +36,8 @@ MOST_NAMED = 12
 PLANE = "plane"
 """Stands for a mesh that needs no file."""
 
-AUTO = "auto"
-"""Stands for all that may be fitted."""
-
-AIR, CALM, UNKNOWN = "air", 1.0, 5.0
-"""Stands for the drag of real air; at so many m/s where there is no wind, and where it is to be found."""
+CALM, UNKNOWN = 1.0, 5.0
+"""Winds, m/s, for which the drag is that of real air where there is none, and where it is to be found."""
 
 Corner = tuple[float, ...]
 """Three coordinates, m."""
@@ -78,7 +76,7 @@ class Asked:
         "0.1; where the wind is fitted, air, which is then fitted too]")
     drag_law: str = given("--drag-law", "How the air pushes faces: editor, as the editor does, or air, by area and "
         "by the square of the speed; then --drag has no unit, and is 1.2 by default.  [default: editor]",
-        click.Choice(["editor", "air"]), default="editor")
+        click.Choice(DRAG_LAWS), default=EDITORS)
     region: tuple[str, ...] = given("--region NAME=PLACE", "Name a part for fits in mode R: a box, vertices, or a "
         "side, written as in the --fix options, such as collar=top=0.05.", multiple=True)
     warp: str | None = given("--warp", "Axis of the scene that is along the cloth.  [default: u of the mesh's texture, "
@@ -145,7 +143,7 @@ class Asked:
         return self.drag == AIR or (self.drag is None and self._fits("wind"))
 
     def _fits(self, kind: str) -> bool:
-        return any(text.partition("=")[0] in (kind, "auto") for text in self.fit)
+        return any(text.partition("=")[0] in (kind, AUTO) for text in self.fit)
 
     @property
     def extent(self) -> tuple[float, float]:

@@ -31,6 +31,7 @@ from clothfit.scene.cloth import ELSEWHERE, SPHERE
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.kinds import (
     AIR,
+    AUTO,
     CLOTH_KINDS,
     EDITORS,
     INTEGRATORS,
@@ -41,7 +42,7 @@ from clothfit.scene.kinds import (
     SCENE_KINDS,
 )
 from clothfit.scene.mesh_numbering import FIELD
-from clothfit.scene.scene import AUTO, Scene, load
+from clothfit.scene.scene import Scene, load
 
 
 def new_scene(

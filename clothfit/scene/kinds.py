@@ -69,6 +69,9 @@ CLOTH_KINDS = tuple(kind for kind in KINDS if kind not in SCENE_KINDS)
 LETTERED = ("mass", "stiffness")
 """The kinds that `optimizationSettings` flags, in the order of its letters."""
 
+AUTO = "auto"
+"""In place of what to fit: the fit chooses by itself."""
+
 AIR_DENSITY = 1.2
 """Of air, kg/m³."""
 

@@ -32,14 +32,11 @@ from clothfit.scene.cloth import vector as _vector
 from clothfit.scene.forces import Forces
 from clothfit.scene.forces import check as check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
-from clothfit.scene.kinds import CLOTH_KINDS, EDITORS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
+from clothfit.scene.kinds import AUTO, CLOTH_KINDS, EDITORS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Appended, Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 
 WAY_OUT = '"planes": "solid" in the scene makes them solid'
-AUTO = "auto"
-"""In place of what to fit: the fit chooses by itself."""
-
 NOT_FITTED = (None, "n", "N", False)
 LETTERS: dict[str | bool, str] = {
     "n": "n", "f": "F", "r": "R", "m": "M", "g": "G", "l": "L", False: "n", True: "G",
@@ -305,12 +302,12 @@ def dumps(scene: Scene, folder: str | None = None) -> bytes:
         values = {kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS if kind.name != "path"}
         values["dragLaw"] = Optional(cloth.drag_law, cloth.drag_law != EDITORS)
         if own := {i: pin.own.values for i, pin in enumerate(cloth.pins) if pin.own}:
-            values["pins"] = {i: {"posKeys": {"values": _vectors(each)}} for i, each in own.items()}
+            values["pins"] = {i: {"posKeys": {"values": vectors(each)}} for i, each in own.items()}
         objects.append(values)
     keyed = ("gusts", "friction", "contact")
     whole: dict[str, Any] = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS if kind.name not in keyed}
     if scene.gusts.size:
-        whole[KIND["gusts"].field] = {"values": _vectors(scene.gusts)}
+        whole[KIND["gusts"].field] = {"values": vectors(scene.gusts)}
     if scene.colliders:
         whole["colliders"] = {each.place: _law(each, "collider") for each in scene.colliders}
     if scene.self_contact:
@@ -349,7 +346,7 @@ def _together(values: Mapping[Any, Any], others: Mapping[Any, Any]) -> dict[Any,
     return made
 
 
-def _vectors(values: Array) -> list[dict[str, float]]:
+def vectors(values: Array) -> list[dict[str, float]]:
     """Vectors (K, 3) as JSON holds them."""
     return [dict(zip("xyz", row, strict=True)) for row in values.tolist()]
 
@@ -370,7 +367,7 @@ def _plain(owner: Cloth | Scene, kind: Kind) -> Any:
     value = np.asarray(getattr(owner, kind.name))
     plain: Any = value.tolist()
     if kind.components == 3:
-        rows = _vectors(value.reshape(-1, 3))
+        rows = vectors(value.reshape(-1, 3))
         plain = rows if value.ndim == 2 else rows[0]
     if kind.name in LETTERED:
         return plain
