@@ -188,7 +188,7 @@ def fit_one(
                 on_memory=lambda needs: (console.detail if needs.snapshots is None else console.say)(str(needs)),
                 on_hint=lambda hint: console.say(f"hint: {hint.text}"), on_found=partial(output.keep_scene, out=out),
             )  # fmt: skip
-            found = fitting.fit(scene, targets or None, first, own)
+            found = fitting.by_options(scene, targets or None, first, own)
         with output.uninterrupted(), checkpoints.named_if_lost(kept):
             more = motions.readings_summary(readings)
             code = estimate_results.finish(scene, found, out, console, more, recording.log)

@@ -12,18 +12,18 @@ from dataclasses import replace
 import numpy as np
 
 from clothfit.base.messages import metres
+from clothfit.derivative.adjoint import Observer
 from clothfit.engine.tape import Tape
 from clothfit.fit.hints import Hint
 from clothfit.fit.result import FAILS, Baselines, Fit, without_intervals
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
-from clothfit.objective.run import shown
-from clothfit.objective.running_cost import SquaredDistances
+from clothfit.objective.run import Run, shown
 from clothfit.optimise.status import Status
 from clothfit.scene.scene import Scene
 
-MOVERS = {"damping": "damping", "drag": "drag", "wind": "wind", "gravity": "gravity"}
-"""Kinds, and what --fit calls them, whose lack keeps a cloth from moving as its target does."""
+MOVERS = ("damping", "drag", "wind", "gravity")
+"""Kinds whose lack keeps a cloth from moving as its target does."""
 
 
 def still(objective: Objective) -> float:
@@ -42,15 +42,14 @@ def as_it_came(objective: Objective) -> float | None:
     """Root mean square distance, m, of the motion by the scene's own values, whatever is flagged; None where it
     diverges.
     """
-    squares = 0.0
-    for run in objective.runs:
-        distances = SquaredDistances(run.comparison.goal._replace(weights=np.zeros((0, 0))))  # each counts once
-        try:
-            shown(run, Tape(run.system, run.steps, objective.tolerance, None, run.forms), [distances.update])
-        except Diverged:
-            return None
-        squares += distances.value
-    found = float(np.sqrt(squares / max(objective.observations, 1)))
+
+    def show(run: Run, observe: Observer) -> None:
+        shown(run, Tape(run.system, run.steps, objective.tolerance, None, run.forms), [observe])
+
+    try:
+        found = objective.distance(show)
+    except Diverged:
+        return None
     return found if np.isfinite(found) else None
 
 
@@ -70,7 +69,7 @@ def with_still(found: Fit, objective: Objective) -> Fit:
         f"{way_out(objective.scene)}"
     )
     status = Status.STALLED if found.status == Status.CONVERGED else found.status
-    verdict, first = replace(found.verdict, model=FAILS), Hint("fails", text, early=False)
+    verdict, first = replace(found.verdict, model=FAILS), Hint(FAILS, text, early=False)
     warnings = [each for each in found.warnings if not each.startswith("no intervals")]
     warnings.append("no intervals: the fit fails, so its values say nothing of the cloth")
     found = replace(without_intervals(found), status=status, verdict=verdict)
@@ -92,7 +91,7 @@ def with_start(found: Fit, objective: Objective) -> Fit:
 def way_out(scene: Scene) -> str:
     """What to try where a fit of the scene fails."""
     flagged = {block.name for block in scene.blocks}
-    missing = [name for kind, name in MOVERS.items() if kind not in flagged]
+    missing = [name for name in MOVERS if name not in flagged]
     if missing:
         return f"Fit {listed(missing)} as well (--fit auto), or see that what is held, and wind, are as in the target"
     return "Try other starts (--starts 8), more time (--budget), or fewer frames first"

@@ -211,7 +211,7 @@ def estimate(
     return by_options(scene, target, first, options)
 
 
-def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
+def by_options(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
     """Do what `estimate` says, with its options as one object."""
     target, options = settled(scene, target, options.checked())
     hidden, began = target is None, interrupts.now()
@@ -223,9 +223,9 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     options = replace(options, auto=options.auto or (scene.auto and not options.fit))
     scene = reflagged(scene.with_bounds(from_user(options.bounds or {})), options)
     if target is not None and not (options.keep_markers or callable(options.objective)) and scene.blocks:
-        return marked_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
+        return marked_fit(scene, target, options, lambda own, targets, rest: by_options(own, targets, start, rest))
     if options.registers and scene.blocks:
-        return registered_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
+        return registered_fit(scene, target, options, lambda own, targets, rest: by_options(own, targets, start, rest))
     pinned = 0
     if target is not None and not (options.hold or options.windows or callable(options.objective)) and scene.blocks:
         scene, target, pinned = followed(scene, target)
@@ -257,9 +257,6 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
             found = replace(found, hints=[*hints, *found.hints])
         found = assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
         return replace(looked_at(found, with_start, objective, options=options), followed=pinned)
-
-
-by_options = fit  # for `estimate`, which has an argument of that name
 
 
 def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:

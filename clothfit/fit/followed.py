@@ -27,7 +27,7 @@ from clothfit.motion.times import TIME_SLACK
 from clothfit.objective.experiment import Targets, experiments
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.keys import Keys
-from clothfit.scene.scene import Scene, with_pins
+from clothfit.scene.scene import Scene, vectors, with_pins
 
 SIGNIFICANT, CLEAR = 4.0, 0.7
 """Standard deviations of r above that of noise, once in 30,000; and an r that is enough for a few frames."""
@@ -57,7 +57,8 @@ def followed(scene: Scene, target: Targets) -> Followed:
     further targets of it get copies of it.
     """
     main, found, count, taken = scene, list[Any](), 0, False
-    for motion, own in experiments(scene, target):
+    given = experiments(scene, target)
+    for motion, own in given:
         items = dict(pins_of(motion, own))
         count += sum(len(item["vertices"]) for each in items.values() for item in each)
         pinned = with_pins(own, items) if items else own
@@ -66,7 +67,9 @@ def followed(scene: Scene, target: Targets) -> Followed:
             found.append(motion)
         else:
             found.append((motion, pinned))
-    return Followed(main, found, count) if count else Followed(scene, target, 0)
+    if not count:
+        return Followed(scene, [motion if own is scene else (motion, own) for motion, own in given], 0)
+    return Followed(main, found, count)
 
 
 def pins_of(motion: Motion, scene: Scene) -> Iterator[tuple[int, list[dict[str, Any]]]]:
@@ -115,10 +118,9 @@ def pins(motion: Motion, i: int, vertices: Indices, seen: Flags, scene: Scene) -
                 named = {"file": relative(motion.path, scene.folder), **said, "points": points}
                 return [{"vertices": vertices.tolist(), "posKeys": named}]
     return [
-        {"vertices": [int(v)], "posKeys": {
-            "times": keys.times.tolist(), "values": [dict(zip("xyz", row, strict=True)) for row in keys.values.tolist()]
-        }} for v, keys in zip(vertices, paths, strict=True)
-    ]  # fmt: skip
+        {"vertices": [int(v)], "posKeys": {"times": keys.times.tolist(), "values": vectors(keys.values)}}
+        for v, keys in zip(vertices, paths, strict=True)
+    ]
 
 
 def keyed(times: Array, places: Array, start: Array) -> Keys:

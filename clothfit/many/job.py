@@ -142,7 +142,7 @@ def failed(error: BaseException) -> Outcome:
 def fitted(job: Job) -> Fit:
     """Do the fit of a job."""
     from clothfit.base import threads
-    from clothfit.fit.estimate import fit
+    from clothfit.fit.estimate import by_options
     from clothfit.scene.bounds import from_user
 
     if job.version != __version__:
@@ -152,7 +152,7 @@ def fitted(job: Job) -> Fit:
         targets = [target_of(item, scene) for item in job.targets] or None
         first = loaded(job.start) if isinstance(job.start, File) else job.start
         start = numbered(scene, targets, first, job.number, job.seed, job.options.tolerance)
-        return fit(scene, targets, start, replace(job.options, checkpoint=job.checkpoint, resume=job.resume))
+        return by_options(scene, targets, start, replace(job.options, checkpoint=job.checkpoint, resume=job.resume))
 
 
 def target_of(item: JobTarget, scene: Scene) -> Recorded | tuple[Recorded, Scene]:

@@ -158,9 +158,9 @@ class Objective:
     @cached_property
     def travel(self) -> float:
         """Root mean square distance, m, of the observed positions from where their cloths start."""
-        return self._distance(at_rest)
+        return self.distance(at_rest)
 
-    def _distance(self, show: Callable[[Run, Observer], object]) -> float:
+    def distance(self, show: Callable[[Run, Observer], object]) -> float:
         """Root mean square distance of the observed positions, m, in motions that `show` shows to an observer."""
         squares = 0.0
         for run in self.runs:
@@ -244,7 +244,7 @@ class Objective:
         """Root mean square distance of the observed positions at p (P,), m, for any objective; NaN where nothing is
         observed. Raises Diverged.
         """
-        return self._distance(lambda run, observe: self.simulate(run, p, observe)) if self.observations else np.nan
+        return self.distance(lambda run, observe: self.simulate(run, p, observe)) if self.observations else np.nan
 
     def cost(self, p: Array, cloth: int | None = None) -> float:
         """G(p), m², for p (P,), or the part of one fitted cloth where it joins none. Raises Diverged."""

@@ -86,5 +86,5 @@ def fits(monkeypatch, found):
         asked.append(SimpleNamespace(scene=scene, targets=targets, start=start, options=options))
         return replace(found, scene=scene)
 
-    monkeypatch.setattr("clothfit.fit.estimate.fit", fit)
+    monkeypatch.setattr("clothfit.fit.estimate.by_options", fit)
     return asked

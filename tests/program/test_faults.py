@@ -108,7 +108,7 @@ def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, caps
         return fit(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(fitting, "fit", vanishing)
+        patch.setattr(fitting, "by_options", vanishing)
         assert run(command) == 3
     told = r"error: cannot write out/x.json: .*; then repeat the command with --resume: c is kept\n"
     assert re.fullmatch(told, capsys.readouterr().err)
