@@ -100,7 +100,7 @@ def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, caps
     Path("out").mkdir()
     command = ["estimate", "scene.json", "--target", "target.npz", "--start", "1", "--checkpoint", "c"]
     command += ["-o", "out/x.json", "-q"]
-    fit = fitting.fit
+    fit = fitting.by_options
 
     def vanishing(*arguments):
         if Path("out").exists():  # a fit may begin with another one
