@@ -42,7 +42,7 @@ LONGEST, LONGEST_TRIAL = 34.0, 10.0
 PAYS = 0.05
 """Relative reduction of the error by a finer step that a hint, or another step, is worth."""
 
-ALLOWED, QUICK = 0.05, 5.0
+ALLOWED, QUICK = 0.05, 8.0
 """Rise of the error of few values by a finer step that finer models are expected to make up for, and the seconds of
 computing up to which its trial is quick.
 """
