@@ -62,10 +62,12 @@ def scene_of(path: Path, auto: bool, folder: Path) -> tuple[Any, Any]:
     reading, axes = clothfit.Reading(up=up, handedness="right", fps=fps), Axes(up, "right")
     motion = load(path, None, reading).motion
     spheres = [] if ball is None else [(*to_scene(ball[:3], axes).tolist(), float(ball[3]))]
-    scene = clothfit.new_scene(
-        Mesh(motion.positions[0], triangles), np.isin(np.arange(x.shape[1]), held), fit=LETTERS, fits=KINDS,
-        delta=1 / fps, frames=len(x), spheres=spheres,
-    )  # fmt: skip
+    mesh, fixed = Mesh(motion.positions[0], triangles), np.isin(np.arange(x.shape[1]), held)
+    others: dict[str, Any] = {"delta": 1 / fps, "frames": len(x), "spheres": spheres}
+    try:
+        scene = clothfit.new_scene(mesh, fixed, fit="auto" if auto else LETTERS, fits={} if auto else KINDS, **others)
+    except clothfit.InvalidInput:  # of an earlier package, in which it cannot
+        scene = clothfit.new_scene(mesh, fixed, fit=LETTERS, fits=KINDS, **others)
     document = _document(scene)
     moved = held[np.ptp(x[:, held], axis=0).max(axis=1) > MOVED] if len(held) else held
     if len(moved):
@@ -73,12 +75,6 @@ def scene_of(path: Path, auto: bool, folder: Path) -> tuple[Any, Any]:
         np.savez(ways, positions=motion.positions[:, moved], times=motion.times)
         keys = {"file": str(ways), "points": list(range(len(moved)))}
         document["objects"][0]["pins"] = [{"vertices": moved.tolist(), "posKeys": keys}]
-    if auto:
-        try:
-            scene = clothfit.load({**document, "fit": "auto"})
-            return scene, load(path, scene, reading).motion
-        except clothfit.InvalidInput:
-            pass  # an earlier one, in which it cannot
     scene = clothfit.load(document)
     return scene, load(path, scene, reading).motion
 

@@ -27,8 +27,8 @@ def reflagged(scene: Scene, options: FitOptions) -> Scene:
 
 
 def auto_flags(scene: Scene) -> Scene:
-    """The scene with the flags of `auto` in place of its own."""
-    return with_flags(scene, AUTO_MODES)
+    """The scene with the flags of `auto` in place of its own; friction where something has it."""
+    return with_flags(scene, AUTO_MODES | ({"friction": "G"} if scene.laws else {}))
 
 
 def modes_of(asked: Sequence[str]) -> dict[str, str]:

@@ -174,7 +174,7 @@ def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Pre
         plan = replace(with_steps(own, *found.step), step=found.step)
     return replace(
         plan, p=found.p, cost=found.cost, tried=found.tried, evaluations=found.evaluations,
-        wanted=None if found.explained else ladder.models(plan.objective.scene),
+        wanted=None if found.explained else ladder.ends(plan.objective.scene),
     )  # fmt: skip
 
 

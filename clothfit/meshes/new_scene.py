@@ -75,8 +75,7 @@ def new_scene(
     those of the file; without `drag` it is 0.1, or in the `drag_law` "air" that of a plate, 1.2. `fit` is two letters,
     for masses and stiffnesses: n keeps them, F fits one factor on what is there, R one per family and region, M a
     smooth map, G one value for all, L one each; `fits` gives the letters of other kinds, such as {"wind": "G"}; or
-    `fit` is "auto", and a fit chooses by itself. Spheres
-    are (x, y, z, radius), m. `wind` is in m/s, the time step `delta` in s. A cloth that the editor is to play needs the
+    `fit` is "auto", and a fit chooses by itself; spheres then have friction. Spheres are (x, y, z, radius), m. `wind` is in m/s, the time step `delta` in s. A cloth that the editor is to play needs the
     `integrator` "implicit", "symplectic" or "explicit" and the `drag_law` "editor". A fit compares `frames` frames.
     `tolerance` is that of the linear solver, relative. `numbering` (vertices of the mesh before welding,) is
     `Welded.vertices`. `warp` is the direction along the cloth, which else is that of the mesh's texture coordinates;
@@ -116,6 +115,7 @@ def new_scene(
         "objects": [cloth],
         "colliders": [
             {"type": SPHERE, "pos": _vector(centre), "rot": _vector((0, 0, 0)), "scale": _vector((2 * radius,) * 3)}
+            | ({"friction": KIND["friction"].neutral[0]} if auto else {})
             for *centre, radius in spheres
         ],
         "windVel": _vector(wind),

@@ -347,6 +347,7 @@ class Search:
         other = Search(objective, start, self.rmse_tolerance, self.budget.limit, start_cost=cost)
         other.budget, other.progress, other.warnings = self.budget, self.progress, self.warnings
         other.longest, other.each = self.longest, self.each
+        other.origin = self.origin if len(self.origin) == len(start) else other.start
         self.progress.p = other.start
         self.budget.enter_stage()
         return other

@@ -42,7 +42,7 @@ from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise import gauss_newton
 from clothfit.optimise.gauss_newton import Model, Patience
-from clothfit.optimise.prior import none
+from clothfit.optimise.prior import Prior, none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import AIR, Scores, Trajectory
 from clothfit.scene.cloth import wind_of
@@ -57,6 +57,12 @@ PULLS, WEAKER = (0.5, 0.3, 0.2, 0.1, 0.05, 0.0), (0.2, 0.05, 0.0)
 or model.
 """
 
+DOUBT, LEAST = 0.5, 1e-2
+"""Share of the cost that a value costs which is 1 of its coordinate away from that of the user, for each radian per
+frame of a pull, and at least: motions that are pulled hardly depend on some combinations of values, which would run
+far off.
+"""
+
 STEPS, LAST_STEPS = 4, 8
 """Steps of Gauss–Newton with each of them, and without a pull."""
 
@@ -66,7 +72,7 @@ SAVING, PATIENCE = 0.01, Patience(2, 1e-2, 1e-2)
 TOLERANCE, NUDGED_TOLERANCE = 1e-5, 1e-7
 """Of the linear systems by coarse steps; of other nudged motions: its error is far below what is left of them."""
 
-HOPS, NEAR, REACH = 8, 0.1, 2.0
+HOPS, NEAR, FAR, REACH = 8, 0.1, 0.4, 2.0
 """Points that are drawn, the error relative to that of a still cloth below which none is, and how far away they are, in
 units of the coordinates.
 """
@@ -215,7 +221,12 @@ def pulled(scene: Scene, motion: Motion, pull: float) -> Scene:
 
 
 def some_steps(
-    part: Trajectory, y: Array, most: int, saving: float = SAVING, patience: Patience = PATIENCE
+    part: Trajectory,
+    y: Array,
+    most: int,
+    saving: float = SAVING,
+    patience: Patience = PATIENCE,
+    prior: Prior | None = None,
 ) -> Array:
     """Where some steps of Gauss–Newton lead from y (Q,), without a model of the last point, until one would save less
     than a share of the cost. Raises Diverged.
@@ -230,7 +241,7 @@ def some_steps(
 
     problem = replace(part.problem(saving, patience), model=model, widths=part.widths)
     with contextlib.suppress(Enough):
-        return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
+        return gauss_newton.minimise(problem, y, prior or none(part.size), part.passed)[0].y
     return points[-1]
 
 
@@ -248,13 +259,15 @@ def through_pulls(
         y = part.y(p)
         if own.is_late or not np.isfinite(part.cost(y)):
             continue
+        share = (DOUBT * pull + LEAST) * part.residuals()
+        prior = Prior(part.y(own.origin), (np.arange(part.size),), (share**-0.5,), learns=False, patterns=((),))
         with contextlib.suppress(Diverged), np.errstate(over="ignore", invalid="ignore"):
-            p = part.parameters(some_steps(part, y, STEPS if pull else LAST_STEPS))
+            p = part.parameters(some_steps(part, y, STEPS if pull else LAST_STEPS, prior=prior))
         if pull and own.visit(p) > limit and part.objective.cost_or_infinity(p) > limit:
             break
 
 
-def hops(own: Search, took: float, near: float = NEAR, seed: int = 0) -> None:
+def hops(own: Search, took: float, near: float = FAR, seed: int = 0) -> None:
     """The same from points half-way to others that are drawn around the best one, until it is `near` the target,
     relative to how far that moves, or has no time for what `took` so many seconds of computing before. Raises Stop.
     """

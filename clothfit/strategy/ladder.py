@@ -100,6 +100,13 @@ def models(scene: Scene) -> list[str]:
     return found if own in found else [*found[:-1], own]
 
 
+def ends(scene: Scene) -> list[str]:
+    """The models of a scene without those that maps make up for, for a fit that comes from all of them by other steps.
+    """
+    found = models(scene)
+    return [model for model in found if model != "R" or "M" not in found]
+
+
 def count(scene: Scene) -> int:
     """Number of values that a scene flags."""
     return sum(block.count for block in scene.blocks)
@@ -146,7 +153,7 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
             carried(search, part, through_windows)
     coarsest = model == models(search.objective.scene)[0]
     part = part_of(search, model, search.best.p)
-    if not (rough or coarsest) and Trajectory(part, part.objective).operations() <= QUICK:
+    if not (rough or coarsest) and is_quick(search, model):
         carried(search, part, continuation.through_weak_pulls)
         part = part_of(search, model, search.best.p)
     method = in_a_round if rough else to_the_minimum
@@ -162,6 +169,12 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
         if part.fitted.sum() <= FEW_VALUES:
             carried(search, part, through_windows)
         carried(search, part_of(search, model, search.best.p, turned=True), method)
+
+
+def is_quick(search: Search, model: str) -> bool:
+    """Whether a step of Gauss–Newton by a model takes some seconds at most."""
+    part = part_of(search, model, search.best.p)
+    return Trajectory(part, part.objective).operations() <= QUICK
 
 
 def is_astray(search: Search) -> bool:
@@ -201,6 +214,7 @@ def part_of(search: Search, model: str, p: Array, turned: bool = False, steady: 
     objective = whole.flagging(steadied(scene) if steady else scene, tolerance)
     scene = objective.scene
     part = search.beside(objective, parameters(scene), search.best.cost if p is search.best.p else np.inf)
+    part.origin = values_by(with_parameters(whole.scene, search.origin), flags=scene)
     if not turned:
         part.fitted = part.fitted & ~gravity_direction.held(scene)
     part.enter(MODEL_NAMES[model])

@@ -36,7 +36,7 @@ from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
 
-LONGEST, LONGEST_TRIAL = 34.0, 10.0
+LONGEST, LONGEST_TRIAL = 32.0, 10.0
 """Seconds of computing that a choice may take, and that a trial is expected to take at most where it is begun."""
 
 PAYS = 0.05
@@ -171,8 +171,7 @@ def chosen(
     root, origin = Search(objective, start, enough, EVALUATIONS, report), origin or objective
     own = Trial(root, first=True)
     own.look()
-    made = [own] if own.explains or own.ended else compared(own, start, counts, origin)
-    best = nearest(made)
+    made, best = ([own], own) if own.explains or own.ended else compared(own, start, counts, origin)
     if best.chosen == (1, IMPLICIT):  # solved as tightly as a fit does
         p = best.search.best.p
         best = Trial(root.beside(with_substeps(origin, 1, IMPLICIT), p, np.inf), best.chosen)
@@ -184,37 +183,54 @@ def chosen(
     )  # fmt: skip
 
 
-def compared(own: Trial, start: Array, counts: Sequence[int], origin: Objective) -> list[Trial]:
-    """Trials of steps that may be chosen, from `start` (P,), as `chosen` takes them; `own` is that of the scene's own
-    step, from which the time counts.
+def compared(
+    own: Trial, start: Array, counts: Sequence[int], origin: Objective
+) -> tuple[list[Trial], Trial]:
+    """Trials of steps that may be chosen, from `start` (P,), as `chosen` takes them, and the best; `own` is that of the
+    scene's own step, from which the time counts. Steps are compared by what the coarsest model comes to, each from the
+    values of the finest one with coarse steps, or of the best step before.
     """
     root, objective = own.search, own.search.objective
     root.longest = root.progress.computing + LONGEST
-    model, *finer = few_valued(objective)
+    model, *finer = [each for each in ladder.models(objective.scene) if each != "L"] or ladder.models(objective.scene)
     is_coarse = objective.scene.method == IMPLICIT and own.step.substeps == 1
     rough, step = (objective, None) if is_coarse else (continuation.coarse(origin), (1, IMPLICIT))
     coarse = own if is_coarse else Trial(root.beside(rough, start, np.inf), step)
     coarse.arrive(model, start, continuation.from_afar)
-    freer = Trial(root.beside(rough, start, np.inf), step)
+    made, freer = [coarse], Trial(root.beside(rough, coarse.search.best.p, coarse.search.best.cost), step)
     for each in finer:
-        freer.arrive(each, coarse.search.best.p, continuation.through_weak_pulls)
-    made, left = [coarse], [(count, BDF2) for count in counts if not is_own(objective, origin, count)]
-    for step in left if is_coarse else (None, *left):
-        best = nearest(made)
+        if ladder.is_quick(freer.search, each):
+            freer.arrive(each, freer.search.best.p, continuation.through_weak_pulls)
+    steps = steps_of(counts, objective, origin, is_coarse)
+    while steps:
+        best, step = nearest(made), steps.pop(0)
         late = root.progress.computing + min(FINER * made[-1].seconds, LONGEST_TRIAL) > root.longest
         if (late and len(made) > 1) or made[-1].ended or is_enough(best.search) or is_poor(made):
             break
-        p = best.search.best.p
+        p = (freer if best is coarse else best).search.best.p
         made.append(own if step is None else Trial(root.beside(with_substeps(origin, *step), p, np.inf), step))
         if step is None:
             own.arrive(model, start, through_windows_to_the_minimum)
         made[-1].arrive(model, p, through_pulls_to_the_minimum)
+    if not (1 in counts or is_coarse):
+        made = made[1:] or [own]  # coarse steps are the way alone
     best = nearest(made)
-    if not best.ended and best.rmse < np.inf:
-        best.arrive(model, best.search.best.p, partial(continuation.hops, took=best.seconds, near=CLOSE))
-    if 1 in counts or is_coarse:
-        return [*made, freer] if finer else made
-    return made[1:] or [own]  # coarse steps are the way alone
+    return made, freer if best is coarse else best
+
+
+def steps_of(
+    counts: Sequence[int], objective: Objective, origin: Objective, is_coarse: bool
+) -> list[tuple[int, int] | None]:
+    """The steps to try one after the other, None for the scene's own: of implicit Euler, which damps, and then of BDF2,
+    which hardly does, as many to a frame.
+    """
+    found: list[tuple[int, int] | None] = []
+    for count in counts:
+        if count > 1 and 1 in counts:
+            found.append((count, IMPLICIT))
+        if not is_own(objective, origin, count):
+            found.append((count, BDF2))
+    return found if is_coarse else [*found[:1], None, *found[1:]]
 
 
 def by_windows_of_noise(own: Search) -> None:
