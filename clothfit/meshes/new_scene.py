@@ -75,13 +75,12 @@ def new_scene(
     those of the file; without `drag` it is 0.1, or in the `drag_law` "air" that of a plate, 1.2. `fit` is two letters,
     for masses and stiffnesses: n keeps them, F fits one factor on what is there, R one per family and region, M a
     smooth map, G one value for all, L one each; `fits` gives the letters of other kinds, such as {"wind": "G"}; or
-    `fit` is "auto", and a fit chooses by itself; spheres then have friction. Spheres are (x, y, z, radius), m. `wind` is in m/s, the time step `delta` in s. A cloth that the editor is to play needs the
-    `integrator` "implicit", "symplectic" or "explicit" and the `drag_law` "editor". A fit compares `frames` frames.
-    `tolerance` is that of the linear solver, relative. `numbering` (vertices of the mesh before welding,) is
-    `Welded.vertices`. `warp` is the direction along the cloth, which else is that of the mesh's texture coordinates;
-    `regions` gives the vertices of named regions, which come before the parts of the mesh. Raises InvalidInput when no
-    scene can be
-    made.
+    `fit` is "auto", and a fit chooses by itself; spheres then have friction. Spheres are (x, y, z, radius), m. `wind`
+    is in m/s, the time step `delta` in s. A cloth that the editor is to play needs the `integrator` "implicit",
+    "symplectic" or "explicit" and the `drag_law` "editor". A fit compares `frames` frames. `tolerance` is that of the
+    linear solver, relative. `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. `warp` is the
+    direction along the cloth, which else is that of the mesh's texture coordinates; `regions` gives the vertices of
+    named regions, which come before the parts of the mesh. Raises InvalidInput when no scene can be made.
     """
     if isinstance(mesh, (str, os.PathLike)):
         path = os.fspath(mesh)

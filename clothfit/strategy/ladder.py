@@ -114,20 +114,22 @@ def count(scene: Scene) -> int:
 
 def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = (), more: bool = False) -> None:
     """Fit models of a search one after the other, each from the best point before; the windows of the first go from
-    `starts` (P,), where there are any. Warns where it is late, unless `more` is fitted after them. Raises Stop.
+    `starts` (P,). Where there are none, it was fitted before. Warns where it is late, unless `more` is fitted after
+    them. Raises Stop.
     """
     for number, model in enumerate(wanted):
         if number and search.is_late:
             break
-        rung(search, model, () if number else starts)
+        fitted = not (number or starts or model == wanted[-1])
+        rung(search, model, () if number else starts, rough=fitted)
     if search.is_late and not more:
         search.warn(f"the fit ended after {search.longest:g} s, short of the target; --budget gives it more")
 
 
-def rung(search: Search, model: str, starts: Sequence[Array] = ()) -> None:
+def rung(search: Search, model: str, starts: Sequence[Array] = (), rough: bool = False) -> None:
     """Fit one model as `stage` does, and note what it has come to. Raises Stop."""
     began = time.monotonic()
-    stage(search, model, starts)
+    stage(search, model, starts, rough)
     search.climbed(reached(search, model, time.monotonic() - began))
 
 

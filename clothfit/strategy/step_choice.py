@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -42,10 +41,8 @@ LONGEST, LONGEST_TRIAL = 32.0, 10.0
 PAYS = 0.05
 """Relative reduction of the error by a finer step that a hint, or another step, is worth."""
 
-ALLOWED, QUICK = 0.05, 8.0
-"""Rise of the error of few values by a finer step that finer models are expected to make up for, and the seconds of
-computing up to which its trial is quick.
-"""
+ALLOWED = 0.05
+"""Rise of the error of few values by steps shorter than a frame that finer models are expected to make up for."""
 
 COUNTS = (1, 2, 4, 8, 16, 32)
 """Steps to a frame that are tried one after the other, while they pay."""
@@ -209,7 +206,7 @@ def compared(
             break
         p = (freer if best is coarse else best).search.best.p
         made.append(own if step is None else Trial(root.beside(with_substeps(origin, *step), p, np.inf), step))
-        if step is None:
+        if step is None and best.search.best.cost < continuation.NEAR**2 * best.search.objective.still:
             own.arrive(model, start, through_windows_to_the_minimum)
         made[-1].arrive(model, p, through_pulls_to_the_minimum)
     if not (1 in counts or is_coarse):
@@ -257,12 +254,12 @@ def through_pulls_to_the_minimum(own: Search) -> None:
 
 
 def nearest(made: Sequence[Trial]) -> Trial:
-    """The trial that has come nearest; of those that have come about as near a quick one with finer steps, whose error
-    finer models make up for.
+    """The trial that has come nearest; of those that have come about as near the first. Steps of implicit Euler as long
+    as a frame damp so much that finer models make up for a little more with shorter ones.
     """
     found = made[0]
     for trial in made[1:]:
-        about = ALLOWED if trial.seconds < QUICK and found.chosen != (1, IMPLICIT) else -PAYS
+        about = ALLOWED if found.chosen == (1, IMPLICIT) else -PAYS
         found = trial if trial.rmse < (1.0 + about) * found.rmse else found
     return found
 
