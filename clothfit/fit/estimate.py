@@ -254,7 +254,8 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
                 plan = plan.solved(looser.tolerance, looser.p)
                 found = searched(plan, start, hidden, options, checkpoint, None)
                 found = replace(found, warnings=[*found.warnings, SOLVED_AS.format(looser.tolerance)])
-            found = replace(found, hints=[*hints, *found.hints])
+            chosen = [Hint("auto", each.text, early=False) for each in plan.kinds]
+            found = replace(found, hints=[*hints, *chosen, *found.hints])
         found = assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
         return replace(looked_at(found, with_start, objective, options=options), followed=pinned)
 
@@ -305,7 +306,7 @@ def searched(
     search = Search(objective, p, options.enough, options.max_evaluations, options.on_progress, checkpoint, state, cost)
     if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
         search.looser = objective.scene.tolerance
-    search.settled = search.start if plan.settled else None
+    search.settled, search.left_out = search.start if plan.settled else None, plan.left_out
     search.take_over(plan.model, plan.step, plan.evaluations, plan.seconds, plan.computing)
     if not hidden:
         search.origin = choose_start(objective, start, hidden=False)

@@ -41,7 +41,8 @@ from clothfit.optimise.checkpoint import State
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import ladder, step_choice
+from clothfit.strategy import kinds, ladder, step_choice
+from clothfit.strategy.kinds import Choice
 from clothfit.strategy.start import choose_start, with_air
 from clothfit.strategy.step_choice import Step
 from clothfit.strategy.time_step import with_substeps
@@ -70,6 +71,8 @@ class Prepared:
     model: str = ""  # that was chosen
     step: tuple[int, int] | None = None  # steps to a frame and the method that were chosen; None: the scene's own
     tried: tuple[Step, ...] = ()  # time steps that were tried
+    kinds: Sequence[Choice] = ()  # what was found of the kinds, where they were chosen
+    left_out: Sequence[str] = ()  # those that are not fitted
     evaluations: int = 0
     seconds: float = 0.0
     computing: float = 0.0  # s, without other work of the machine
@@ -100,9 +103,9 @@ def prepared(
     plan, objective = own, own.objective
     if isinstance(options.substeps, int):
         plan = with_steps(plan, options.substeps, None)
-    if state is not None:
-        return chosen_before(plan, state)
     first = choose_start(plan.objective, start, hidden=False)
+    if state is not None:
+        return chosen_before(plan, first, state)
     if start is None and options.method == AUTO:
         blown = in_time(partial(with_air, plan.objective, first), first)
         plan = plan if blown is first else replace(plan, p=blown)
@@ -148,11 +151,13 @@ def with_steps(plan: Prepared, count: int, method: int | None) -> Prepared:
     return plan.changed(lambda each: with_substeps(each, count, method))
 
 
-def chosen_before(plan: Prepared, state: State) -> Prepared:
-    """The plan with the step and the model of a fit that goes on. Raises InvalidInput where they do not fit."""
+def chosen_before(plan: Prepared, start: Array, state: State) -> Prepared:
+    """The plan with the step, the kinds and the model of a fit from `start` (P,) that goes on. Raises InvalidInput where they do not fit."""
     step = (state.substeps, state.integrator) if state.substeps else None
     if step:
         plan = with_steps(plan, *step)
+    if state.left_out:
+        plan = with_kinds_left_out(plan, start, state.left_out)
     if state.model:
         plan = with_model(plan, state.model)
     if len(parameters(plan.objective.scene)) != len(state.best):
@@ -166,14 +171,23 @@ def with_model(plan: Prepared, model: str) -> Prepared:
     return plan.changed(lambda each: each.flagging(scene), model=model)
 
 
+def with_kinds_left_out(plan: Prepared, start: Array, gone: Sequence[str]) -> Prepared:
+    """The plan without the flags of some kinds, which have the values of `start` (P,)."""
+    return plan.changed(lambda each: each.flagging(kinds.without(each.scene, start, gone)), left_out=gone)
+
+
 def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Prepared) -> Prepared:
     """The plan with the step that gains most; `own` has that of the user's scene."""
     counts = counts_of(options, own.objective.scene)
-    found = step_choice.chosen(plan.objective, start, options.enough, counts, own.objective, options.on_progress)
+    found = step_choice.chosen(
+        plan.objective, start, options.enough, counts, own.objective, options.on_progress, options.auto
+    )
     if found.step:
         plan = replace(with_steps(own, *found.step), step=found.step)
+    if gone := kinds.left_out(found.kinds):
+        plan = with_kinds_left_out(plan, start, gone)
     return replace(
-        plan, p=found.p, cost=found.cost, tried=found.tried, evaluations=found.evaluations,
+        plan, kinds=found.kinds, p=found.p, cost=found.cost, tried=found.tried, evaluations=found.evaluations,
         wanted=None if found.explained else ladder.ends(plan.objective.scene),
     )  # fmt: skip
 

@@ -22,7 +22,7 @@ from clothfit.engine.inputs.sampling import arrays_from_files
 from clothfit.objective.experiment import Experiment
 from clothfit.optimise.status import Rung, Status
 from clothfit.scene.factors import FACTOR_MODES
-from clothfit.scene.kinds import INTEGRATORS
+from clothfit.scene.kinds import INTEGRATORS, KIND
 from clothfit.scene.scene import Scene, dumps
 
 FIT = "fit"
@@ -54,6 +54,7 @@ class State(NamedTuple):
     rungs: Sequence[Rung] = ()  # the models that were fitted from coarse to fine, to their end
     best_centre: Array = np.zeros(0)  # as `centre`, of the prior that the best point was found with
     best_tau: tuple[float, ...] = ()
+    left_out: Sequence[str] = ()  # kinds that the fit has chosen not to fit
 
 
 class Checkpoint(files.Checkpoint):
@@ -70,7 +71,7 @@ class Checkpoint(files.Checkpoint):
         belongs to another fit.
         """
         state = understood(self.state(), self.name)
-        if not state.model and len(state.best) != count:
+        if not (state.model or state.left_out) and len(state.best) != count:
             raise InvalidInput(files.impossible(FIT, self.name))
         return state
 
@@ -117,7 +118,7 @@ READ: dict[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("cost", "before_cost", "radius", "seconds"), float),
     **dict.fromkeys(("tau", "best_tau", "history"), lambda values: tuple(map(float, values))),
     **dict.fromkeys(("window", "beside", "substeps", "integrator"), int),
-    "warnings": lambda texts: [str(text) for text in texts],
+    **dict.fromkeys(("warnings", "left_out"), lambda texts: [str(text) for text in texts]),
     "status": lambda status: None if status is None else Status(status),
     "model": str,
     "rungs": lambda rows: [Rung(str(m), int(n), float(e), np.array(p, float), float(s)) for m, n, e, p, s in rows],
@@ -141,6 +142,7 @@ def is_possible(state: State) -> bool:
         and min(state.window, state.beside, state.substeps) >= 0
         and state.integrator in range(len(INTEGRATORS))
         and state.model in ("", *FACTOR_MODES, "L")
+        and all(name in KIND for name in state.left_out)
         and all(is_possible_rung(rung, len(state.best)) for rung in state.rungs)
     )
 

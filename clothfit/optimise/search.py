@@ -8,7 +8,7 @@ what is reported (`progress`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -176,6 +176,7 @@ class Search:
         self.longest = np.inf  # seconds of computing, after which a fit ends whose model cannot reproduce the target
         self.each = 0.0  # seconds of computing that the cost took when it was measured last
         self.model, self.substeps, self.integrator = "", 0, 0  # that were chosen for the fit, as in a `State`
+        self.left_out: Sequence[str] = ()  # kinds, as there
         self.settled: Array | None = None  # (P,), a minimum by the metric of Gauss–Newton (`preconditioned`)
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
@@ -309,7 +310,7 @@ class Search:
         return State(
             self.start, best.p, best.cost, best.gradient, centre, tau, y, radius, window, before,
             before_cost, self.budget.history, self.budget.beside, self.progress.seconds, self.warnings,
-            None, self.model, self.substeps, self.integrator, self.rungs, *own,
+            None, self.model, self.substeps, self.integrator, self.rungs, *own, self.left_out,
         )  # fmt: skip
 
     def take_over(

@@ -168,15 +168,18 @@ class Even(Trajectory):
 
     def model(self, y: Array, keep: Callable[[Indices], Scores] | None = None) -> Model:
         """The cost near coordinates (Q,). Raises Diverged."""
-        p = self.parameters(y)
-        known = super().model(y, keep)
-        turn = np.eye(self.size)  # ∂x'/∂x of coordinates x' in which the wind is not coupled with the drag
+        known, turn = super().model(y, keep), self.turn(y)
+        return Model(y, known.cost, turn.T @ known.H @ turn, turn.T @ known.g)
+
+    def turn(self, y: Array) -> Array:
+        """∂x'/∂x (Q, Q) at coordinates (Q,), of coordinates x' in which the wind is not coupled with the drag."""
+        p, turn = self.parameters(y), np.eye(self.size)
         place = np.cumsum(self.fitted) - 1
         drag, wind = (own[self.fitted[own]] for own in (self.drag, self.wind))
         if len(drag) and len(wind):
             share = self.power * p[drag] / np.hypot(p[drag], self.unit[drag]) / len(self.drag)
             turn[np.ix_(place[wind], place[drag])] = -np.outer(y[place[wind]], share)
-        return Model(y, known.cost, turn.T @ known.H @ turn, turn.T @ known.g)
+        return turn
 
 
 def can_nudge(objective: Objective) -> bool:
@@ -260,7 +263,8 @@ def through_pulls(
         if own.is_late or not np.isfinite(part.cost(y)):
             continue
         share = (DOUBT * pull + LEAST) * part.residuals()
-        prior = Prior(part.y(own.origin), (np.arange(part.size),), (share**-0.5,), learns=False, patterns=((),))
+        every = np.arange(part.size, dtype=np.int32)
+        prior = Prior(part.y(own.origin), (every,), (share**-0.5,), learns=False, patterns=((),))
         with contextlib.suppress(Diverged), np.errstate(over="ignore", invalid="ignore"):
             p = part.parameters(some_steps(part, y, STEPS if pull else LAST_STEPS, prior=prior))
         if pull and own.visit(p) > limit and part.objective.cost_or_infinity(p) > limit:
@@ -285,6 +289,11 @@ def hops(own: Search, took: float, near: float = FAR, seed: int = 0) -> None:
 def through_weak_pulls(own: Search) -> None:
     """Steps of Gauss–Newton from the best point of a coarser model. Raises Stop."""
     through_pulls(own, WEAKER[1:])
+
+
+def to_the_end(own: Search) -> None:
+    """Steps of Gauss–Newton from the best point of a search without a pull. Raises Stop."""
+    through_pulls(own, (0.0,))
 
 
 def coarse(objective: Objective) -> Objective:

@@ -54,21 +54,16 @@ def pays(search: Search) -> bool:
     more, part = held(search.objective.scene)[search.fitted], preconditioned.for_metric(search)
     if not (more.any() and part.fits() and search.has_time(search.each * len(more))):
         return False
-    kept: list[tuple[Indices, Scores]] = []
-
-    def keep(own: Indices) -> Scores:
-        kept.append((own, Scores(by_step=True)))
-        return kept[-1][1]
-
+    kept = Kept()
     try:
-        model = part.model(search.y, keep)
+        model = part.model(search.y, kept.of)
     except Diverged:
         return False
     scale = 1.0 / np.sqrt(np.maximum(np.diag(model.H), np.finfo(float).tiny))
     H, g = model.H * np.outer(scale, scale), model.g * scale
     if saving(H, g, more) > PAYS * model.cost:
         return True
-    H_b, g_b = blocks(kept, len(g))
+    H_b, g_b = kept.blocks(len(g))
     found = len(g_b) == BLOCKS and t_values(H, g, H_b * np.outer(scale, scale), g_b * scale)[more].max() > CERTAIN
     return bool(found)
 
@@ -93,15 +88,26 @@ def t_values(H: Array, g: Array, H_b: Array, g_b: Array) -> Array:
     return np.asarray(np.abs(step(H, g)) / np.sqrt(np.maximum(variance, np.finfo(float).tiny)))
 
 
-def blocks(kept: list[tuple[Indices, Scores]], count: int) -> tuple[Array, Array]:
-    """What each block of the frames of all runs adds to H and g (B, Q, …) of so many coordinates; none of runs that are
-    too short.
-    """
-    H, g = np.zeros((BLOCKS, count, count)), np.zeros((BLOCKS, count))
-    for own, scores in kept:
-        if len(scores.parts) < BLOCKS * SHORTEST:
-            return H[:0], g[:0]
-        for b, part in enumerate(np.array_split(np.arange(len(scores.parts)), BLOCKS)):
-            H[b][np.ix_(own, own)] += sum(scores.information[i] for i in part)
-            g[b][own] += sum(scores.parts[i] for i in part)
-    return H, g
+class Kept:
+    """What each step of the runs of a model adds to H and g."""
+
+    def __init__(self) -> None:
+        self.scores: list[tuple[Indices, Scores]] = []
+
+    def of(self, own: Indices) -> Scores:
+        """What takes that of the next run, which depends on some coordinates."""
+        self.scores.append((own, Scores(by_step=True)))
+        return self.scores[-1][1]
+
+    def blocks(self, count: int) -> tuple[Array, Array]:
+        """What each block of the frames of all runs adds to H and g (B, Q, …) of so many coordinates; none of runs that
+        are too short.
+        """
+        H, g = np.zeros((BLOCKS, count, count)), np.zeros((BLOCKS, count))
+        for own, scores in self.scores:
+            if len(scores.parts) < BLOCKS * SHORTEST:
+                return H[:0], g[:0]
+            for b, part in enumerate(np.array_split(np.arange(len(scores.parts)), BLOCKS)):
+                H[b][np.ix_(own, own)] += sum(scores.information[i] for i in part)
+                g[b][own] += sum(scores.parts[i] for i in part)
+        return H, g

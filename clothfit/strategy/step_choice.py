@@ -28,10 +28,12 @@ from clothfit.optimise import momentum
 from clothfit.optimise.progress import Progress
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
+from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import INTEGRATORS
-from clothfit.strategy import continuation, ladder
+from clothfit.strategy import continuation, kinds, ladder
 from clothfit.strategy.auto import balances_can_hold
 from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
+from clothfit.strategy.start import values_by
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
 
@@ -86,6 +88,7 @@ class Stepped(NamedTuple):
     tried: tuple[Step, ...]
     evaluations: int
     explained: bool  # whether the motion is the target's but for noise
+    kinds: list[kinds.Choice]  # what was found of them, where they were to be chosen
 
 
 class Trial:
@@ -159,16 +162,32 @@ class Trial:
 
 def chosen(
     objective: Objective, start: Array, enough: float, counts: Sequence[int], origin: Objective | None = None,
-    report: Callable[[Progress], None] | None = None,
+    report: Callable[[Progress], None] | None = None, choose: bool = False,
 ) -> Stepped:  # fmt: skip
     """The step for the targets, from `start` (P,): the scene's own, one of implicit Euler to a frame, or one of these
     numbers of BDF2 steps, whichever comes nearest. An RMSE of `enough`, m, is good enough. `origin` is the objective
-    with the step of the user's scene, where that was changed.
+    with the step of the user's scene, where that was changed. With `choose` kinds that are not needed are left out.
     """
     root, origin = Search(objective, start, enough, EVALUATIONS, report), origin or objective
-    own = Trial(root, first=True)
+    own, found, gone = Trial(root, first=True), list[kinds.Choice](), list[str]()
     own.look()
-    made, best = ([own], own) if own.explains or own.ended else compared(own, start, counts, origin)
+    if own.explains or own.ended:
+        made, best = [own], own
+    else:
+        root.longest = root.progress.computing + LONGEST
+        coarse = by_coarse_steps(own, origin, start)
+        model = ladder.models(objective.scene)[0]
+        if choose:
+            coarse.run(lambda search: found.extend(kinds.needed(ladder.part_of(search, model, search.best.p))))
+            gone = kinds.left_out(found)
+        if gone:
+            p, scene = coarse.search.best.p, kinds.without(objective.scene, start, gone)
+            p, start = values_by(with_parameters(objective.scene, p), flags=scene), parameters(scene)
+            origin = origin.flagging(kinds.without(origin.scene, root.start, gone))
+            root = root.beside(objective.flagging(scene), start, np.inf)
+            own = Trial(root)
+            coarse = by_coarse_steps(own, origin, p, continuation.to_the_end)
+        made, best = compared(own, coarse, start, counts, origin)
     if best.chosen == (1, IMPLICIT):  # solved as tightly as a fit does
         p = best.search.best.p
         best = Trial(root.beside(with_substeps(origin, 1, IMPLICIT), p, np.inf), best.chosen)
@@ -176,24 +195,33 @@ def chosen(
         best = best if np.isfinite(best.search.best.cost) else own  # it was interrupted
     return Stepped(
         best.search.objective, best.chosen, best.search.best.p, best.search.best.cost,
-        tuple(each.step for each in made), root.budget.evaluations, own.explains or is_enough(best.search),
+        tuple(each.step for each in made), root.budget.evaluations, own.explains or is_enough(best.search), found,
     )  # fmt: skip
 
 
+def by_coarse_steps(
+    own: Trial, origin: Objective, p: Array, method: Callable[[Search], object] = continuation.from_afar
+) -> Trial:
+    """The coarsest model with steps of a frame's length, from p (P,): the trial of the scene's `own` where these are
+    such.
+    """
+    root = own.search
+    is_coarse = root.objective.scene.method == IMPLICIT and own.step.substeps == 1
+    coarse = own if is_coarse else Trial(root.beside(continuation.coarse(origin), p, np.inf), (1, IMPLICIT))
+    coarse.arrive(ladder.models(root.objective.scene)[0], p, method)
+    return coarse
+
+
 def compared(
-    own: Trial, start: Array, counts: Sequence[int], origin: Objective
+    own: Trial, coarse: Trial, start: Array, counts: Sequence[int], origin: Objective
 ) -> tuple[list[Trial], Trial]:
     """Trials of steps that may be chosen, from `start` (P,), as `chosen` takes them, and the best; `own` is that of the
-    scene's own step, from which the time counts. Steps are compared by what the coarsest model comes to, each from the
-    values of the finest one with coarse steps, or of the best step before.
+    scene's own step, `coarse` that of steps of a frame's length. Steps are compared by what the coarsest model comes
+    to, each from the values of the finest one with coarse steps, or of the best step before.
     """
     root, objective = own.search, own.search.objective
-    root.longest = root.progress.computing + LONGEST
     model, *finer = [each for each in ladder.models(objective.scene) if each != "L"] or ladder.models(objective.scene)
-    is_coarse = objective.scene.method == IMPLICIT and own.step.substeps == 1
-    rough, step = (objective, None) if is_coarse else (continuation.coarse(origin), (1, IMPLICIT))
-    coarse = own if is_coarse else Trial(root.beside(rough, start, np.inf), step)
-    coarse.arrive(model, start, continuation.from_afar)
+    rough, step, is_coarse = coarse.search.objective, coarse.chosen, coarse is own
     made, freer = [coarse], Trial(root.beside(rough, coarse.search.best.p, coarse.search.best.cost), step)
     for each in finer:
         if ladder.is_quick(freer.search, each):

@@ -1,0 +1,128 @@
+"""Which kinds a fit needs beside the values of its cloths: those without which frames kept out of it are farther away.
+
+At the values y of a model with all kinds the residuals are r + J d. Each of B blocks of successive frames is kept out
+in turn, and the step
+
+    d_b = −(H − H_b)⁻¹ (g − g_b),    E = Σ_b |r_b + J_b d_b|²
+
+says what comes of it there; without a kind, whose coordinates go back to where they began, d_b is found with these
+given. A kind is left out that lowers E by less than `NEEDED` of what is left, the least one first, unless steps of
+Gauss–Newton without all that were left out end clearly farther away.
+
+M. Stone, Cross-validatory choice and assessment of statistical predictions, Journal of the Royal Statistical Society B
+36, 1974.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.motion.divergence import Diverged
+from clothfit.optimise.search import Search
+from clothfit.scene.fit_vector import of_kinds, with_parameters
+from clothfit.scene.kinds import KIND
+from clothfit.scene.scene import Scene
+from clothfit.strategy.continuation import Even, through_pulls
+from clothfit.strategy.gravity_direction import Kept, step
+
+CHOSEN = ("damping", "drag", "wind", "gravity", "friction")
+"""Kinds that are chosen among. Damping belongs to any cloth, and drag to a wind."""
+
+NEEDED = 0.02
+"""Share of the cost on frames kept out that a kind must save: 1 % of the error."""
+
+RISE = 1.1
+"""Times the cost without what was left out, up to which that stays so."""
+
+
+class Choice(NamedTuple):
+    """What was found of a kind."""
+
+    name: str
+    needed: bool
+    rise: float  # relative rise of the error on frames kept out, without it, as the residuals' derivatives foretell it
+
+    @property
+    def text(self) -> str:
+        """The same in a sentence."""
+        title = KIND[self.name].title
+        if self.needed and not self.rise:
+            return f"{title}: fitted; without it, and what else it could do without, the fit ends farther away"
+        if self.needed:
+            return f"{title}: fitted; without it, frames kept out would be {100 * self.rise:.0f} % farther away"
+        return f"{title}: not fitted; it would bring frames kept out no nearer"
+
+
+def needed(own: Search) -> list[Choice]:
+    """What the kinds of a search are for, at its best point. Raises Stop."""
+    part, kept = Even(own, own.objective), Kept()
+    names = [name for name in CHOSEN if (of_kinds(own.objective.scene, (name,)) & own.fitted).any()]
+    try:
+        model = part.model(part.y(own.best.p), kept.of)
+    except Diverged:
+        return []
+    H_b, g_b = kept.blocks(part.size)
+    if not len(H_b) or not model.cost > 0:
+        return []
+    turn = part.turn(model.y)
+    H_b, g_b = turn.T @ H_b @ turn, g_b @ turn
+    back = part.y(own.origin) - model.y
+    member = {name: of_kinds(own.objective.scene, (name,))[own.fitted] for name in names}
+    left, found = np.zeros(part.size, bool), dict[str, Choice]()
+    while len(found) < len(names):
+        now = kept_out(H_b, g_b, left, back)
+        rises = {name: (kept_out(H_b, g_b, left | member[name], back) - now) / (model.cost + max(now, 0.0))
+                 for name in names if name not in found}  # fmt: skip
+        name = min(rises, key=lambda each: rises[each])
+        if rises[name] > NEEDED:
+            found |= {each: Choice(each, True, float(np.sqrt(1.0 + rise) - 1.0)) for each, rise in rises.items()}
+            break
+        left |= member[name]
+        found[name] = Choice(name, False, 0.0)
+    if left.any() and not is_as_near(own, left):
+        found = {name: choice._replace(needed=True) for name, choice in found.items()}
+    return [found[name] for name in names]
+
+
+def kept_out(H_b: Array, g_b: Array, left: Flags, back: Array) -> float:
+    """By how much the cost on blocks kept out changes by the steps without each of them, from what the blocks add to H
+    and g (B, Q, …); coordinates that are `left` out (Q,) go `back` (Q,).
+    """
+    H, g, free, change = H_b.sum(axis=0), g_b.sum(axis=0), ~left, 0.0
+    for own, part in zip(H_b, g_b, strict=True):
+        d = np.where(left, back, 0.0)
+        rest, slope = (H - own)[np.ix_(free, free)], (g - part + (H - own) @ d)[free]
+        d[free] = step(rest, slope)
+        change += float(2.0 * part @ d + d @ own @ d)
+    return change
+
+
+def is_as_near(own: Search, left: Flags) -> bool:
+    """Whether a search without the coordinates that are `left` out (Q,) comes about as near. Raises Stop."""
+    whole = np.zeros(len(own.fitted), bool)
+    whole[own.fitted] = left
+    start = np.where(whole, own.origin, own.best.p)
+    other = own.beside(own.objective, start, np.inf)
+    other.fitted, other.origin = own.fitted & ~whole, own.origin
+    through_pulls(other, (0.0,))
+    return other.best.cost <= RISE * own.best.cost
+
+
+def left_out(choices: Sequence[Choice]) -> list[str]:
+    """The kinds that are not needed."""
+    return [choice.name for choice in choices if not choice.needed]
+
+
+def without(scene: Scene, start: Array, gone: Collection[str]) -> Scene:
+    """The scene with the values of `start` (P,), without the flags of some kinds."""
+    scene = with_parameters(scene, start)
+    cloths = tuple(
+        replace(cloth, fits={name: mode for name, mode in cloth.fits.items() if name not in gone})
+        for cloth in scene.cloths
+    )
+    return replace(scene, cloths=cloths, fits={name: mode for name, mode in scene.fits.items() if name not in gone})
