@@ -152,7 +152,9 @@ def with_steps(plan: Prepared, count: int, method: int | None) -> Prepared:
 
 
 def chosen_before(plan: Prepared, start: Array, state: State) -> Prepared:
-    """The plan with the step, the kinds and the model of a fit from `start` (P,) that goes on. Raises InvalidInput where they do not fit."""
+    """The plan with the step, the kinds and the model of a fit from `start` (P,) that goes on. Raises InvalidInput
+    where they do not fit.
+    """
     step = (state.substeps, state.integrator) if state.substeps else None
     if step:
         plan = with_steps(plan, *step)

@@ -101,10 +101,10 @@ def models(scene: Scene) -> list[str]:
 
 
 def ends(scene: Scene) -> list[str]:
-    """The models of a scene without those that maps make up for, for a fit that comes from all of them by other steps.
-    """
+    """The models that are left of a scene where a choice of the step has fitted those that maps or regions contain."""
     found = models(scene)
-    return [model for model in found if model != "R" or "M" not in found]
+    few = [model for model in found if model != "L"]
+    return [*few[-1:], *found[len(few):]]
 
 
 def count(scene: Scene) -> int:
@@ -114,22 +114,20 @@ def count(scene: Scene) -> int:
 
 def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = (), more: bool = False) -> None:
     """Fit models of a search one after the other, each from the best point before; the windows of the first go from
-    `starts` (P,). Where there are none, it was fitted before. Warns where it is late, unless `more` is fitted after
-    them. Raises Stop.
+    `starts` (P,), where there are any. Warns where it is late, unless `more` is fitted after them. Raises Stop.
     """
     for number, model in enumerate(wanted):
         if number and search.is_late:
             break
-        fitted = not (number or starts or model == wanted[-1])
-        rung(search, model, () if number else starts, rough=fitted)
+        rung(search, model, () if number else starts)
     if search.is_late and not more:
         search.warn(f"the fit ended after {search.longest:g} s, short of the target; --budget gives it more")
 
 
-def rung(search: Search, model: str, starts: Sequence[Array] = (), rough: bool = False) -> None:
+def rung(search: Search, model: str, starts: Sequence[Array] = ()) -> None:
     """Fit one model as `stage` does, and note what it has come to. Raises Stop."""
     began = time.monotonic()
-    stage(search, model, starts, rough)
+    stage(search, model, starts)
     search.climbed(reached(search, model, time.monotonic() - began))
 
 

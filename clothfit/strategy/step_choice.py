@@ -28,7 +28,7 @@ from clothfit.optimise import momentum
 from clothfit.optimise.progress import Progress
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
-from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.fit_vector import with_parameters
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.strategy import continuation, kinds, ladder
 from clothfit.strategy.auto import balances_can_hold
@@ -37,7 +37,7 @@ from clothfit.strategy.start import values_by
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
 
-LONGEST, LONGEST_TRIAL = 32.0, 10.0
+LONGEST, LONGEST_TRIAL = 28.0, 10.0
 """Seconds of computing that a choice may take, and that a trial is expected to take at most where it is begun."""
 
 PAYS = 0.05
@@ -169,59 +169,55 @@ def chosen(
     with the step of the user's scene, where that was changed. With `choose` kinds that are not needed are left out.
     """
     root, origin = Search(objective, start, enough, EVALUATIONS, report), origin or objective
-    own, found, gone = Trial(root, first=True), list[kinds.Choice](), list[str]()
+    own, found = Trial(root, first=True), list[kinds.Choice]()
     own.look()
     if own.explains or own.ended:
         made, best = [own], own
     else:
         root.longest = root.progress.computing + LONGEST
-        coarse = by_coarse_steps(own, origin, start)
-        model = ladder.models(objective.scene)[0]
-        if choose:
-            coarse.run(lambda search: found.extend(kinds.needed(ladder.part_of(search, model, search.best.p))))
-            gone = kinds.left_out(found)
-        if gone:
-            p, scene = coarse.search.best.p, kinds.without(objective.scene, start, gone)
-            p, start = values_by(with_parameters(objective.scene, p), flags=scene), parameters(scene)
-            origin = origin.flagging(kinds.without(origin.scene, root.start, gone))
-            root = root.beside(objective.flagging(scene), start, np.inf)
-            own = Trial(root)
-            coarse = by_coarse_steps(own, origin, p, continuation.to_the_end)
-        made, best = compared(own, coarse, start, counts, origin)
+        made, best = compared(own, start, counts, origin)
     if best.chosen == (1, IMPLICIT):  # solved as tightly as a fit does
         p = best.search.best.p
         best = Trial(root.beside(with_substeps(origin, 1, IMPLICIT), p, np.inf), best.chosen)
         best.run(lambda search: search.visit(p))
         best = best if np.isfinite(best.search.best.cost) else own  # it was interrupted
+    explained = own.explains or is_enough(best.search)
+    if choose and not (explained or best.ended):
+        best, found = with_kinds(best, start)
     return Stepped(
         best.search.objective, best.chosen, best.search.best.p, best.search.best.cost,
-        tuple(each.step for each in made), root.budget.evaluations, own.explains or is_enough(best.search), found,
+        tuple(each.step for each in made), root.budget.evaluations, explained, found,
     )  # fmt: skip
 
 
-def by_coarse_steps(
-    own: Trial, origin: Objective, p: Array, method: Callable[[Search], object] = continuation.from_afar
-) -> Trial:
-    """The coarsest model with steps of a frame's length, from p (P,): the trial of the scene's `own` where these are
-    such.
+def with_kinds(best: Trial, start: Array) -> tuple[Trial, list[kinds.Choice]]:
+    """The best trial without the kinds that it does not need, which have the values of `start` (P,); and what was found
+    of them.
     """
-    root = own.search
-    is_coarse = root.objective.scene.method == IMPLICIT and own.step.substeps == 1
-    coarse = own if is_coarse else Trial(root.beside(continuation.coarse(origin), p, np.inf), (1, IMPLICIT))
-    coarse.arrive(ladder.models(root.objective.scene)[0], p, method)
-    return coarse
+    own, found = best.search, list[kinds.Choice]()
+    scene, model = own.objective.scene, ladder.models(own.objective.scene)[0]
+    best.run(lambda search: found.extend(kinds.needed(ladder.part_of(search, model, search.best.p))))
+    gone = kinds.left_out(found)
+    if not gone:
+        return best, found
+    fewer = kinds.without(scene, start, gone)
+    p = values_by(with_parameters(scene, own.best.p), flags=fewer)
+    other = Trial(own.beside(own.objective.flagging(fewer), p, np.inf), best.chosen)
+    other.arrive(model, p, continuation.to_the_end)
+    return other, found
 
 
-def compared(
-    own: Trial, coarse: Trial, start: Array, counts: Sequence[int], origin: Objective
-) -> tuple[list[Trial], Trial]:
+def compared(own: Trial, start: Array, counts: Sequence[int], origin: Objective) -> tuple[list[Trial], Trial]:
     """Trials of steps that may be chosen, from `start` (P,), as `chosen` takes them, and the best; `own` is that of the
-    scene's own step, `coarse` that of steps of a frame's length. Steps are compared by what the coarsest model comes
-    to, each from the values of the finest one with coarse steps, or of the best step before.
+    scene's own step. Steps are compared by what the coarsest model comes to, each from the values of the finest one
+    with coarse steps, or of the best step before.
     """
     root, objective = own.search, own.search.objective
     model, *finer = [each for each in ladder.models(objective.scene) if each != "L"] or ladder.models(objective.scene)
-    rough, step, is_coarse = coarse.search.objective, coarse.chosen, coarse is own
+    is_coarse = objective.scene.method == IMPLICIT and own.step.substeps == 1
+    rough, step = (objective, None) if is_coarse else (continuation.coarse(origin), (1, IMPLICIT))
+    coarse = own if is_coarse else Trial(root.beside(rough, start, np.inf), step)
+    coarse.arrive(model, start, continuation.from_afar)
     made, freer = [coarse], Trial(root.beside(rough, coarse.search.best.p, coarse.search.best.cost), step)
     for each in finer:
         if ladder.is_quick(freer.search, each):
@@ -255,7 +251,8 @@ def steps_of(
             found.append((count, IMPLICIT))
         if not is_own(objective, origin, count):
             found.append((count, BDF2))
-    return found if is_coarse else [*found[:1], None, *found[1:]]
+    place = int(bool(found) and found[0] == (2, IMPLICIT))
+    return found if is_coarse else [*found[:place], None, *found[place:]]
 
 
 def by_windows_of_noise(own: Search) -> None:

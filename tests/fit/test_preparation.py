@@ -105,12 +105,13 @@ def test_a_plan_with_other_steps_and_another_model_has_them_for_what_is_kept_out
 
 @fits
 def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen(coarse):
-    plan = chosen_before(Prepared(coarse, None), STATE._replace(model="F", substeps=4, integrator=BDF2))
+    start = parameters(coarse.scene)
+    plan = chosen_before(Prepared(coarse, None), start, STATE._replace(model="F", substeps=4, integrator=BDF2))
     assert (plan.model, plan.step, plan.p) == ("F", (4, BDF2), None)
     assert (plan.objective.scene.delta, plan.objective.scene.cloths[0].settings) == (coarse.scene.delta / 4, "nF")
     for model in ("", "R", "L"):  # of another number of values
         with pytest.raises(InvalidInput, match="the checkpoint is not what a fit has written"):
-            chosen_before(Prepared(coarse, None), STATE._replace(model=model))
+            chosen_before(Prepared(coarse, None), start, STATE._replace(model=model))
 
 
 @fits
@@ -236,10 +237,10 @@ def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_pa
     scene, motion = finer("nL")
     fitted, rung, done = [], ladder.rung, 2
 
-    def noted(search, model, starts=()):
+    def noted(search, model, *others, **more):
         if len(fitted) == done:
             raise KeyboardInterrupt
-        rung(search, model, starts)
+        rung(search, model, *others, **more)
         fitted.append(model)
 
     monkeypatch.setattr(ladder, "rung", noted)
