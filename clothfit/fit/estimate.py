@@ -37,7 +37,7 @@ from clothfit.fit.options import (
     settled,
 )
 from clothfit.fit.preparation import Prepared, flagged, in_time, in_windows, prepared, with_whole
-from clothfit.fit.registered_fit import marked_fit, registered_fit
+from clothfit.fit.registered_fit import SAME_FALL, Look, put_right
 from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
 from clothfit.fit.result import (
     UNKNOWN,
@@ -50,6 +50,7 @@ from clothfit.fit.result import (
     with_verdict,
     without_intervals,
 )
+from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
@@ -58,7 +59,7 @@ from clothfit.objective.memory_needs import Needs, check_own
 from clothfit.objective.objective import Compared, Objective
 from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import Checkpoint, State, identity, opened
-from clothfit.optimise.progress import Progress
+from clothfit.optimise.progress import Progress, Rounds
 from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
@@ -84,6 +85,11 @@ GRACE = 0.5
 
 ALIKE = "some values change the motion too alike to be told apart; fit fewer of them (--model F), or give a --prior"
 """What is said where equations of a fit have no solution."""
+
+ROUNDS, ALIKE_ERROR = 2, 1.002
+"""How often a fit is done again with another registration, and its error relative to the one before up to which it is
+kept: the values that both leave open differ by more.
+"""
 
 SOLVED_AS = (
     "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved to "
@@ -222,12 +228,82 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
         raise InvalidInput("windows: a target is needed, in whose states they begin")
     options = replace(options, auto=options.auto or (scene.auto and not options.fit))
     scene = reflagged(scene.with_bounds(from_user(options.bounds or {})), options)
-    if target is not None and not (options.keep_markers or callable(options.objective)) and scene.blocks:
-        return marked_fit(scene, target, options, lambda own, targets, rest: by_options(own, targets, start, rest))
-    if options.registers and scene.blocks:
-        return registered_fit(scene, target, options, lambda own, targets, rest: by_options(own, targets, start, rest))
-    pinned = 0
-    if target is not None and not (options.hold or options.windows or callable(options.objective)) and scene.blocks:
+    if not scene.blocks:
+        raise InvalidInput(
+            f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to "
+            "'nL', or its fit"
+        )
+    if target is None:
+        if options.registers:
+            what = "the clock and the place of a target"
+            raise InvalidInput(f"{what} can be found only where one is given; give a target")
+        return one_fit(scene, None, start, options, began)
+    given, markers, hints = experiments(scene, target), None, list[Hint]()
+    if not (options.keep_markers or callable(options.objective)):
+        given, markers, hints = put_right(scene, given, options)
+        say(hints, options)
+    if options.registers:
+        if options.objective == "position":  # turned positions show no rounding
+            options = options.within(max(rounding(each.motion) for each in given))
+        found = registered_fit(Look.first(scene, given, options), start, options, began)
+    else:
+        found = one_fit(scene, given, start, options, began)
+    return replace(found, hints=[*hints, *found.hints], markers=markers)
+
+
+def registered_fit(look: Look, start: float | Array | Scene | None, options: FitOptions, began: float) -> Fit:
+    """The fit to targets whose clock or place is found with its values; done again with what a look after it promises,
+    and kept unless its error is larger. With all values clocks have the rate 1 where the data show no other.
+    """
+    rounds = Rounds(options.on_progress)
+    own = replace(options, on_progress=rounds if options.on_progress else None)
+    found = one_fit(look.scene, look.registered(), start, own, began)
+    own = replace(own, on_memory=None, on_hint=None, on_found=None, checkpoint=None, resume=False)
+    for _ in range(ROUNDS):
+        other = None if ended(found) else look.another(found, left(options, began))
+        if other is None:
+            break
+        rounds.next()
+        again = one_fit(look.scene, other.registered(), start, own, began)
+        better = again.rmse < ALIKE_ERROR * found.rmse
+        kept = replace(again, hints=[*(hint for hint in found.hints if hint.early), *again.hints]) if better else found
+        seconds = found.seconds + again.seconds
+        found = replace(kept, evaluations=found.evaluations + again.evaluations, seconds=seconds)
+        if not better:
+            break
+        look = other
+    if options.intervals and not ended(found):
+        look = look.with_intervals(found, left(options, began))
+    if options.fit_time and look.scene.mode("gravity") != "n":
+        found = replace(found, warnings=[*found.warnings, SAME_FALL])
+    return replace(found, registration=list(look.known))
+
+
+def ended(found: Fit) -> bool:
+    """Whether a fit has ended so that nothing more is looked at."""
+    return found.status in (Status.INTERRUPTED, Status.DIVERGED)
+
+
+def left(options: FitOptions, began: float) -> float | None:
+    """The seconds that are left of a fit; None: no limit."""
+    return None if options.budget is None else options.budget - (interrupts.now() - began)
+
+
+def say(hints: Sequence[Hint], options: FitOptions) -> None:
+    """Hand on hints that come before a fit."""
+    if options.on_hint:
+        for hint in hints:
+            options.on_hint(hint)
+
+
+def one_fit(
+    scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions, began: float
+) -> Fit:
+    """The fit to targets as they are: pins, objectives, what it settles before it begins, search, and what its motion
+    says.
+    """
+    hidden, pinned = target is None, 0
+    if target is not None and not (options.hold or options.windows or callable(options.objective)):
         scene, target, pinned = followed(scene, target)
     scene = flagged(scene, options.model)
     objective, kept_out = objectives(scene, target, options)
@@ -241,12 +317,9 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
         options.on_memory(own.objective.needs)
     same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
-    if options.on_hint:
-        for hint in hints:
-            options.on_hint(hint)
+    say(hints, options)
     with interrupts.deferred():
-        left = None if options.budget is None else options.budget - (interrupts.now() - began)
-        with interrupts.limited(left):
+        with interrupts.limited(left(options, began)):
             plan = replace(own, kept_out=None) if hidden else prepared(own, start, options, state)
             try:
                 found = searched(plan, start, hidden, options, checkpoint, state)
@@ -401,11 +474,6 @@ def in_words(error: Exception) -> str:
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
     """The objective of the fit, and that of what is kept out of it, if anything. Raises InvalidInput, Diverged."""
-    if not scene.blocks:
-        raise InvalidInput(
-            f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to "
-            "'nL', or its fit"
-        )
     if target is None:
         check_memory(scene.frames, sum(scene.vertex_counts), 0)  # without --memory, what is free is what is short
         systems = [build(scene, cloth) for cloth in fitted_cloths(scene)]

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.sensitivity import Columns, at_start, columns, one_by_one, sweep, tangents
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build, mobile, with_elements
@@ -62,15 +62,6 @@ class Around:
         )  # fmt: skip
 
 
-    def of(self, other: Registration) -> Array:
-        """The coordinates (9,) of a registration near this one."""
-        turn, larger = other.rotation @ self.base.rotation.T, other.scale / self.base.scale
-        w = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        moved = other.translation - self.centre - larger * turn @ (self.base.translation - self.centre)
-        clock = np.log(other.rate / self.base.rate), other.offset - self.base.offset
-        return np.array([*clock, *w, *moved, np.log(larger)]) / self.scale
-
-
 def around(base: Registration, motion: Motion) -> Around:
     """The registrations of a motion around one."""
     points = base.placed(motion.positions[motion.seen()])
@@ -80,43 +71,18 @@ def around(base: Registration, motion: Motion) -> Around:
     return Around(base, points.mean(axis=0), scale)
 
 
-class Parts(NamedTuple):
-    """What each of the F frames of a cloth of a target adds, its free and its held vertices apart; of H and g the sums
-    over all frames, as one, where nobody weights these (`Registered.summing`).
-    """
-
-    own: Indices  # (q,), the coordinates that it depends on, of all Q
-    cost: Array  # (F, 2), m²
-    H: Array  # (F, 2, q, q)
-    g: Array  # (F, 2, q)
-    mean: Array  # (F, 2), mean squares, m²; NaN where nothing is seen
-
-
 class Sums(NamedTuple):
-    """The cost, m², its normal equations H (Q, Q) and g (Q,), where asked for, and its parts."""
+    """The cost, m², and its normal equations H (Q, Q) and g (Q,), where asked for."""
 
     cost: float
     H: Array
     g: Array
-    parts: list[Parts]  # of each cloth of each target
-
-
-def summed(size: int, parts: Sequence[Parts], trust: Sequence[Array] | None) -> Sums:
-    """The sums of parts by so many coordinates, each with its weight of `trust` (F, 2); None: all 1."""
-    cost, H, g = 0.0, np.zeros((size, size)), np.zeros(size)
-    for number, each in enumerate(parts):
-        weight = np.ones(each.cost.shape) if trust is None else trust[number]
-        cost += float((weight * each.cost).sum())
-        weight = weight[: len(each.H)]
-        H[np.ix_(each.own, each.own)] += np.tensordot(weight, each.H, 2)
-        g[each.own] += np.tensordot(weight, each.g, 2)
-    return Sums(cost, H, g, list(parts))
+    squares: list[Array]  # (F, 2) of each cloth of each target: means of free and of held vertices, m²; NaN: unseen
 
 
 class State(NamedTuple):
     """A frame of a motion of n vertices, f of them free, with its sensitivity to Q values."""
 
-    frame: int
     s: Array  # (n, 3), m
     change: Array  # (n, 3), m, during the step that it lies in
     sensitivity: Array  # (3 f, Q)
@@ -131,8 +97,7 @@ class Registered:
     loss: Loss
     tolerance: float  # of the linear systems, relative
     frames: int | None = None  # of each target that are compared, the first ones; None: all
-    trust: tuple[Array, ...] | None = None  # weights (F, 2) as in `Sums.parts`; None: all 1
-    summing: bool = False  # whether H and g are summed over frames at once: for many values, without weights
+    weights: Sequence[Array] | None = None  # (F, 2) as of `Sums.squares`; None: all 1
 
     @cached_property
     def systems(self) -> list[dict[int, System]]:
@@ -153,50 +118,51 @@ class Registered:
         (P,), the change of each value for its coordinate, is given. Raises Diverged.
         """
         size = len(p) + THETA * len(self.given)
-        parts = list[Parts]()
+        cost, H, g, squares = 0.0, np.zeros((size, size)), np.zeros(size), list[Array]()
         for k, systems in enumerate(self.systems):
             own = np.r_[: len(p), len(p) + THETA * k : len(p) + THETA * (k + 1)]
-            parts += [self._cloth(k, cloth, own, p, where[k], theta[k], factor) for cloth in systems]
-        return summed(size, parts, self.trust)
+            for cloth in systems:
+                weights = None if self.weights is None else self.weights[len(squares)]
+                part = self._cloth(k, cloth, p, where[k], theta[k], factor, weights)
+                cost += part.cost
+                if factor is not None:
+                    H[np.ix_(own, own)] += part.H
+                    g[own] += part.g
+                squares += part.squares
+        return Sums(cost, H, g, squares)
 
     def _cloth(
-        self, k: int, cloth: int, own: Indices, p: Array, where: Around, theta: Array, factor: Array | None
-    ) -> Parts:
+        self, k: int, cloth: int, p: Array, where: Around, theta: Array, factor: Array | None, weights: Array | None
+    ) -> Sums:
+        """What one cloth of a target adds."""
         motion, scene = self.given[k]
         now, kept = where.at(theta), slice(self.frames)
         times, points, seen = motion.times[kept], motion.of(cloth)[kept], motion.seen(cloth)[kept]
-        weights = motion.weights_of(cloth)
-        at = np.maximum(now.times(times), 0.0)
+        own, begun = motion.weights_of(cloth), now.times(times) > 0.0
+        at = np.where(begun, now.times(times), 0.0)
         system = with_elements(self._system(k, cloth, at.max(initial=0.0)), elements(scene, cloth, p))
         wanted = self._columns(system, cloth, p, factor)
         free = mobile(system)
-        shape, size = (len(times), 2), 0 if factor is None else wanted.width + THETA
-        kept_frames = min(len(times), 1) if self.summing else len(times)
-        H, g = (np.zeros((kept_frames, 2, *each)) for each in ((size, size), (size,)))
-        found = Parts(own[:size], np.zeros(shape), H, g, np.full(shape, np.nan))
-        for state in states(system, at / scene.delta, wanted, self.tolerance):
-            i = state.frame
+        held, size = (~free).astype(int), wanted.width + THETA
+        cost, H, g, means = 0.0, np.zeros((size, size)), np.zeros(size), np.full((len(times), 2), np.nan)
+        for i, state in enumerate(states(system, at / scene.delta, wanted, self.tolerance)):
             placed = now.placed(np.where(seen[i][:, None], points[i], 0.0))
-            weight = seen[i] * (1.0 if weights is None else weights[i])
+            weight = seen[i] * (1.0 if own is None else own[i])
             gaps = state.s - placed
             squares = (gaps**2).sum(axis=1)
+            total, count = (np.bincount(held, each, 2) for each in (weight * squares, weight))
+            means[i, count > 0] = total[count > 0] / count[count > 0]
+            weight = weight if weights is None else weight * weights[i, held]
+            cost += float(weight @ self.loss.value(squares))
             if factor is not None:
-                u = state.change / scene.delta if now.times(times[i]) > 0.0 else np.zeros_like(gaps)
-                J = np.concatenate([
-                    spread(state.sensitivity, free),
-                    by_registration(u, at[i], placed, where, theta, now.rate),
-                ], axis=2)  # fmt: skip
+                u = begun[i] * state.change / scene.delta
+                own_columns = by_registration(u, at[i], placed, where, theta, now.rate)
+                J = np.concatenate([spread(state.sensitivity, free), own_columns], axis=2)
                 root = np.sqrt(weight * self.loss.derivative(squares))
-            for part, which in enumerate((free, ~free)):
-                if not weight[which].any():
-                    continue
-                found.mean[i, part] = np.average(squares[which], weights=weight[which])
-                found.cost[i, part] = weight[which] @ self.loss.value(squares[which])
-                if factor is not None:
-                    rows = (root[which, None, None] * J[which]).reshape(-1, size)
-                    found.H[min(i, kept_frames - 1), part] += rows.T @ rows
-                    found.g[min(i, kept_frames - 1), part] += rows.T @ (root[which, None] * gaps[which]).reshape(-1)
-        return found
+                rows = (root[:, None, None] * J).reshape(-1, size)
+                H += rows.T @ rows
+                g += rows.T @ (root[:, None] * gaps).reshape(-1)
+        return Sums(cost, H, g, [means])
 
     def _columns(self, system: System, cloth: int, p: Array, factor: Array | None) -> Columns:
         """The columns of all values; of those of other cloths they are 0."""
@@ -217,7 +183,7 @@ def states(system: System, places: Array, wanted: Columns, tolerance: float) -> 
         while frame < len(places) and step[frame] == t:
             fraction = places[frame] - t
             s, along = ((1.0 - fraction) * a + fraction * b for a, b in ((x[0], x[1]), (before, after)))
-            yield State(frame, s, x[1] - x[0], along)
+            yield State(s, x[1] - x[0], along)
             frame += 1
         before = after
     if tape.good < tape.steps:

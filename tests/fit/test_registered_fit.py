@@ -7,11 +7,8 @@ import pytest
 from helpers.strangers import sheet, stranger, with_finer_steps
 
 import clothfit
-from clothfit.fit.options import FitOptions
-from clothfit.fit.registered_fit import Fits
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
-from clothfit.optimise.progress import Progress
 from clothfit.registration.record import Registration, rotation
 from clothfit.scene.fit_vector import parameters, with_parameters
 
@@ -127,22 +124,3 @@ def test_a_budget_of_time_ends_the_search_with_a_result(exact):
     found = clothfit.estimate(sheet(50.0), stranger(exact, 1.2), fit_time=True, budget=1e-3)
     assert len(found.registration) == 1
     assert found.scene.frames == 40
-
-
-def test_the_progress_of_several_fits_goes_on_and_its_best_never_gets_worse(exact):
-    seen, found = [], clothfit.estimate(sheet(20.0), exact, intervals=False)
-
-    def fit(scene, target, options):
-        for k, cost in enumerate(target):
-            options.on_progress(Progress(k + 1, 100, cost, np.sqrt(cost), 0.5 * (k + 1), k))
-        return replace(found, evaluations=len(target), seconds=0.5 * len(target))
-
-    fits = Fits(fit)
-    for costs in ([4.0, 1.0], [9.0, 0.25, 0.25]):
-        fits(sheet(20.0), costs, FitOptions(on_progress=seen.append))
-    assert [(each.evaluations, each.seconds, each.iteration) for each in seen] == [
-        (1, 0.5, 0), (2, 1.0, 1), (3, 1.5, 1), (4, 2.0, 2), (5, 2.5, 3),
-    ]  # fmt: skip
-    assert [each.cost for each in seen] == [4.0, 1.0, 1.0, 0.25, 0.25]
-    assert [each.rmse for each in seen] == [2.0, 1.0, 1.0, 0.5, 0.5]
-    assert (fits.evaluations, fits.seconds) == (5, 2.5)

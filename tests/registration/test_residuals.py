@@ -72,10 +72,3 @@ def test_the_gain_of_a_step_is_as_predicted_near_the_minimum():
     q = p + step[: len(p)] * np.maximum(np.abs(p), 0.1)
     cost = registered.sums(q, where, step[None, len(p) :]).cost
     assert cost == pytest.approx(step @ sums.H @ step, rel=1e-2)  # the next term is smaller by the step's size
-
-
-def test_the_coordinates_of_a_registration_are_those_it_was_made_with():
-    _, motion = scene_and_target()
-    near = around(Registration(1.07, -0.013, rotation(np.array([0.1, 0.2, -0.1])), np.array([0.1, -0.2, 0.05])), motion)
-    theta = 1e-4 * np.random.default_rng(2).normal(size=THETA)
-    assert near.of(near.at(theta)) == pytest.approx(theta, rel=1e-4, abs=1e-9)  # of rotations to their second order
