@@ -14,10 +14,9 @@ added to the half width.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -37,7 +36,7 @@ from clothfit.optimise.evidence import inverse, variance
 from clothfit.optimise.prior import WIDEST
 from clothfit.registration.mistaken import mistaken
 from clothfit.registration.record import Markers, Registration
-from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Around
+from clothfit.registration.residuals import RATE, SPACE, THETA, TIME
 from clothfit.registration.search import Unknowns, few, find, sought
 from clothfit.scene.scene import Scene
 
@@ -124,41 +123,37 @@ class Look:
 
     def another(self, found: Fit, seconds: float | None) -> Look | None:
         """With registrations that promise a better fit: by few values, or, where the model is right, by all of them."""
-        with interrupts.deferred():
-            moved = in_time(partial(self.better, found), None, seconds, known=True)
-            if moved is None and found.verdict is not None and not found.verdict.differs:
-                by_all = self.beside(found, seconds)
-                moved = by_all and by_all.moved
-        return None if moved is None else self.after(moved)
+        moved = self._within(seconds, self._better, found)
+        if moved is None and found.verdict and not found.verdict.differs:
+            moved = self._within(self._longest(found, seconds), self._beside, found, False)
+        return moved
 
     def with_intervals(self, found: Fit, seconds: float | None) -> Look:
-        """With intervals beside all values, where they are found in time."""
-        with interrupts.deferred():
-            by_all = self.beside(found, seconds)
-        return self if by_all is None else self.after(by_all.known)
+        """With intervals beside all values of a fit, unless that takes longer than the fit."""
+        return self._within(self._longest(found, seconds), self._beside, found, True) or self
 
-    def better(self, found: Fit) -> list[Registration] | None:
-        """Registrations with which few of the fitted values cost less; None where there are none such."""
+    def _within(self, seconds: float | None, look: Callable[..., Look | None], *given: object) -> Look | None:
+        with interrupts.deferred():
+            return in_time(partial(look, *given), None, seconds, known=True)
+
+    def _better(self, found: Fit) -> Look | None:
+        """With registrations with which few of the fitted values cost less; None where there are none such."""
         begun = few(found.scene, cut(self.given, self.known, self.scene, found.scene), self.free, self.loss)
         before = near = begun.at(begun.p, self.known)
         if self.free[SPACE].any():
             near = near.settled()
         near = near.only(TIME).descended() if self.free[TIME].any() else near
-        return list(near.registrations) if near.cost() < BETTER**2 * before.cost() else None
+        return self.after(near.registrations) if near.cost() < BETTER**2 * before.cost() else None
 
-    def beside(self, found: Fit, seconds: float | None) -> Joint | None:
-        """The registrations beside all values of the fit; None where that takes longer than the fit."""
-        longest = max(found.seconds, MOMENT) if seconds is None else min(seconds, max(found.seconds, MOMENT))
-        return in_time(partial(self.joint, found), None, longest, known=True)
-
-    def joint(self, found: Fit) -> Joint | None:
-        """The registrations with their intervals, and where they should be beside the values of the fit. None where
-        the motion diverges, or there are too many values.
+    def _beside(self, found: Fit, intervals: bool) -> Look | None:
+        """With intervals beside all values of a fit, or where it should be then. None where the motion diverges, there
+        are too many values, or another place says nothing beside the noise.
         """
-        given = cut(self.given, self.known, self.scene, found.scene)
-        begun = Unknowns.of(found.scene, given, self.free, self.loss, TOLERANCE)
-        near = begun.at(begun.p, self.known)
-        if not 0 < len(near.p) <= MOST:
+        begun = Unknowns.of(
+            found.scene, cut(self.given, self.known, self.scene, found.scene), self.free, self.loss, TOLERANCE
+        )
+        near, count = begun.at(begun.p, self.known), len(begun.p)
+        if not 0 < count <= MOST:
             return None
         try:
             model = near.model(near.here)
@@ -167,23 +162,26 @@ class Look:
         sigma = float(np.sqrt(variance(model.cost, near.residuals, 0.0))) if found.sigma is None else found.sigma
         if not sigma > 0:
             return None
-        H, g = np.zeros((2, len(near.chosen), len(near.chosen)))
-        H[np.ix_(near.chosen, near.chosen)], g[0, near.chosen] = model.H, model.g
-        g[0, : len(near.p)] = 0.0  # the values are at their minimum
-        covariance = covariance_of(H + prior_of(found, sigma, len(H)))
-        step, known, moved, far = -covariance @ g[0], list[Registration](), list[Registration](), False
-        for k, (each, place) in enumerate(zip(self.known, near.where, strict=True)):
-            own = slice(len(near.p) + THETA * k, len(near.p) + THETA * (k + 1))
+        H, g, own = prior_of(found, sigma, len(near.chosen)), np.zeros(len(near.chosen)), np.flatnonzero(near.chosen)
+        H[np.ix_(own, own)] += model.H
+        g[own[count:]] = model.g[count:]  # the values are at their minimum
+        covariance = inverse_of(H)
+        steps, known, far = -covariance @ g, list[Registration](), intervals
+        for each, place, k in zip(self.known, near.where, range(count, len(H), THETA), strict=True):
+            C, step = covariance[k : k + THETA, k : k + THETA], steps[k : k + THETA]
             ends = [[place.at(sign * STEP * e).numbers for sign in (1.0, -1.0)] for e in np.eye(THETA)]
-            J, by = np.stack([(up - down) / (2.0 * STEP) for up, down in ends], axis=1), step[own]  # by coordinates
-            width, away = NORMAL * sigma * np.sqrt(np.diag(J @ covariance[own, own] @ J.T)), np.abs(J @ by)
-            known.append(replace(each, within=width + away))
-            most_likely = place.at(by)
-            keeps_time = self.free[RATE] and abs(most_likely.rate - 1.0) <= width[RATE]
-            moved.append(with_rate_1(place, by, covariance[own, own], J) if keeps_time else most_likely)
-            far |= bool((np.abs(moved[-1].numbers - each.numbers) > SETTLED * width).any())
-            far |= bool(keeps_time and abs(each.rate - 1.0) > STEADY * width[RATE])
-        return Joint(known, moved if far else None)
+            J = np.stack([(up - down) / (2.0 * STEP) for up, down in ends], axis=1)  # of the numbers by coordinates
+            width, likely = NORMAL * sigma * np.sqrt(np.diag(J @ C @ J.T)), place.at(step)
+            if keeps_time := bool(self.free[RATE] and abs(likely.rate - 1.0) <= width[RATE]):
+                way = -np.log(each.rate) / place.scale[RATE] - step[RATE]  # the most likely one with that rate
+                likely = replace(place.at(step + C[:, RATE] / max(C[RATE, RATE], np.finfo(float).tiny) * way), rate=1.0)
+            far |= bool((np.abs(likely.numbers - each.numbers) > SETTLED * width).any())
+            far |= keeps_time and abs(each.rate - 1.0) > STEADY * width[RATE]
+            known.append(replace(each, within=width + np.abs(J @ step)) if intervals else likely)
+        return self.after(known) if far else None
+
+    def _longest(self, found: Fit, seconds: float | None) -> float:
+        return min(np.inf if seconds is None else seconds, max(found.seconds, MOMENT))
 
 
 def cut(
@@ -200,23 +198,6 @@ def cut(
     return found
 
 
-class Joint(NamedTuple):
-    """What is known of the registrations of a fit."""
-
-    known: list[Registration]  # as they were, with intervals
-    moved: list[Registration] | None  # where the step leads; None where that says nothing beside the noise
-
-
-def with_rate_1(near: Around, step: Array, covariance: Array, J: Array) -> Registration:
-    """The most likely registration with a clock of rate 1, from the `step` (9,) to the most likely one, their
-    covariance (9, 9) and the derivative J (9, 9) of its numbers.
-    """
-    if not covariance[RATE, RATE] > 0:
-        return replace(near.at(step), rate=1.0)
-    way = (1.0 - near.at(np.zeros(THETA)).rate) / J[RATE, RATE] - step[RATE]
-    return replace(near.at(step + covariance[:, RATE] / covariance[RATE, RATE] * way), rate=1.0)
-
-
 def prior_of(fit: Fit, sigma: float, size: int) -> Array:
     """A (Q, Q), what the prior of a fit adds to the normal equations of so many unknowns, of which its values are the
     first.
@@ -230,7 +211,7 @@ def prior_of(fit: Fit, sigma: float, size: int) -> Array:
     return A
 
 
-def covariance_of(H: Array) -> Array:
+def inverse_of(H: Array) -> Array:
     """H⁻¹ (Q, Q) of those unknowns that H shows; 0 of the others."""
     shown = np.diag(H) > 0
     scale, every = 1.0 / np.sqrt(np.diag(H)[shown]), np.ix_(shown, shown)
