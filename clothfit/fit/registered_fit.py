@@ -36,8 +36,9 @@ from clothfit.optimise.evidence import inverse, variance
 from clothfit.optimise.prior import WIDEST
 from clothfit.registration.mistaken import mistaken
 from clothfit.registration.record import Markers, Registration
-from clothfit.registration.residuals import RATE, SPACE, THETA, TIME
-from clothfit.registration.search import Unknowns, few, find, sought
+from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns
+from clothfit.registration.search import descended, few, find, settled, sought
+from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 
 BETTER = 0.99
@@ -123,36 +124,35 @@ class Look:
 
     def another(self, found: Fit, seconds: float | None) -> Look | None:
         """With registrations that promise a better fit: by few values, or, where the model is right, by all of them."""
-        moved = self._within(seconds, self._better, found)
+        moved = self._within(found, seconds, self._better)
         if moved is None and found.verdict and not found.verdict.differs:
-            moved = self._within(self._longest(found, seconds), self._beside, found, False)
+            moved = self._within(found, seconds, partial(self._beside, intervals=False))
         return moved
 
     def with_intervals(self, found: Fit, seconds: float | None) -> Look:
         """With intervals beside all values of a fit, unless that takes longer than the fit."""
-        return self._within(self._longest(found, seconds), self._beside, found, True) or self
+        return self._within(found, seconds, partial(self._beside, intervals=True)) or self
 
-    def _within(self, seconds: float | None, look: Callable[..., Look | None], *given: object) -> Look | None:
+    def _within(self, found: Fit, seconds: float | None, look: Callable[[Fit], Look | None]) -> Look | None:
+        longest = min(np.inf if seconds is None else seconds, max(found.seconds, MOMENT))
         with interrupts.deferred():
-            return in_time(partial(look, *given), None, seconds, known=True)
+            return in_time(partial(look, found), None, longest, known=True)
 
     def _better(self, found: Fit) -> Look | None:
         """With registrations with which few of the fitted values cost less; None where there are none such."""
         begun = few(found.scene, cut(self.given, self.known, self.scene, found.scene), self.free, self.loss)
         before = near = begun.at(begun.p, self.known)
         if self.free[SPACE].any():
-            near = near.settled()
-        near = near.only(TIME).descended() if self.free[TIME].any() else near
+            near = settled(near)
+        near = descended(near.only(TIME)) if self.free[TIME].any() else near
         return self.after(near.registrations) if near.cost() < BETTER**2 * before.cost() else None
 
     def _beside(self, found: Fit, intervals: bool) -> Look | None:
         """With intervals beside all values of a fit, or where it should be then. None where the motion diverges, there
         are too many values, or another place says nothing beside the noise.
         """
-        begun = Unknowns.of(
-            found.scene, cut(self.given, self.known, self.scene, found.scene), self.free, self.loss, TOLERANCE
-        )
-        near, count = begun.at(begun.p, self.known), len(begun.p)
+        given, p = cut(self.given, self.known, self.scene, found.scene), parameters(found.scene)
+        near, count = Unknowns(found.scene, given, p, self.known, self.free, self.loss, TOLERANCE), len(p)
         if not 0 < count <= MOST:
             return None
         try:
@@ -179,9 +179,6 @@ class Look:
             far |= keeps_time and abs(each.rate - 1.0) > STEADY * width[RATE]
             known.append(replace(each, within=width + np.abs(J @ step)) if intervals else likely)
         return self.after(known) if far else None
-
-    def _longest(self, found: Fit, seconds: float | None) -> float:
-        return min(np.inf if seconds is None else seconds, max(found.seconds, MOMENT))
 
 
 def cut(

@@ -38,8 +38,8 @@ from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA
-from clothfit.registration.search import Unknowns, few
+from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Unknowns
+from clothfit.registration.search import descended, few, weighted
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy import smooth_balances
@@ -64,14 +64,13 @@ class Explained(NamedTuple):
 
 def unknowns(scene: Scene, given: Sequence[Experiment], loss: Loss) -> Unknowns:
     """The targets and few values of a scene, where registrations are looked for."""
-    found = few(scene, given, np.ones(THETA, bool), loss)
-    return replace(found, registered=replace(found.registered, tolerance=TOLERANCE))
+    return replace(few(scene, given, np.ones(THETA, bool), loss), tolerance=TOLERANCE)
 
 
 def promised(scene: Scene, given: Sequence[Experiment], loss: Loss) -> dict[str, float]:
     """The share of the squares that each kind promises to explain. Raises Diverged."""
     plain = unknowns(scene, given, loss)
-    models = [each.model(each.here) for each in (plain, plain.weighted)]
+    models = [each.model(each.here) for each in (plain, weighted(plain))]
     found, values = dict[str, float](), len(plain.p)
     for what, part in KINDS.items():
         model = models[what == "placement"]
@@ -96,10 +95,10 @@ def explained(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) 
     """What one kind of registration explains of the residuals; None where the motion diverges."""
     before = unknowns(scene, given, loss)
     try:
-        before = before.weighted if what == "placement" else before
+        before = weighted(before) if what == "placement" else before
     except Diverged:
         return None
-    cost, after = before.cost(), before.only(KINDS[what]).descended(STEPS)
+    cost, after = before.cost(), descended(before.only(KINDS[what]), STEPS)
     return Explained(what, 1.0 - after.cost() / cost, after.registrations[0]) if 0 < cost < np.inf else None
 
 

@@ -13,22 +13,20 @@ clock late.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Flags
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.foreign import apart
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment, flagged_as
 from clothfit.optimise import gauss_newton
-from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.prior import none
 from clothfit.registration.free_fall import other_fall
 from clothfit.registration.record import Registration, rigid, scale_between
-from clothfit.registration.residuals import OFFSET, PLACE, SCALE, SPACE, THETA, TIME, Around, Registered, around
+from clothfit.registration.residuals import PLACE, SCALE, SPACE, THETA, TIME, Unknowns
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 
@@ -44,159 +42,57 @@ RIGID = 0.2
 FLOOR, TINY = 1e-2, 1e-24
 """Error relative to that of all frames below which frames count alike; m², what squares that are 0 count as."""
 
-TOLERANCE = 1e-8
-"""Of the linear systems, relative."""
-
-FARTHEST = np.array([np.log(5.0), 0.5, *[np.pi] * 3, *[np.inf] * 3, np.log(5.0)])
-"""Changes (9,) of the logarithm of a rate, of an offset, relative to the target's duration, of a place and of the
-logarithm of a scale that a search may make.
-"""
-
 LEAST = 1e-3
 """A descent ends where a step would save less than this part of the cost."""
 
 
-@dataclass(frozen=True, eq=False)
-class Unknowns:
-    """Values and registrations, and the cost around them by the vector z: of values log p, or p / σ, then the θ of each
-    target.
+def descended(unknowns: Unknowns, iterations: int = ITERATIONS) -> Unknowns:
+    """Where Gauss–Newton ends; the same where it goes nowhere."""
+    here = unknowns.here
+    ends = unknowns.coordinates
+    lower, upper = unknowns.z(ends.lower, -np.inf), unknowns.z(ends.upper, np.inf)
+    problem = gauss_newton.Problem(unknowns.model, unknowns.cost, lower, upper, unknowns.residuals, least=LEAST)
+    try:
+        model, _, _ = gauss_newton.minimise(problem, here, none(len(here)), iterations=iterations)
+    except Diverged:
+        return unknowns
+    if model.y is here:
+        return unknowns
+    p, theta = unknowns.split(model.y)
+    return unknowns.at(p, [near.at(each) for near, each in zip(unknowns.where, theta, strict=True)])
+
+
+def early(unknowns: Unknowns) -> Unknowns:
+    """The same over the first frames."""
+    return replace(unknowns, frames=max(max(len(each.motion.times) for each in unknowns.given) // EARLY, FEWEST))
+
+
+def weighted(unknowns: Unknowns) -> Unknowns:
+    """The same with weights from what is left here: a model that differs is wrong in its late frames first, and never
+    at what is held. So free vertices weigh by what is left of their frame, and held ones of all. Raises Diverged.
     """
+    weights = []
+    for squares in unknowns.sums(unknowns.here, derivative=False).squares:
+        known = np.where(np.isfinite(squares), squares, 0.0)
+        free, held = known.sum(axis=0) / np.maximum(np.isfinite(squares).sum(axis=0), 1)
+        near = np.stack([known[:, 0], np.full(len(known), held)], axis=1)
+        weights.append(1.0 / np.maximum(near, max(FLOOR**2 * free, TINY)))
+    return replace(unknowns, weights=weights)
 
-    registered: Registered
-    p: Array  # (P,)
-    registrations: Sequence[Registration]
-    free: Flags  # (9,), which coordinates of a registration are unknown
 
-    @classmethod
-    def of(
-        cls, scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss, tolerance: float = TOLERANCE
-    ) -> Unknowns:
-        """The values of a scene, and targets whose clock and place are the scene's."""
-        registered = Registered(scene, given, loss, tolerance)
-        return cls(registered, parameters(scene), [Registration()] * len(given), free)
-
-    def at(self, p: Array, registrations: Sequence[Registration]) -> Unknowns:
-        """The same around another point."""
-        return replace(self, p=p, registrations=registrations)
-
-    def only(self, part: slice) -> Unknowns:
-        """The same with some coordinates of registrations alone."""
-        free = np.zeros(THETA, bool)
-        free[part] = self.free[part]
-        return replace(self, free=free)
-
-    @property
-    def early(self) -> Unknowns:
-        """The same over the first frames."""
-        frames = max(len(each.motion.times) for each in self.registered.given)
-        return replace(self, registered=replace(self.registered, frames=max(frames // EARLY, FEWEST)))
-
-    @property
-    def weighted(self) -> Unknowns:
-        """The same with weights from what is left here. Raises Diverged."""
-        squares = self.registered.sums(self.p, self.where, np.zeros((len(self.where), THETA))).squares
-        return replace(self, registered=replace(self.registered, weights=[trust_in(each) for each in squares]))
-
-    @cached_property
-    def where(self) -> list[Around]:
-        """The registrations around those here."""
-        return [around(own, each.motion) for own, each in zip(self.registrations, self.registered.given, strict=True)]
-
-    @cached_property
-    def coordinates(self) -> Coordinates:
-        """Of the values."""
-        return Coordinates(self.registered.main, self.p)
-
-    @property
-    def chosen(self) -> Flags:
-        """Which of all P + 9 K coordinates are in z."""
-        return np.concatenate([np.ones(len(self.p), bool), np.tile(self.free, len(self.where))])
-
-    @property
-    def here(self) -> Array:
-        """z of this point."""
-        plain = self.coordinates.y(self.p) / self.coordinates.weight
-        return np.asarray(np.concatenate([plain, np.zeros(THETA * len(self.where))])[self.chosen])
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Ends of z."""
-        ends = []
-        for sign, end in zip((-1.0, 1.0), (self.coordinates.lower, self.coordinates.upper), strict=True):
-            theta = [sign * farthest(each) / near.scale
-                     for each, near in zip(self.registered.given, self.where, strict=True)]  # fmt: skip
-            ends.append(np.concatenate([end / self.coordinates.weight, *theta])[self.chosen])
-        return ends[0], ends[1]
-
-    def split(self, z: Array) -> tuple[Array, Array]:
-        """The values (P,), and θ (K, 9)."""
-        whole = np.zeros(len(self.chosen))
-        whole[self.chosen] = z
-        p = self.coordinates.p(whole[: len(self.p)] * self.coordinates.weight)
-        return p, whole[len(self.p) :].reshape(-1, THETA)
-
-    def model(self, z: Array) -> gauss_newton.Model:
-        """The cost near z. Raises Diverged."""
-        p, theta = self.split(z)
-        found, own = self.registered.sums(p, self.where, theta, self.coordinates.change(p)), self.chosen
-        return gauss_newton.Model(z, found.cost, found.H[np.ix_(own, own)], found.g[own])
-
-    def cost(self, z: Array | None = None) -> float:
-        """The cost at z, or here; infinite where the simulation diverges."""
-        p, theta = self.split(self.here if z is None else z)
+def settled(unknowns: Unknowns) -> Unknowns:
+    """Where values and registrations end with weights that follow what is left."""
+    found = unknowns
+    for stage in (early(unknowns), *[unknowns] * ROUNDS):
         try:
-            cost = self.registered.sums(p, self.where, theta).cost
+            start = weighted(stage.at(found.p, found.registrations))
         except Diverged:
-            return np.inf
-        return cost if np.isfinite(cost) else np.inf
-
-    @property
-    def residuals(self) -> int:
-        """How many there are."""
-        return 3 * sum(int(each.motion.seen()[: self.registered.frames].sum()) for each in self.registered.given)
-
-    def descended(self, iterations: int = ITERATIONS) -> Unknowns:
-        """Where Gauss–Newton ends; here where the simulation diverges."""
-        here = self.here
-        problem = gauss_newton.Problem(self.model, self.cost, *self.bounds, self.residuals, least=LEAST)
-        try:
-            model, _, _ = gauss_newton.minimise(problem, here, none(len(here)), iterations=iterations)
-        except Diverged:
-            return self
-        if model.y is here:
-            return self
-        p, theta = self.split(model.y)
-        return self.at(p, [near.at(each) for near, each in zip(self.where, theta, strict=True)])
-
-    def settled(self) -> Unknowns:
-        """Where values and registrations end with weights that follow what is left."""
-        found = self
-        for stage in (self.early, *[self] * ROUNDS):
-            try:
-                weighted = stage.at(found.p, found.registrations).weighted
-            except Diverged:
-                break
-            near = weighted.descended()
-            if near is weighted and stage is self:
-                break
-            found = self.at(near.p, near.registrations)
-        return found
-
-
-def trust_in(squares: Array) -> Array:
-    """The weights (F, 2) of each frame's free vertices, and of all held ones, by how near they are, from their mean
-    `squares` (F, 2), m²: a model that differs is wrong in its late frames first, and never at what is held.
-    """
-    known = np.where(np.isfinite(squares), squares, 0.0)
-    free, held = known.sum(axis=0) / np.maximum(np.isfinite(squares).sum(axis=0), 1)
-    near = np.stack([known[:, 0], np.full(len(known), held)], axis=1)
-    return np.asarray(1.0 / np.maximum(near, max(FLOOR**2 * free, TINY)))
-
-
-def farthest(given: Experiment) -> Array:
-    """The largest changes (9,) of a registration's coordinates."""
-    duration = float(np.ptp(given.motion.times)) or 1.0
-    return FARTHEST * np.where(np.arange(THETA) == OFFSET, duration, 1.0)
+            break
+        near = descended(start)
+        if near is start and stage is unknowns:
+            break
+        found = unknowns.at(near.p, near.registrations)
+    return found
 
 
 def with_few_values(scene: Scene) -> Scene:
@@ -222,7 +118,7 @@ def few(scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss) -> U
     """The few values of a scene, and targets, where registrations are looked for."""
     main = with_few_values(scene)
     own = [Experiment(e.motion, main if e.scene is scene else flagged_as(e.scene, main)) for e in given]
-    return Unknowns.of(main, own, free, loss)
+    return Unknowns(main, own, parameters(main), [Registration()] * len(own), free, loss)
 
 
 def first_guesses(given: Experiment, free: Flags) -> list[Registration]:
@@ -255,7 +151,7 @@ def find(scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss) -> 
     tries = []
     for i in range(max(map(len, guesses))):
         alike = [each[min(i, len(each) - 1)] for each in guesses]
-        tries.append(begun.at(begun.p, alike).early.only(TIME).descended())
+        tries.append(descended(early(begun.at(begun.p, alike)).only(TIME)))
     first = min(tries, key=lambda each: each.cost())
-    found = begun.at(first.p, first.registrations).settled()
+    found = settled(begun.at(first.p, first.registrations))
     return list((found if found.cost() < begun.cost() else begun).registrations)
