@@ -59,7 +59,7 @@ from clothfit.objective.memory_needs import Needs, check_own
 from clothfit.objective.objective import Compared, Objective
 from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import Checkpoint, State, identity, opened
-from clothfit.optimise.progress import Progress, Rounds
+from clothfit.optimise.progress import Progress
 from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
@@ -255,23 +255,18 @@ def registered_fit(look: Look, start: float | Array | Scene | None, options: Fit
     """The fit to targets whose clock or place is found with its values; done again with what a look after it promises,
     and kept unless its error is larger. With all values clocks have the rate 1 where the data show no other.
     """
-    rounds = Rounds(options.on_progress)
-    own = replace(options, on_progress=rounds if options.on_progress else None)
-    found = one_fit(look.scene, look.registered(), start, own, began)
-    own = replace(own, on_memory=None, on_hint=None, on_found=None, checkpoint=None, resume=False)
+    report, found = options.on_progress, one_fit(look.scene, look.registered(), start, options, began)
+    again = replace(options, on_memory=None, on_hint=None, on_found=None, checkpoint=None, resume=False)
     for _ in range(ROUNDS):
         other = None if ended(found) else look.another(found, left(options, began))
         if other is None:
             break
-        rounds.next()
-        again = one_fit(look.scene, other.registered(), start, own, began)
-        better = again.rmse < ALIKE_ERROR * found.rmse
-        kept = replace(again, hints=[*(hint for hint in found.hints if hint.early), *again.hints]) if better else found
-        seconds = found.seconds + again.seconds
-        found = replace(kept, evaluations=found.evaluations + again.evaluations, seconds=seconds)
-        if not better:
+        again = replace(again, on_progress=report and partial(report_best, report, found))
+        fit = one_fit(look.scene, other.registered(), start, again, began, found)
+        if not fit.rmse < ALIKE_ERROR * found.rmse:
+            found = replace(found, evaluations=fit.evaluations, seconds=fit.seconds)
             break
-        look = other
+        look, found = other, replace(fit, hints=[*(hint for hint in found.hints if hint.early), *fit.hints])
     if options.intervals and not ended(found):
         look = look.with_intervals(found, left(options, began))
     if options.fit_time and look.scene.mode("gravity") != "n":
@@ -282,6 +277,12 @@ def registered_fit(look: Look, start: float | Array | Scene | None, options: Fit
 def ended(found: Fit) -> bool:
     """Whether a fit has ended so that nothing more is looked at."""
     return found.status in (Status.INTERRUPTED, Status.DIVERGED)
+
+
+def report_best(report: Callable[[Progress], None], found: Fit, progress: Progress) -> None:
+    """Report progress after a fit, which may be the better one so far."""
+    cost, rmse = min((found.cost, found.rmse), (progress.cost, progress.rmse))
+    report(replace(progress, cost=cost, rmse=rmse))
 
 
 def left(options: FitOptions, began: float) -> float | None:
@@ -297,10 +298,11 @@ def say(hints: Sequence[Hint], options: FitOptions) -> None:
 
 
 def one_fit(
-    scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions, began: float
-) -> Fit:
+    scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions, began: float,
+    before: Fit | None = None,
+) -> Fit:  # fmt: skip
     """The fit to targets as they are: pins, objectives, what it settles before it begins, search, and what its motion
-    says.
+    says; with the time and the evaluations of one `before` it.
     """
     hidden, pinned = target is None, 0
     if target is not None and not (options.hold or options.windows or callable(options.objective)):
@@ -321,6 +323,9 @@ def one_fit(
     with interrupts.deferred():
         with interrupts.limited(left(options, began)):
             plan = replace(own, kept_out=None) if hidden else prepared(own, start, options, state)
+            if before:
+                spent = before.evaluations + plan.evaluations, before.seconds + plan.seconds
+                plan = replace(plan, evaluations=spent[0], seconds=spent[1])
             try:
                 found = searched(plan, start, hidden, options, checkpoint, state)
             except SolvedLooser as looser:

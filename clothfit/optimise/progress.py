@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,32 +43,6 @@ class Progress:
     window_rmse: float = np.nan  # of the last accepted point, m, where that is of fewer than all frames
     unit: str = "m"  # of the errors: "m", "m/s", or none
     best: Callable[[], Scene] | None = None  # makes the scene with the best values so far
-
-    def after(self, other: Progress) -> Progress:
-        """This progress as that of a fit that goes on from another one."""
-        cost, rmse = min((self.cost, self.rmse), (other.cost, other.rmse))
-        return replace(
-            self, evaluations=other.evaluations + self.evaluations, budget=other.evaluations + self.budget, cost=cost,
-            rmse=rmse, seconds=other.seconds + self.seconds, iteration=other.iteration + self.iteration,
-        )  # fmt: skip
-
-
-class Rounds:
-    """Reports fits one after the other as one, whose best never gets worse."""
-
-    def __init__(self, receiver: Callable[[Progress], None] | None) -> None:
-        self.receiver = receiver
-        self.before: Progress | None = None  # the last progress of the rounds before
-        self.last: Progress | None = None
-
-    def __call__(self, progress: Progress) -> None:
-        self.last = progress.after(self.before) if self.before else progress
-        if self.receiver:
-            self.receiver(self.last)
-
-    def next(self) -> None:
-        """Begin the next one."""
-        self.before = self.last
 
 
 class Trend:

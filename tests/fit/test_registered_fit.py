@@ -1,6 +1,7 @@
 """Fits of targets with another clock or place: what is found, and that nothing gets worse."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -86,15 +87,20 @@ def test_a_clock_that_keeps_time_as_far_as_noise_shows_has_the_rate_1(noisy):
 
 
 def test_the_place_is_found_with_the_clock_where_the_model_differs():
-    asked, every = sheet(50.0), with_finer_steps(sheet(20.0), 4)
+    asked, every, said = sheet(50.0), with_finer_steps(sheet(20.0), 4), []
     plain = clothfit.estimate(asked, every, intervals=False)
     moved = stranger(every, 1.3, 0.0, R, D)
-    found = clothfit.estimate(asked, moved, intervals=False, fit_time=True, fit_placement=True)
+    both = {"fit_time": True, "fit_placement": True}
+    found = clothfit.estimate(asked, moved, intervals=False, on_progress=said.append, **both)
     (known,) = found.registration
     # what is held and the start say where it is, however wrong the model is later
     assert known.translation == pytest.approx(D, abs=5e-3)
     assert known.rotation == pytest.approx(R, abs=2e-2)
     assert found.rmse < plain.rmse
+    for one, later in pairwise(said):  # of several fits, whose progress goes on
+        assert later.evaluations >= one.evaluations
+        assert later.seconds >= one.seconds
+        assert later.cost <= one.cost
 
 
 def test_each_target_has_its_own_registration():

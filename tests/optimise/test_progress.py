@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.optimise.progress import ENOUGH, Progress, Rounds, Trend
+from clothfit.optimise.progress import ENOUGH, Progress, Trend
 
 
 def said(cost, seconds, stage="gauss-newton", window=100):
@@ -44,17 +44,3 @@ def test_nothing_is_said_before_all_frames_are_compared_or_soon_after():
 
 def test_nothing_is_said_far_beyond_what_was_seen():
     assert said(lambda t: 1.0 + 1e9 * np.exp(-0.1 * t), 6.0) is None
-
-
-def test_the_progress_of_several_fits_goes_on_and_its_best_never_gets_worse():
-    seen = []
-    rounds = Rounds(seen.append)
-    for costs in ([4.0, 1.0], [9.0, 0.25, 0.25]):
-        for k, cost in enumerate(costs):
-            rounds(Progress(k + 1, 100, cost, np.sqrt(cost), 0.5 * (k + 1), k))
-        rounds.next()
-    assert [(each.evaluations, each.budget, each.seconds, each.iteration) for each in seen] == [
-        (1, 100, 0.5, 0), (2, 100, 1.0, 1), (3, 102, 1.5, 1), (4, 102, 2.0, 2), (5, 102, 2.5, 3),
-    ]  # fmt: skip
-    assert [each.cost for each in seen] == [4.0, 1.0, 1.0, 0.25, 0.25]
-    assert [each.rmse for each in seen] == [2.0, 1.0, 1.0, 0.5, 0.5]
