@@ -31,15 +31,16 @@ from clothfit.fit.result import Fit
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import at_frames
 from clothfit.objective.comparison import Loss, loss_named
-from clothfit.objective.experiment import Experiment
+from clothfit.objective.experiment import Experiment, flagged_as
 from clothfit.optimise.evidence import inverse, variance
 from clothfit.optimise.prior import WIDEST
 from clothfit.registration.mistaken import mistaken
 from clothfit.registration.record import Markers, Registration
 from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns
-from clothfit.registration.search import descended, few, find, settled, sought
+from clothfit.registration.search import descended, find, settled, sought
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
+from clothfit.strategy.ladder import as_model
 
 BETTER = 0.99
 """Error relative to the one before below which a fit is done again with another registration."""
@@ -110,7 +111,7 @@ class Look:
         free = sought(options.fit_time, options.fit_placement, options.fit_scale)
         late = [Registration(offset=float(each.motion.times[0]) * options.fit_time) for each in given]
         begun = cls(scene, given, free, loss_named(options.loss, options.loss_scale), [Registration()] * len(given))
-        search = partial(find, scene, cut(given, late, scene, scene), free, begun.loss)
+        search = partial(find, few(scene, cut(given, late, scene, scene), free, begun.loss))
         return begun.after(in_time(search, begun.known, options.budget))
 
     def after(self, known: Sequence[Registration]) -> Look:
@@ -179,6 +180,15 @@ class Look:
             far |= keeps_time and abs(each.rate - 1.0) > STEADY * width[RATE]
             known.append(replace(each, within=width + np.abs(J @ step)) if intervals else likely)
         return self.after(known) if far else None
+
+
+def few(scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss) -> Unknowns:
+    """One factor for each kind that is fitted with several values, and the targets, whose coordinates (9,) that are
+    `free` are unknown as well.
+    """
+    main = as_model(scene, "F")
+    own = [Experiment(e.motion, main if e.scene is scene else flagged_as(e.scene, main)) for e in given]
+    return Unknowns(main, own, parameters(main), [Registration()] * len(own), free, loss)
 
 
 def cut(

@@ -25,7 +25,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import metres
 from clothfit.engine.rollout import Rollout
 from clothfit.fit.hints import Hint
-from clothfit.fit.registered_fit import cut
+from clothfit.fit.registered_fit import cut, few
 from clothfit.fit.result import Fit
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Loss
@@ -39,7 +39,7 @@ from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Unknowns
-from clothfit.registration.search import descended, few, weighted
+from clothfit.registration.search import descended, weighted
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy import smooth_balances

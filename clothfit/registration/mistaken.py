@@ -99,13 +99,10 @@ def at_the_start(scene: Scene, motion: Motion) -> tuple[list[Swap], list[int]]:
     after = {int(i): int(j) for i, j in zip(rows, columns, strict=True) if gaps[i, j] <= near[i] and i != j}
     wrong, swaps = seen[places], list[Swap]()
     while after:
-        first = next((i for i in after if i not in after.values()), min(after))
-        chain, closed = [first], False
-        while not closed and chain[-1] in after:
-            following = after.pop(chain[-1])
-            closed = following == first
-            chain += [] if closed else [following]
-        swaps.append(Swap(tuple(wrong[chain].tolist()), closed=closed))
+        chain = [next((i for i in after if i not in after.values()), min(after))]
+        while (following := after.pop(chain[-1], None)) not in (None, chain[0]):
+            chain.append(following)
+        swaps.append(Swap(tuple(wrong[chain].tolist()), closed=following is not None))
     return swaps, wrong.tolist()
 
 

@@ -1,7 +1,7 @@
 """Values of a scene and registrations of its targets, which Gauss–Newton moves together; and where these begin.
 
 A stiffer cloth and a faster clock look alike, so neither can be found without the other: they are one vector z. Few
-values suffice to begin with, one factor for each kind that is fitted (`find`); a fit has all of them (`fit`).
+values suffice to begin with, one factor for each kind that is fitted.
 
 The beginning is what the target shows by itself: the clock by the free fall of its first frames, the place by its first
 frame, where that is the scene's start. The clock follows over the first third of the frames, then everything over all.
@@ -12,7 +12,6 @@ clock late.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,15 +19,12 @@ import numpy as np
 from clothfit.base.arrays import Flags
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.foreign import apart
-from clothfit.objective.comparison import Loss
-from clothfit.objective.experiment import Experiment, flagged_as
+from clothfit.objective.experiment import Experiment
 from clothfit.optimise import gauss_newton
 from clothfit.optimise.prior import none
 from clothfit.registration.free_fall import other_fall
 from clothfit.registration.record import Registration, rigid, scale_between
 from clothfit.registration.residuals import PLACE, SCALE, SPACE, THETA, TIME, Unknowns
-from clothfit.scene.fit_vector import parameters
-from clothfit.scene.scene import Scene
 
 EARLY, FEWEST = 3, 12
 """The first so many parts of the frames, and frames at least, that show a clock before all of them do."""
@@ -95,30 +91,11 @@ def settled(unknowns: Unknowns) -> Unknowns:
     return found
 
 
-def with_few_values(scene: Scene) -> Scene:
-    """The scene with one factor for each kind that is fitted with several values."""
-    cloths = []
-    for cloth in scene.cloths:
-        letters = "".join(letter if letter in "nG" else "F" for letter in cloth.settings)
-        fits = {kind: letter if letter in "nG" else "F" for kind, letter in cloth.fits.items()}
-        if cloth.fits.get("velocity", "n") != "G":
-            fits.pop("velocity", None)
-        cloths.append(replace(cloth, settings=letters, fits=fits))
-    return replace(scene, cloths=tuple(cloths))
-
-
 def sought(time: bool, placement: bool, scale: bool = False) -> Flags:
     """Which coordinates (9,) of a registration are sought where its clock, its place or its scale is."""
     free = np.zeros(THETA, bool)
     free[TIME], free[PLACE], free[SCALE] = time, placement, scale
     return free
-
-
-def few(scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss) -> Unknowns:
-    """The few values of a scene, and targets, where registrations are looked for."""
-    main = with_few_values(scene)
-    own = [Experiment(e.motion, main if e.scene is scene else flagged_as(e.scene, main)) for e in given]
-    return Unknowns(main, own, parameters(main), [Registration()] * len(own), free, loss)
 
 
 def first_guesses(given: Experiment, free: Flags) -> list[Registration]:
@@ -142,12 +119,9 @@ def first_guesses(given: Experiment, free: Flags) -> list[Registration]:
     return [replace(place, rate=rate, offset=offset) for rate, offset in dict.fromkeys(clocks)]
 
 
-def find(scene: Scene, given: Sequence[Experiment], free: Flags, loss: Loss) -> list[Registration]:
-    """The registration of each target in the coordinates (9,) that are `free`, with few of the scene's values beside
-    it; none where nothing lowers the cost.
-    """
-    begun = few(scene, given, free, loss)
-    guesses = [first_guesses(each, free) for each in given]
+def find(begun: Unknowns) -> list[Registration]:
+    """The registrations of targets beside values from which a search begins; none where nothing lowers the cost."""
+    guesses = [first_guesses(each, begun.free) for each in begun.given]
     tries = []
     for i in range(max(map(len, guesses))):
         alike = [each[min(i, len(each) - 1)] for each in guesses]
