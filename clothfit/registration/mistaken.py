@@ -138,13 +138,13 @@ def later_swaps(motion: Motion) -> list[Swap]:
 
 def changes(motion: Motion, first: int) -> Iterator[Swap]:
     """Two vertices that change places, from the frame `first` on."""
-    for frame in range(first, len(motion.positions)):
-        both = np.flatnonzero(motion.seen()[frame] & motion.seen()[frame - 1]) if motion.observed is not None else None
-        rows = slice(None) if both is None else both
-        now, before = motion.positions[frame, rows], motion.positions[frame - 1, rows]
-        jump = np.linalg.norm(now - before, axis=1)
-        if len(jump) < FEWEST:
+    x, seen = motion.positions, motion.seen()
+    for frame in range(first, len(x)):
+        both = np.flatnonzero(seen[frame] & seen[frame - 1])
+        if len(both) < FEWEST:
             continue
+        now, before = x[frame, both], x[frame - 1, both]
+        jump = np.linalg.norm(now - before, axis=1)
         wide = np.flatnonzero(jump > SUDDEN * np.median(jump))
         if not 2 <= len(wide) <= min(len(jump) // 2, MOST):
             continue
@@ -152,8 +152,7 @@ def changes(motion: Motion, first: int) -> Iterator[Swap]:
         other = np.argmin(across, axis=1)
         for i, j in ((i, int(j)) for i, j in enumerate(other) if other[j] == i < j):
             if across[i, j] + across[j, i] < EXCHANGE * (jump[wide[i]] + jump[wide[j]]):
-                pair = wide[[i, j]] if both is None else both[wide[[i, j]]]
-                yield Swap(tuple(sorted(pair.tolist())), frame)
+                yield Swap(tuple(both[wide[[i, j]]].tolist()), frame)
 
 
 def out_of_reach(scene: Scene, motion: Motion, suspects: list[int]) -> list[int]:

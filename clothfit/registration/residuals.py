@@ -15,6 +15,7 @@ one of them can explain is not put down to the other.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.derivative.sensitivity import Columns, at_start, columns, one_by_one, sweep, tangents
+from clothfit.derivative.sensitivity import Columns, at_start, carried, columns
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
@@ -234,36 +235,17 @@ def states(
     """
     step = np.floor(places).astype(np.int64)
     tape = Tape(system, int(step.max(initial=0)) + 1, tolerance)
-    chunks: list[Rollout] = []
-    frame, before = 0, at_start(system, wanted)
-    for t, after in enumerate(sensitivities(system, tape, wanted, tolerance, chunks)):
-        x = chunks[-1].x[t - chunks[-1].first :][:2]
+    chunks, frame, before = deque[Rollout](maxlen=1), 0, at_start(system, wanted)
+    for t, after in enumerate(carried(system, tape, wanted, tolerance, chunks.append)):
+        x = chunks[0].x[t - chunks[0].first :][:2]
         while frame < len(places) and step[frame] == t:
             share = places[frame] - t
             s, along = ((1.0 - share) * a + share * b for a, b in ((x[0], x[1]), (before, after)))
             yield s, x[1] - x[0], along
             frame += 1
-        before = after
+        before = after.copy()  # of what may always be the same array
     if tape.good < tape.steps:
         raise Diverged(f"diverged at step {tape.good + 1}", tape.good + 1)
-
-
-def sensitivities(
-    system: System, tape: Tape, wanted: Columns, tolerance: float, chunks: list[Rollout]
-) -> Iterator[Array]:
-    """The sensitivity (3 f, Q) after each step; the last of `chunks` has the state there."""
-
-    def keep(chunk: Rollout) -> None:
-        chunks[:] = [chunk]
-
-    if not wanted.width:
-        for chunk in tape.forward():
-            keep(chunk)
-            yield from [np.zeros((3 * int(mobile(system).sum()), 0))] * chunk.steps
-    elif one_by_one(system, wanted, tape.steps):
-        yield from tangents(system, tape, wanted, tolerance, keep)
-    else:
-        yield from (dx.copy() for dx in sweep(system, tape, wanted, keep))  # it is always the same array
 
 
 def by_registration(u: Array, t: float, placed: Array, where: Around, theta: Array, rate: float) -> Array:
