@@ -37,7 +37,7 @@ from clothfit.optimise.prior import WIDEST
 from clothfit.registration.mistaken import mistaken
 from clothfit.registration.record import Markers, Registration
 from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns
-from clothfit.registration.search import descended, find, settled, sought
+from clothfit.registration.search import FEWEST, descended, find, settled, sought
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy.ladder import as_model
@@ -48,15 +48,9 @@ BETTER = 0.99
 MOMENT = 5.0
 """Seconds, or as long as the fit takes where that is more, that a look at all values may take."""
 
-FEWEST = 12
-"""Frames, at least, with which a registration is sought."""
-
 SAME_FALL = (
     "gravity is fitted beside the rate of the target's clock: less of it and a slower clock look alike; fit one of them"
 )
-
-TOLERANCE = 1e-5
-"""Of the linear systems: intervals and steps need no better."""
 
 MOST = 1500
 """Values beside which this is looked for."""
@@ -153,7 +147,7 @@ class Look:
         are too many values, or another place says nothing beside the noise.
         """
         given, p = cut(self.given, self.known, self.scene, found.scene), parameters(found.scene)
-        near, count = Unknowns(found.scene, given, p, self.known, self.free, self.loss, TOLERANCE), len(p)
+        near, count = Unknowns(found.scene, given, p, self.known, self.free, self.loss), len(p)
         if not 0 < count <= MOST:
             return None
         try:

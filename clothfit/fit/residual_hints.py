@@ -38,7 +38,7 @@ from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Unknowns
+from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA
 from clothfit.registration.search import descended, weighted
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
@@ -46,9 +46,6 @@ from clothfit.strategy import smooth_balances
 
 STEPS = 5
 """Steps of Gauss–Newton."""
-
-TOLERANCE = 1e-5
-"""Of the linear systems: a share of what a model that differs leaves needs no better motion."""
 
 KINDS = {"offset": slice(OFFSET, OFFSET + 1), "rate": slice(RATE, RATE + 1), "placement": PLACE}
 """The coordinates of each kind of registration."""
@@ -62,14 +59,9 @@ class Explained(NamedTuple):
     registration: Registration  # of the first target
 
 
-def unknowns(scene: Scene, given: Sequence[Experiment], loss: Loss) -> Unknowns:
-    """The targets and few values of a scene, where registrations are looked for."""
-    return replace(few(scene, given, np.ones(THETA, bool), loss), tolerance=TOLERANCE)
-
-
 def promised(scene: Scene, given: Sequence[Experiment], loss: Loss) -> dict[str, float]:
     """The share of the squares that each kind promises to explain. Raises Diverged."""
-    plain = unknowns(scene, given, loss)
+    plain = few(scene, given, np.ones(THETA, bool), loss)
     models = [each.model(each.here) for each in (plain, weighted(plain))]
     found, values = dict[str, float](), len(plain.p)
     for what, part in KINDS.items():
@@ -93,7 +85,7 @@ def saving(model: Model, free: Flags) -> float:
 
 def explained(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Explained | None:
     """What one kind of registration explains of the residuals; None where the motion diverges."""
-    before = unknowns(scene, given, loss)
+    before = few(scene, given, np.ones(THETA, bool), loss)
     try:
         before = weighted(before) if what == "placement" else before
     except Diverged:

@@ -31,21 +31,20 @@ FEWEST, MOST = 5, 64
 """Markers, at least, that show where the others are, and at most that may be mistaken: more are another shape."""
 
 WRONG, NEAR = 6.0, 0.25
-"""Distance from its vertex, relative to the median of all, from which on a marker is wrong, and up to which it is
-another one's; and the same relative to the way to the next vertex, and to that from its own.
+"""Distance from its vertex, or from where it was a frame before, relative to the median of all, from which on a marker
+stands out, and up to which it is at another vertex; and a part of the way to the next vertex, and of that from its own,
+for the same.
 """
 
 LOOSE = 0.02
 """Median distance relative to the scene's size above which the first frame is not the scene's start."""
 
-EXCHANGE, SUDDEN = 0.1, 4.0
-"""Two vertices change places where that leaves less than this part of their jumps, which are so much larger than those
-of the others.
-"""
+EXCHANGE = 0.1
+"""Two vertices change places where that leaves less than this part of their jumps, and these stand out."""
 
-FAR, REACHES, NEAREST = 2.0, 1.3, 4
-"""Distances from the nearest markers, so many of them, relative to those at the start: those of a false one, compared
-with the median of all, and at least.
+FAR, NEAREST = 2.0, 4
+"""Distances from the nearest markers, so many of them, relative to those at the start, that a false one has, or so much
+more than the median of all.
 """
 
 SPIKE, LIKE = 12.0, 0.2
@@ -145,7 +144,7 @@ def changes(motion: Motion, first: int) -> Iterator[Swap]:
             continue
         now, before = x[frame, both], x[frame - 1, both]
         jump = np.linalg.norm(now - before, axis=1)
-        wide = np.flatnonzero(jump > SUDDEN * np.median(jump))
+        wide = np.flatnonzero(jump > WRONG * np.median(jump))
         if not 2 <= len(wide) <= min(len(jump) // 2, MOST):
             continue
         across = np.linalg.norm(now[wide][:, None] - before[wide][None], axis=2)
@@ -174,7 +173,7 @@ def out_of_reach(scene: Scene, motion: Motion, suspects: list[int]) -> list[int]
         if known.any():
             far = np.nanquantile(gaps[:, known], 0.9, axis=0) / away[near][known]  # in the frames where it is largest
             ratios[int(i)] = float(np.median(far))
-    limit = max(REACHES, FAR * float(np.median(list(ratios.values()) or [0.0])))
+    limit = FAR * max(1.0, float(np.median(list(ratios.values()) or [1.0])))
     return [i for i in suspects if ratios.get(i, 0.0) > limit]
 
 

@@ -29,14 +29,14 @@ from clothfit.registration.residuals import PLACE, SCALE, SPACE, THETA, TIME, Un
 EARLY, FEWEST = 3, 12
 """The first so many parts of the frames, and frames at least, that show a clock before all of them do."""
 
-ITERATIONS, ROUNDS = 8, 4
-"""Iterations with one set of weights, and how many sets there are at most over all frames."""
+ITERATIONS = 8
+"""At most, with one set of weights, and sets of weights over all frames."""
 
 RIGID = 0.2
 """The largest part of a first frame's distance from the start that may be left when it is moved and turned."""
 
-FLOOR, TINY = 1e-2, 1e-24
-"""Error relative to that of all frames below which frames count alike; m², what squares that are 0 count as."""
+FLOOR = 1e-2
+"""Error relative to that of all frames below which frames count alike."""
 
 LEAST = 1e-3
 """A descent ends where a step would save less than this part of the cost."""
@@ -72,14 +72,14 @@ def weighted(unknowns: Unknowns) -> Unknowns:
         known = np.where(np.isfinite(squares), squares, 0.0)
         free, held = known.sum(axis=0) / np.maximum(np.isfinite(squares).sum(axis=0), 1)
         near = np.stack([known[:, 0], np.full(len(known), held)], axis=1)
-        weights.append(1.0 / np.maximum(near, max(FLOOR**2 * free, TINY)))
+        weights.append(1.0 / np.maximum(near, FLOOR**2 * free or 1.0))
     return replace(unknowns, weights=weights)
 
 
 def settled(unknowns: Unknowns) -> Unknowns:
     """Where values and registrations end with weights that follow what is left."""
     found = unknowns
-    for stage in (early(unknowns), *[unknowns] * ROUNDS):
+    for stage in (early(unknowns), *[unknowns] * ITERATIONS):
         try:
             start = weighted(stage.at(found.p, found.registrations))
         except Diverged:
