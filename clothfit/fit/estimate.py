@@ -391,7 +391,7 @@ def searched(
     search.longest = longest if options.budget is None else np.inf
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden, start is not None) if plan.p is None else None
-    as_it_is = np.inf if start is not None or hidden else cost_of_pattern(objective)
+    as_it_is = np.inf if start is not None or hidden else in_time(partial(cost_of_pattern, objective), np.inf)
     status = search_by(search, options, partial(found_by, search, options, p, others, plan.wanted))
     flattened = status != Status.DIVERGED and as_it_is < search.best.cost
     if options.on_found and status != Status.DIVERGED:
@@ -411,26 +411,15 @@ def searched(
 
 
 def cost_of_pattern(objective: Objective) -> float:
-    """The cost of the scene as it is where one value for all (G) flattens its pattern; infinite where none does. A
-    request to end counts as no, and is heard by the search.
-    """
+    """The cost of the scene as it is where one value for all (G) flattens its pattern; infinite where none does."""
     scene = objective.scene
     flat = any(
         block.mode == "G" and block.kind.log and block.cloth is not None
         and len(np.unique(getattr(scene.cloths[block.cloth], block.name))) > 1
         for block in scene.blocks
     )  # fmt: skip
-    if not flat:
-        return np.inf
-    try:
-        with threads.single(), interrupts.heard():
-            kept = objective.flagging(as_model(scene, "F", exactly=True))
-            return kept.cost_or_infinity(parameters(kept.scene))
-    except KeyboardInterrupt:
-        interrupts.request()
-    except interrupts.OutOfTime:
-        pass
-    return np.inf
+    kept = objective.flagging(as_model(scene, "F", exactly=True)) if flat else objective
+    return kept.cost_or_infinity(parameters(kept.scene)) if flat else np.inf
 
 
 def unflattened(found: Fit, objective: Objective, cost: float) -> Fit:

@@ -3,10 +3,9 @@
 Markers that are swapped are exchanged, and what shows no vertex is left out (`registration.mistaken`).
 
 The clock, the place and the scale are sought with few values before the fit (`registration.search`), which then
-compares with the registered targets. After it they are looked at again, with one factor for each kind of value
-(`better`) or beside all values (`joint`): what is left to go, and 95 % intervals. Near the result the cost is
-|r|² + 2 gᵀz + zᵀ H z in the values and the registrations together, and the prior of the fit adds A = (σ²/τ²) P to the
-values of a kind. With the values at their minimum, the step to that of all is −(H + A)⁻¹ (0, g_θ), in which they follow
+compares with the registered targets. After it they are looked at again, with one factor for each kind of value or
+beside all values: what is left to go, and 95 % intervals. Near the result the cost is |r|² + 2 gᵀz + zᵀ H z in the
+values and the registrations together, and the prior of the fit adds A = (σ²/τ²) P to the values of a kind. With the values at their minimum, the step to that of all is −(H + A)⁻¹ (0, g_θ), in which they follow
 the registrations, and the registrations' covariance is their block of σ² (H + A)⁻¹: what another stiffness could make
 up for counts as unknown. Both are mapped to the numbers that are shown by their derivative; the step that is left is
 added to the half width.
@@ -157,12 +156,12 @@ class Look:
         sigma = float(np.sqrt(variance(model.cost, near.residuals, 0.0))) if found.sigma is None else found.sigma
         if not sigma > 0:
             return None
-        H, g, own = prior_of(found, sigma, len(near.chosen)), np.zeros(len(near.chosen)), np.flatnonzero(near.chosen)
-        H[np.ix_(own, own)] += model.H
-        g[own[count:]] = model.g[count:]  # the values are at their minimum
-        covariance = inverse_of(H)
-        steps, known, far = -covariance @ g, list[Registration](), intervals
-        for each, place, k in zip(self.known, near.where, range(count, len(H), THETA), strict=True):
+        every = np.ix_(near.chosen, near.chosen)
+        covariance, steps = prior_of(found, sigma, len(near.chosen)), np.zeros(len(near.chosen))
+        covariance[every] = C = inverse(model.H + covariance[every])
+        steps[near.chosen] = -C[:, count:] @ model.g[count:]  # the values are at their minimum
+        known, far = list[Registration](), intervals
+        for each, place, k in zip(self.known, near.where, range(count, len(steps), THETA), strict=True):
             C, step = covariance[k : k + THETA, k : k + THETA], steps[k : k + THETA]
             ends = [[place.at(sign * STEP * e).numbers for sign in (1.0, -1.0)] for e in np.eye(THETA)]
             J = np.stack([(up - down) / (2.0 * STEP) for up, down in ends], axis=1)  # of the numbers by coordinates
@@ -210,12 +209,3 @@ def prior_of(fit: Fit, sigma: float, size: int) -> Array:
         if tau is not None:
             A[block.part, block.part] = (sigma / tau) ** 2 * (np.eye(block.count) - 1.0 / block.count)
     return A
-
-
-def inverse_of(H: Array) -> Array:
-    """H⁻¹ (Q, Q) of those unknowns that H shows; 0 of the others."""
-    shown = np.diag(H) > 0
-    scale, every = 1.0 / np.sqrt(np.diag(H)[shown]), np.ix_(shown, shown)
-    covariance = np.zeros_like(H)
-    covariance[every] = inverse(H[every] * np.outer(scale, scale)) * np.outer(scale, scale)
-    return covariance

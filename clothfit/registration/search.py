@@ -1,13 +1,13 @@
-"""Values of a scene and registrations of its targets, which Gauss–Newton moves together; and where these begin.
+"""The descent of values and registrations together, and where it begins.
 
-A stiffer cloth and a faster clock look alike, so neither can be found without the other: they are one vector z. Few
-values suffice to begin with, one factor for each kind that is fitted.
+A stiffer cloth and a faster clock look alike, so neither can be found without the other: both are one vector, which
+Gauss–Newton moves. Few values suffice to begin with, one factor for each kind that is fitted.
 
 The beginning is what the target shows by itself: the clock by the free fall of its first frames, the place by its first
-frame, where that is the scene's start. The clock follows over the first third of the frames, then everything over all.
-Residuals are weighted by what is left (`trust_in`): few values are wrong in late frames first, and never at what is
-held; else a cloth that hangs lower than it should would move the whole target, and one that is too stiff would make its
-clock late.
+frame, where that is the scene's start. The clock follows over the first third of the frames, then everything, over
+these and over all. Residuals are weighted by what is left (`weighted`): few values are wrong in late frames first, and
+never at what is held; else a cloth that hangs lower than it should would move the whole target, and one that is too
+stiff would make its clock late.
 """
 
 from __future__ import annotations
