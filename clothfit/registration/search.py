@@ -4,10 +4,10 @@ A stiffer cloth and a faster clock look alike, so neither can be found without t
 Gauss–Newton moves. Few values suffice to begin with, one factor for each kind that is fitted.
 
 The beginning is what the target shows by itself: the clock by the free fall of its first frames, the place by its first
-frame, where that is the scene's start. The clock follows over the first third of the frames, then everything, over
-these and over all. Residuals are weighted by what is left (`weighted`): few values are wrong in late frames first, and
-never at what is held; else a cloth that hangs lower than it should would move the whole target, and one that is too
-stiff would make its clock late.
+frame, where that is the scene's start. Then everything moves, over the first third of the frames and over all.
+Residuals are weighted by what is left (`weighted`): few values are wrong in late frames first, and never at what is
+held; else a cloth that hangs lower than it should would move the whole target, and one that is too stiff would make its
+clock late.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from clothfit.registration.record import Registration, rigid, scale_between
 from clothfit.registration.residuals import PLACE, SCALE, SPACE, THETA, TIME, Unknowns
 
 EARLY, FEWEST = 3, 12
-"""The first so many parts of the frames, and frames at least, that show a clock before all of them do."""
+"""The first so many parts of the frames, and frames at least, that show a registration before all do."""
 
 ITERATIONS = 8
 """At most, with one set of weights, and sets of weights over all frames."""
@@ -122,10 +122,6 @@ def first_guesses(given: Experiment, free: Flags) -> list[Registration]:
 def find(begun: Unknowns) -> list[Registration]:
     """The registrations of targets beside values from which a search begins; none where nothing lowers the cost."""
     guesses = [first_guesses(each, begun.free) for each in begun.given]
-    tries = []
-    for i in range(max(map(len, guesses))):
-        alike = [each[min(i, len(each) - 1)] for each in guesses]
-        tries.append(descended(early(begun.at(begun.p, alike)).only(TIME)))
-    first = min(tries, key=lambda each: each.cost())
-    found = settled(begun.at(first.p, first.registrations))
+    tries = [begun.at(begun.p, [each[min(i, len(each) - 1)] for each in guesses]) for i in range(2)]
+    found = settled(min(tries, key=lambda each: early(each).cost()))
     return list((found if found.cost() < begun.cost() else begun).registrations)
