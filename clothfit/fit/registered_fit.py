@@ -5,10 +5,11 @@ Markers that are swapped are exchanged, and what shows no vertex is left out (`r
 The clock, the place and the scale are sought with few values before the fit (`registration.search`), which then
 compares with the registered targets. After it they are looked at again, with one factor for each kind of value or
 beside all values: what is left to go, and 95 % intervals. Near the result the cost is |r|² + 2 gᵀz + zᵀ H z in the
-values and the registrations together, and the prior of the fit adds A = (σ²/τ²) P to the values of a kind. With the values at their minimum, the step to that of all is −(H + A)⁻¹ (0, g_θ), in which they follow
-the registrations, and the registrations' covariance is their block of σ² (H + A)⁻¹: what another stiffness could make
-up for counts as unknown. Both are mapped to the numbers that are shown by their derivative; the step that is left is
-added to the half width.
+values and the registrations together, and the prior of the fit adds A = (σ²/τ²) P to the values of a kind. With the
+values at their minimum, the step to that of all is −(H + A)⁻¹ (0, g_θ), in which they follow the registrations, and
+the registrations' covariance is their block of σ² (H + A)⁻¹: what another stiffness could make up for counts as
+unknown. Both are mapped to the numbers that are shown by their derivative; the step that is left is added to the half
+width.
 """
 
 from __future__ import annotations
