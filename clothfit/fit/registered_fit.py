@@ -37,7 +37,7 @@ from clothfit.optimise.prior import WIDEST
 from clothfit.registration.mistaken import mistaken
 from clothfit.registration.record import Markers, Registration
 from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns
-from clothfit.registration.search import FEWEST, descended, find, settled, sought
+from clothfit.registration.search import descended, find, settled, sought
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy.ladder import as_model
@@ -47,6 +47,9 @@ BETTER = 0.99
 
 MOMENT = 5.0
 """Seconds, or as long as the fit takes where that is more, that a look at all values may take."""
+
+FEWEST = 12
+"""Frames, at least, with which a registration is sought."""
 
 SAME_FALL = (
     "gravity is fitted beside the rate of the target's clock: less of it and a slower clock look alike; fit one of them"

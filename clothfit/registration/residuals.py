@@ -106,7 +106,6 @@ class Unknowns:
     free: Flags  # (9,), which coordinates of a registration are unknown
     loss: Loss
     tolerance: float = TOLERANCE
-    frames: int | None = None  # of each target that are compared, the first ones; None: all
     weights: Sequence[Array] | None = None  # (F, 2) as of `Sums.squares`; None: all 1
     systems: dict[tuple[int, int], System] = field(default_factory=dict)  # of each target and cloth, as they are built
 
@@ -138,7 +137,7 @@ class Unknowns:
     @property
     def residuals(self) -> int:
         """How many there are."""
-        return 3 * sum(int(each.motion.seen()[: self.frames].sum()) for each in self.given)
+        return 3 * sum(int(each.motion.seen().sum()) for each in self.given)
 
     def z(self, y: Array, theta: float = 0.0) -> Array:
         """z of coordinates y (P,) of the values, and of a θ all of whose numbers are the same."""
@@ -188,8 +187,8 @@ class Unknowns:
     def _sums(self, k: int, cloth: int, p: Array, theta: Array, weights: Array | None, derivative: bool) -> Sums:
         """What one cloth of a target adds, by all values and its θ."""
         motion, scene = self.given[k]
-        now, kept, own = self.where[k].at(theta), slice(self.frames), motion.weights_of(cloth)
-        times, points, seen = now.times(motion.times[kept]), motion.of(cloth)[kept], motion.seen(cloth)[kept]
+        now, own = self.where[k].at(theta), motion.weights_of(cloth)
+        times, points, seen = now.times(motion.times), motion.of(cloth), motion.seen(cloth)
         at = np.maximum(times, 0.0)
         steps = int(at.max(initial=0.0) / scene.delta) + 1
         system = with_elements(self._system(k, cloth, steps), elements(scene, cloth, p))

@@ -4,10 +4,9 @@ A stiffer cloth and a faster clock look alike, so neither can be found without t
 Gauss–Newton moves. Few values suffice to begin with, one factor for each kind that is fitted.
 
 The beginning is what the target shows by itself: the clock by the free fall of its first frames, the place by its first
-frame, where that is the scene's start. Then everything moves, over the first third of the frames and over all.
-Residuals are weighted by what is left (`weighted`): few values are wrong in late frames first, and never at what is
-held; else a cloth that hangs lower than it should would move the whole target, and one that is too stiff would make its
-clock late.
+frame, where that is the scene's start. Then everything moves, with residuals that are weighted by what is
+left (`weighted`): few values are wrong in late frames first, and never at what is held; else a cloth that hangs lower
+than it should would move the whole target, and one that is too stiff would make its clock late.
 """
 
 from __future__ import annotations
@@ -26,11 +25,8 @@ from clothfit.registration.free_fall import other_fall
 from clothfit.registration.record import Registration, rigid, scale_between
 from clothfit.registration.residuals import PLACE, SCALE, SPACE, THETA, TIME, Unknowns
 
-EARLY, FEWEST = 3, 12
-"""The first so many parts of the frames, and frames at least, that show a registration before all do."""
-
 ITERATIONS = 8
-"""At most, with one set of weights, and sets of weights over all frames."""
+"""At most, with one set of weights, and sets of weights."""
 
 RIGID = 0.2
 """The largest part of a first frame's distance from the start that may be left when it is moved and turned."""
@@ -58,11 +54,6 @@ def descended(unknowns: Unknowns, iterations: int = ITERATIONS) -> Unknowns:
     return unknowns.at(p, [near.at(each) for near, each in zip(unknowns.where, theta, strict=True)])
 
 
-def early(unknowns: Unknowns) -> Unknowns:
-    """The same over the first frames."""
-    return replace(unknowns, frames=max(max(len(each.motion.times) for each in unknowns.given) // EARLY, FEWEST))
-
-
 def weighted(unknowns: Unknowns) -> Unknowns:
     """The same with weights from what is left here: a model that differs is wrong in its late frames first, and never
     at what is held. So free vertices weigh by what is left of their frame, and held ones of all. Raises Diverged.
@@ -78,17 +69,16 @@ def weighted(unknowns: Unknowns) -> Unknowns:
 
 def settled(unknowns: Unknowns) -> Unknowns:
     """Where values and registrations end with weights that follow what is left."""
-    found = unknowns
-    for stage in (early(unknowns), *[unknowns] * ITERATIONS):
+    for _ in range(ITERATIONS):
         try:
-            start = weighted(stage.at(found.p, found.registrations))
+            start = weighted(unknowns)
         except Diverged:
             break
         near = descended(start)
-        if near is start and stage is unknowns:
+        if near is start:
             break
-        found = unknowns.at(near.p, near.registrations)
-    return found
+        unknowns = replace(near, weights=None)
+    return unknowns
 
 
 def sought(time: bool, placement: bool, scale: bool = False) -> Flags:
@@ -123,5 +113,5 @@ def find(begun: Unknowns) -> list[Registration]:
     """The registrations of targets beside values from which a search begins; none where nothing lowers the cost."""
     guesses = [first_guesses(each, begun.free) for each in begun.given]
     tries = [begun.at(begun.p, [each[min(i, len(each) - 1)] for each in guesses]) for i in range(2)]
-    found = settled(min(tries, key=lambda each: early(each).cost()))
+    found = settled(min(tries, key=lambda each: each.cost()))
     return list((found if found.cost() < begun.cost() else begun).registrations)
