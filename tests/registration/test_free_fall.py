@@ -1,4 +1,4 @@
-"""The clock of a target by its free fall, for motions that are written down: u = g t² / 2, and what an integrator adds."""
+"""The clock of a target by its free fall, for motions that are written down: u = g t² / 2, and what a step adds."""
 
 import numpy as np
 import pytest
