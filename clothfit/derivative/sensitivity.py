@@ -362,7 +362,17 @@ def tangents(
             observe(chunk)
         changes = [each.through(chunk) for each in sweeps]
         for t in range(chunk.steps):
-            yield np.stack([change[t][free].reshape(-1) for change in changes], axis=1)
+            each = [change[t][free].reshape(-1) for change in changes]
+            yield np.stack(each, axis=1) if each else np.zeros((3 * int(free.sum()), 0))
+
+
+def carried(
+    system: System, memory: TrajectoryMemory, columns: Columns, tolerance: float, observe: Observer | None = None
+) -> Iterator[Array]:
+    """The same by the faster one of both."""
+    if one_by_one(system, columns, memory.steps):
+        return tangents(system, memory, columns, tolerance, observe)
+    return sweep(system, memory, columns, observe)
 
 
 def one_by_one(system: System, columns: Columns, steps: int) -> bool:

@@ -37,7 +37,7 @@ from clothfit.fit.options import (
     settled,
 )
 from clothfit.fit.preparation import Prepared, flagged, in_time, in_windows, prepared, with_whole
-from clothfit.fit.registered_fit import marked_fit, registered_fit
+from clothfit.fit.registered_fit import SAME_FALL, Look, put_right
 from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
 from clothfit.fit.result import (
     UNKNOWN,
@@ -50,6 +50,7 @@ from clothfit.fit.result import (
     with_verdict,
     without_intervals,
 )
+from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
@@ -84,6 +85,11 @@ GRACE = 0.5
 
 ALIKE = "some values change the motion too alike to be told apart; fit fewer of them (--model F), or give a --prior"
 """What is said where equations of a fit have no solution."""
+
+ROUNDS, ALIKE_ERROR = 2, 1.002
+"""How often a fit is done again with another registration, and its error relative to the one before up to which it is
+kept: the values that both leave open differ by more.
+"""
 
 SOLVED_AS = (
     "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved to "
@@ -222,12 +228,84 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
         raise InvalidInput("windows: a target is needed, in whose states they begin")
     options = replace(options, auto=options.auto or (scene.auto and not options.fit))
     scene = reflagged(scene.with_bounds(from_user(options.bounds or {})), options)
-    if target is not None and not (options.keep_markers or callable(options.objective)) and scene.blocks:
-        return marked_fit(scene, target, options, lambda own, targets, rest: by_options(own, targets, start, rest))
-    if options.registers and scene.blocks:
-        return registered_fit(scene, target, options, lambda own, targets, rest: by_options(own, targets, start, rest))
-    pinned = 0
-    if target is not None and not (options.hold or options.windows or callable(options.objective)) and scene.blocks:
+    if not scene.blocks:
+        raise InvalidInput(
+            f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to "
+            "'nL', or its fit"
+        )
+    if target is None:
+        if options.registers:
+            what = "the clock and the place of a target"
+            raise InvalidInput(f"{what} can be found only where one is given; give a target")
+        return one_fit(scene, None, start, options, began)
+    given, markers, hints = experiments(scene, target), None, list[Hint]()
+    if not (options.keep_markers or callable(options.objective)):
+        given, markers, hints = put_right(scene, given, options)
+        say(hints, options)
+    if options.registers:
+        if options.objective == "position":  # turned positions show no rounding
+            options = options.within(max(rounding(each.motion) for each in given))
+        found = registered_fit(Look.first(scene, given, options), start, options, began)
+    else:
+        found = one_fit(scene, given, start, options, began)
+    return replace(found, hints=[*hints, *found.hints], markers=markers)
+
+
+def registered_fit(look: Look, start: float | Array | Scene | None, options: FitOptions, began: float) -> Fit:
+    """The fit to targets whose clock or place is found with its values; done again with what a look after it promises,
+    and kept unless its error is larger. With all values clocks have the rate 1 where the data show no other.
+    """
+    report, found = options.on_progress, one_fit(look.scene, look.registered(), start, options, began)
+    again = replace(options, on_memory=None, on_hint=None, on_found=None, checkpoint=None, resume=False)
+    for _ in range(ROUNDS):
+        other = None if ended(found) else look.another(found, left(options, began))
+        if other is None:
+            break
+        again = replace(again, on_progress=report and partial(report_best, report, found))
+        fit = one_fit(look.scene, other.registered(), start, again, began, found)
+        if not fit.rmse < ALIKE_ERROR * found.rmse:
+            found = replace(found, evaluations=fit.evaluations, seconds=fit.seconds)
+            break
+        look, found = other, replace(fit, hints=[*(hint for hint in found.hints if hint.early), *fit.hints])
+    if options.intervals and not ended(found):
+        look = look.with_intervals(found, left(options, began))
+    if options.fit_time and look.scene.mode("gravity") != "n":
+        found = replace(found, warnings=[*found.warnings, SAME_FALL])
+    return replace(found, registration=list(look.known))
+
+
+def ended(found: Fit) -> bool:
+    """Whether a fit has ended so that nothing more is looked at."""
+    return found.status in (Status.INTERRUPTED, Status.DIVERGED)
+
+
+def report_best(report: Callable[[Progress], None], found: Fit, progress: Progress) -> None:
+    """Report progress after a fit, which may be the better one so far."""
+    cost, rmse = min((found.cost, found.rmse), (progress.cost, progress.rmse))
+    report(replace(progress, cost=cost, rmse=rmse))
+
+
+def left(options: FitOptions, began: float) -> float | None:
+    """The seconds that are left of a fit; None: no limit."""
+    return None if options.budget is None else options.budget - (interrupts.now() - began)
+
+
+def say(hints: Sequence[Hint], options: FitOptions) -> None:
+    """Hand on hints that come before a fit."""
+    if options.on_hint:
+        for hint in hints:
+            options.on_hint(hint)
+
+
+def one_fit(
+    scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions, began: float,
+    before: Fit | None = None,
+) -> Fit:  # fmt: skip
+    """The fit to targets as they are: pins, objectives, what it settles before it begins, search, and what its motion
+    says; with the time and the evaluations of one `before` it.
+    """
+    hidden, pinned = target is None, 0
+    if target is not None and not (options.hold or options.windows or callable(options.objective)):
         scene, target, pinned = followed(scene, target)
     scene = flagged(scene, options.model)
     objective, kept_out = objectives(scene, target, options)
@@ -241,13 +319,13 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
         options.on_memory(own.objective.needs)
     same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
-    if options.on_hint:
-        for hint in hints:
-            options.on_hint(hint)
+    say(hints, options)
     with interrupts.deferred():
-        left = None if options.budget is None else options.budget - (interrupts.now() - began)
-        with interrupts.limited(left):
+        with interrupts.limited(left(options, began)):
             plan = replace(own, kept_out=None) if hidden else prepared(own, start, options, state)
+            if before:
+                spent = before.evaluations + plan.evaluations, before.seconds + plan.seconds
+                plan = replace(plan, evaluations=spent[0], seconds=spent[1])
             try:
                 found = searched(plan, start, hidden, options, checkpoint, state)
             except SolvedLooser as looser:
@@ -314,7 +392,7 @@ def searched(
     search.longest = longest if options.budget is None else np.inf
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden, start is not None) if plan.p is None else None
-    as_it_is = np.inf if start is not None or hidden else cost_of_pattern(objective)
+    as_it_is = np.inf if start is not None or hidden else in_time(partial(cost_of_pattern, objective), np.inf)
     status = search_by(search, options, partial(found_by, search, options, p, others, plan.wanted))
     flattened = status != Status.DIVERGED and as_it_is < search.best.cost
     if options.on_found and status != Status.DIVERGED:
@@ -334,26 +412,15 @@ def searched(
 
 
 def cost_of_pattern(objective: Objective) -> float:
-    """The cost of the scene as it is where one value for all (G) flattens its pattern; infinite where none does. A
-    request to end counts as no, and is heard by the search.
-    """
+    """The cost of the scene as it is where one value for all (G) flattens its pattern; infinite where none does."""
     scene = objective.scene
     flat = any(
         block.mode == "G" and block.kind.log and block.cloth is not None
         and len(np.unique(getattr(scene.cloths[block.cloth], block.name))) > 1
         for block in scene.blocks
     )  # fmt: skip
-    if not flat:
-        return np.inf
-    try:
-        with threads.single(), interrupts.heard():
-            kept = objective.flagging(as_model(scene, "F", exactly=True))
-            return kept.cost_or_infinity(parameters(kept.scene))
-    except KeyboardInterrupt:
-        interrupts.request()
-    except interrupts.OutOfTime:
-        pass
-    return np.inf
+    kept = objective.flagging(as_model(scene, "F", exactly=True)) if flat else objective
+    return kept.cost_or_infinity(parameters(kept.scene)) if flat else np.inf
 
 
 def unflattened(found: Fit, objective: Objective, cost: float) -> Fit:
@@ -402,11 +469,6 @@ def in_words(error: Exception) -> str:
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
     """The objective of the fit, and that of what is kept out of it, if anything. Raises InvalidInput, Diverged."""
-    if not scene.blocks:
-        raise InvalidInput(
-            f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to "
-            "'nL', or its fit"
-        )
     if target is None:
         check_memory(scene.frames, sum(scene.vertex_counts), 0)  # without --memory, what is free is what is short
         systems = [build(scene, cloth) for cloth in fitted_cloths(scene)]

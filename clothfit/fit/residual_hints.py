@@ -25,7 +25,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import metres
 from clothfit.engine.rollout import Rollout
 from clothfit.fit.hints import Hint
-from clothfit.fit.registered_fit import cut
+from clothfit.fit.registered_fit import cut, few
 from clothfit.fit.result import Fit
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Loss
@@ -38,17 +38,14 @@ from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, summed
-from clothfit.registration.search import Stage, Unknowns, trust_in
+from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA
+from clothfit.registration.search import descended, weighted
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy import smooth_balances
 
 STEPS = 5
 """Steps of Gauss–Newton."""
-
-TOLERANCE = 1e-5
-"""Of the linear systems: a share of what a model that differs leaves needs no better motion."""
 
 KINDS = {"offset": slice(OFFSET, OFFSET + 1), "rate": slice(RATE, RATE + 1), "placement": PLACE}
 """The coordinates of each kind of registration."""
@@ -62,21 +59,13 @@ class Explained(NamedTuple):
     registration: Registration  # of the first target
 
 
-def stage_of(scene: Scene, given: Sequence[Experiment], loss: Loss) -> Stage:
-    """The targets and the values of a scene, where registrations are looked for."""
-    stage = Stage.of(scene, given, np.ones(THETA, bool), loss)
-    return replace(stage, registered=replace(stage.registered, tolerance=TOLERANCE))
-
-
 def promised(scene: Scene, given: Sequence[Experiment], loss: Loss) -> dict[str, float]:
-    """The share of the squares that each kind promises to explain, all from one motion. Raises Diverged."""
-    stage = stage_of(scene, given, loss)
-    every = Unknowns(stage.registered, stage.start, stage.near(stage.unmoved), stage.free)
-    plain = every.sums(every.begin)
-    weighted = summed(len(plain.g), plain.parts, trust_in(plain.parts))
-    values, found = len(stage.start), {}
+    """The share of the squares that each kind promises to explain. Raises Diverged."""
+    plain = few(scene, given, np.ones(THETA, bool), loss)
+    models = [each.model(each.here) for each in (plain, weighted(plain))]
+    found, values = dict[str, float](), len(plain.p)
     for what, part in KINDS.items():
-        model = every.model_of(every.begin, weighted if what == "placement" else plain)
+        model = models[what == "placement"]
         own = np.arange(len(model.g)) < values
         base = model.cost - saving(model, own)
         moved = np.zeros(THETA, bool)
@@ -96,14 +85,13 @@ def saving(model: Model, free: Flags) -> float:
 
 def explained(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Explained | None:
     """What one kind of registration explains of the residuals; None where the motion diverges."""
-    place, stage = what == "placement", stage_of(scene, given, loss)
+    before = few(scene, given, np.ones(THETA, bool), loss)
     try:
-        stage = stage.weighted() if place else stage
+        before = weighted(before) if what == "placement" else before
     except Diverged:
         return None
-    start = stage.start, stage.unmoved
-    before, after = stage.cost(*start), stage.only(KINDS[what]).descended(*start, STEPS)
-    return Explained(what, 1.0 - after.cost / before, after.registrations[0]) if after and before > 0 else None
+    cost, after = before.cost(), descended(before.only(KINDS[what]), STEPS)
+    return Explained(what, 1.0 - after.cost() / cost, after.registrations[0]) if 0 < cost < np.inf else None
 
 
 LEAST_CLOCK, LEAST_PLACE = 0.5, 0.3
@@ -162,10 +150,7 @@ def from_registration(found: Fit, objective: Objective, said: set[str]) -> Itera
     if not (clock or place):
         return
     unmoved, best = [Registration()] * len(objective.experiments), None
-    given = [
-        each._replace(scene=found.scene if each.scene is objective.scene else each.scene)
-        for each in cut(objective.experiments, unmoved)
-    ]
+    given = cut(objective.experiments, unmoved, objective.scene, found.scene)
     shares = promised(found.scene, given, objective.loss)
     for what in sorted(("offset", "rate") if clock else (), key=lambda each: -shares[each]):
         alike = what == "rate" and objective.scene.mode("gravity") != "n"  # less gravity, a slower clock

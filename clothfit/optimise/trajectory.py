@@ -20,7 +20,7 @@ from functools import partial
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, at_start, columns, one_by_one, sweep, tangents
+from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, at_start, carried, columns
 from clothfit.engine.system import mobile
 from clothfit.kernels.parallel import together
 from clothfit.motion.divergence import Diverged
@@ -294,8 +294,7 @@ def run_model(
         return np.zeros((0, 0)), np.zeros(0), cost.value
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, p, column, factor, count)
-    few = partial(tangents, system, tape, wanted, tolerance)
-    steps = few if one_by_one(system, wanted, tape.steps) else partial(sweep, system, tape, wanted)
     residuals = cost.residuals(mobile(system))
-    H, g = accumulate(residuals, steps(residuals.update), at_start(system, wanted), scores)
+    steps = carried(system, tape, wanted, tolerance, residuals.update)
+    H, g = accumulate(residuals, steps, at_start(system, wanted), scores)
     return H, g, cost.value

@@ -1,9 +1,9 @@
 """Which markers of a target are mistaken, from the target and the scene's start alone, before any simulation.
 
 Swapped at the start: where the first frame is the scene's start, but for its place, most markers are at their vertices
-once it is moved and turned (by the rotation that leaves the least median of distances, P. J. Rousseeuw, Least median of
-squares regression, JASA 79, 1984). Those that are not, and that an assignment to each other's vertices brings as near
-as all the rest, are swapped.
+once it is moved and turned, so that the nearer half of them is nearest (by concentration steps: P. J. Rousseeuw, K. Van
+Driessen, Computing LTS regression for large data sets, Data Mining and Knowledge Discovery 12, 2006). Those that are
+not, and that an assignment to each other's vertices brings as near as all the rest, are swapped.
 
 Swapped later: two that change places from one frame to the next.
 
@@ -22,56 +22,40 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Flags
 from clothfit.motion.motion import Motion
 from clothfit.registration.record import Jump, Markers, Swap, rigid
 from clothfit.scene.scene import Scene
 
-FEWEST = 5
-"""Markers, at least, that show where the others are."""
+FEWEST, MOST = 5, 64
+"""Markers, at least, that show where the others are, and at most that may be mistaken: more are another shape."""
 
-TRIPLES, SAMPLE = 64, 400
-"""Rotations that are tried, each by three markers, and markers that judge them."""
-
-MOST = 64
-"""Markers that may be mistaken: more are no mistake but another shape."""
-
-WRONG, APART = 6.0, 0.25
-"""Distance from its vertex, relative to the median of all and to the way to the next one, from which on a marker is
-wrong.
+WRONG, NEAR = 6.0, 0.25
+"""Distance from its vertex, or from where it was a frame before, relative to the median of all, from which on a marker
+stands out, and up to which it is at another vertex; and a part of the way to the next vertex, and of that from its own,
+for the same.
 """
-
-FOUND, NEARER = 4.0, 0.25
-"""Distance from another vertex, relative to the same median and to that from its own, up to which it is the other's."""
 
 LOOSE = 0.02
 """Median distance relative to the scene's size above which the first frame is not the scene's start."""
 
-EXCHANGE, SUDDEN = 0.1, 4.0
-"""Two vertices change places where that leaves less than this part of their jumps, which are so much larger than those
-of the others.
+EXCHANGE = 0.1
+"""Two vertices change places where that leaves less than this part of their jumps, and these stand out."""
+
+FAR, NEAREST = 2.0, 4
+"""Distances from the nearest markers, so many of them, relative to those at the start, that a false one has, or so much
+more than the median of all.
 """
 
-FAR, REACHES, NEAREST = 2.0, 1.3, 4
-"""Distances from the nearest markers, so many of them, relative to the way along the cloth: those of a false one,
-compared with the median of all, and at least.
+SPIKE, LIKE = 12.0, 0.2
+"""How far from its way a marker jumps, relative to the median; and how much of it may be left in the frames around once
+the jump explains these.
 """
 
-SPIKE, BACK, VISIBLE = 12.0, 0.5, 0.2
-"""How far from the middle of the frames around a marker jumps, relative to the median; how far it is from where it was,
-or would have gone, when it is back, relative to that; and the jump relative to the median length of springs.
+JUMPS = {1: (0.2, 0.5), 2: (1.0, 0.25)}
+"""How far, relative to the median length of springs, a marker jumps for one frame and for two, in which a fine cloth
+shivers and a corner whips; and how far it then is from where it was, relative to the jump.
 """
-
-FARTHER, SOON = 1.0, 0.25
-"""How far a marker jumps for two frames, relative to the median length of springs: the shivers of a fine cloth are
-shorter; and how far it then is from where it was, relative to the jump: a whip is farther.
-"""
-
-LIKE = 0.2
-"""Of the same, how much may be left where the jump explains the frames around."""
-
-LARGEST = 300_000
-"""Markers times vertices up to which ways along the cloth are looked for."""
 
 
 def mistaken(scene: Scene, motion: Motion, late: bool = False) -> Markers:
@@ -105,43 +89,32 @@ def at_the_start(scene: Scene, motion: Motion) -> tuple[list[Swap], list[int]]:
     distance = np.linalg.norm(points - start, axis=1)
     median = float(np.median(distance)) + 1e-9 * size
     places = np.flatnonzero(distance > WRONG * median)
-    places = places[distance[places] > APART * spacing(start, places)]
+    places = places[distance[places] > NEAR * spacing(start, places)]
     if not 1 <= len(places) <= min(MOST, (len(seen) - 3) // 2) or median > LOOSE * size:
         return [], []
     gaps = np.linalg.norm(points[places][:, None] - start[places][None], axis=2)
-    rows, columns = linear_sum_assignment(np.minimum(gaps, WRONG * FOUND * median) ** 2)
-    near = np.minimum(FOUND * median, NEARER * distance[places])
+    rows, columns = linear_sum_assignment(np.minimum(gaps, WRONG**2 * median) ** 2)
+    near = np.minimum(WRONG * median, NEAR * distance[places])
     after = {int(i): int(j) for i, j in zip(rows, columns, strict=True) if gaps[i, j] <= near[i] and i != j}
     wrong, swaps = seen[places], list[Swap]()
     while after:
-        first = next((i for i in after if i not in after.values()), min(after))
-        chain, closed = [first], False
-        while not closed and chain[-1] in after:
-            following = after.pop(chain[-1])
-            closed = following == first
-            chain += [] if closed else [following]
-        swaps.append(Swap(tuple(wrong[chain].tolist()), closed=closed))
+        chain = [next((i for i in after if i not in after.values()), min(after))]
+        while (following := after.pop(chain[-1], None)) not in (None, chain[0]):
+            chain.append(following)
+        swaps.append(Swap(tuple(wrong[chain].tolist()), closed=following is not None))
     return swaps, wrong.tolist()
 
 
 def moved(points: Array, start: Array) -> Array:
     """The points (k, 3), m, as a whole moved and turned onto most of their places (k, 3)."""
-    generator = np.random.default_rng(0)
-    judges = generator.choice(len(points), SAMPLE, replace=False) if len(points) > SAMPLE else np.arange(len(points))
-    best, least = points, float(np.median(np.linalg.norm((points - start)[judges], axis=1)))
-    tries = [generator.choice(judges, 3, replace=False) for _ in range(TRIPLES)]
-    for chosen in (np.arange(len(points)), *tries):
-        R, d = rigid(points[chosen], start[chosen])
-        left = float(np.median(np.linalg.norm((points @ R.T + d - start)[judges], axis=1)))
-        if left < (1.0 - 1e-9) * least:
-            best, least = points @ R.T + d, left
-    for _ in range(3):  # three markers are noisier than all that agree
-        distance = np.linalg.norm(best - start, axis=1)
-        good = distance <= WRONG / 2 * np.median(distance) + np.finfo(float).tiny
-        if good.sum() < FEWEST:
+    half, best = max(len(points) // 2 + 1, 3), points
+    near = np.arange(len(points))
+    for _ in points:
+        R, d = rigid(points[near], start[near])
+        best, before = points @ R.T + d, near
+        near = np.sort(np.argsort(np.linalg.norm(best - start, axis=1), kind="stable")[:half])
+        if np.array_equal(near, before):
             break
-        R, d = rigid(best[good], start[good])
-        best = best @ R.T + d
     return best
 
 
@@ -164,62 +137,44 @@ def later_swaps(motion: Motion) -> list[Swap]:
 
 def changes(motion: Motion, first: int) -> Iterator[Swap]:
     """Two vertices that change places, from the frame `first` on."""
-    for frame in range(first, len(motion.positions)):
-        both = np.flatnonzero(motion.seen()[frame] & motion.seen()[frame - 1]) if motion.observed is not None else None
-        rows = slice(None) if both is None else both
-        now, before = motion.positions[frame, rows], motion.positions[frame - 1, rows]
-        jump = np.linalg.norm(now - before, axis=1)
-        if len(jump) < FEWEST:
+    x, seen = motion.positions, motion.seen()
+    for frame in range(first, len(x)):
+        both = np.flatnonzero(seen[frame] & seen[frame - 1])
+        if len(both) < FEWEST:
             continue
-        wide = np.flatnonzero(jump > SUDDEN * np.median(jump))
+        now, before = x[frame, both], x[frame - 1, both]
+        jump = np.linalg.norm(now - before, axis=1)
+        wide = np.flatnonzero(jump > WRONG * np.median(jump))
         if not 2 <= len(wide) <= min(len(jump) // 2, MOST):
             continue
         across = np.linalg.norm(now[wide][:, None] - before[wide][None], axis=2)
         other = np.argmin(across, axis=1)
         for i, j in ((i, int(j)) for i, j in enumerate(other) if other[j] == i < j):
             if across[i, j] + across[j, i] < EXCHANGE * (jump[wide[i]] + jump[wide[j]]):
-                pair = wide[[i, j]] if both is None else both[wide[[i, j]]]
-                yield Swap(tuple(sorted(pair.tolist())), frame)
+                yield Swap(tuple(both[wide[[i, j]]].tolist()), frame)
 
 
 def out_of_reach(scene: Scene, motion: Motion, suspects: list[int]) -> list[int]:
-    """Those of the suspects that are farther from the markers around them than the cloth between them reaches."""
-    found, first = [], 0
-    for i, cloth in enumerate(scene.cloths):
-        n = len(cloth.mass)
-        own = [each - first for each in suspects if first <= each < first + n]
-        seen = motion.seen(i)
-        markers = np.flatnonzero(seen.any(axis=0))
-        if own and len(markers) > FEWEST and len(markers) * n <= LARGEST:
-            ratio = stretched(motion.of(i)[:, markers], seen[:, markers], ways(cloth.springs, cloth.rest, n, markers))
-            limit = max(REACHES, FAR * float(np.nanmedian(ratio)))
-            found += [first + each for each in own if ratio[np.searchsorted(markers, each)] > limit]
-        first += n
-    return found
-
-
-def ways(springs: Indices, lengths: Array, n: int, markers: NDArray[np.intp]) -> Array:
-    """The ways (k, k), m, along springs from each marker to each other one."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
-
-    graph = coo_array((np.maximum(lengths, 1e-12), springs.T), shape=(n, n)).tocsr()
-    return np.asarray(dijkstra(graph, directed=False, indices=markers)[:, markers])
-
-
-def stretched(points: Array, seen: Flags, way: Array) -> Array:
-    """How far each marker (k,) is from the nearest others, relative to the way there: the median of these, each in the
-    frames where that is largest.
+    """Those of the suspects that are farther from the markers of their cloth that are nearest at the start than the
+    cloth between them reaches.
     """
-    near = np.where(np.eye(len(way), dtype=bool), np.inf, way)
-    order = np.argsort(near, axis=1)[:, :NEAREST]
-    ratio = np.full(order.shape, np.nan)
-    for i, others in enumerate(order):
-        both = seen[:, [i]] & seen[:, others]
-        gaps = np.where(both, np.linalg.norm(points[:, [i]] - points[:, others], axis=2), np.nan) / near[i, others]
-        known = both.any(axis=0) & np.isfinite(near[i, others])
-        ratio[i, known] = np.nanquantile(gaps[:, known], 0.9, axis=0)
-    return np.array([np.nanmedian(row) if np.isfinite(row).any() else np.nan for row in ratio])
+    if not suspects:
+        return []
+    start = np.concatenate([cloth.positions for cloth in scene.cloths])
+    owner = np.repeat(np.arange(len(scene.cloths)), scene.vertex_counts)
+    seen, ratios = motion.seen(), dict[int, float]()
+    for i in (markers := np.flatnonzero(seen.any(axis=0))):
+        others = markers[(owner[markers] == owner[i]) & (markers != i)]
+        away = np.linalg.norm(start[others] - start[i], axis=1)
+        near = np.argsort(away, kind="stable")[:NEAREST]
+        gaps = np.linalg.norm(motion.positions[:, others[near]] - motion.positions[:, [i]], axis=2)
+        gaps[~(seen[:, others[near]] & seen[:, [i]])] = np.nan
+        known = np.isfinite(gaps).any(axis=0)
+        if known.any():
+            far = np.nanquantile(gaps[:, known], 0.9, axis=0) / away[near][known]  # in the frames where it is largest
+            ratios[int(i)] = float(np.median(far))
+    limit = FAR * max(1.0, float(np.median(list(ratios.values()) or [1.0])))
+    return [i for i in suspects if ratios.get(i, 0.0) > limit]
 
 
 def alone(x: Array) -> Flags:
@@ -234,40 +189,31 @@ def alone(x: Array) -> Flags:
 def jumping(scene: Scene, motion: Motion) -> list[Jump]:
     """The markers that are far from their way in single frames, or farther in two."""
     lengths = np.concatenate([cloth.lengths for cloth in scene.cloths] or [np.zeros(0)])
-    if len(motion.positions) < 5 or not len(lengths):
-        return []
-    long, found = float(np.median(lengths)), dict[int, set[int]]()
-    x, observed = motion.positions, motion.observed
-    for k in range(1, len(x) - 1):
-        away = np.linalg.norm(x[k] - 0.5 * (x[k - 1] + x[k + 1]), axis=1)
-        if observed is not None:
-            away[~(observed[k - 1] & observed[k] & observed[k + 1])] = np.nan
-        wide = np.flatnonzero(away > VISIBLE * long)
-        if not 1 <= len(wide) <= MOST or np.isfinite(away).sum() < FEWEST:
-            continue
-        wide = wide[away[wide] > SPIKE * np.nanmedian(away)]
-        back = np.linalg.norm(x[k + 1, wide] - x[k - 1, wide], axis=1) < BACK * away[wide]
-        if 2 <= k < len(x) - 2:
-            back |= alone(x[k - 2 : k + 3, wide])
-        for vertex in wide[back]:
-            found.setdefault(int(vertex), set()).add(k)
-    for k in range(1, len(x) - 2):
-        for vertex in twice(x[k - 1 : k + 3], None if observed is None else observed[k - 1 : k + 3], FARTHER * long):
-            found.setdefault(int(vertex), set()).update((k, k + 1))
+    x, seen, found = motion.positions, motion.seen(), dict[int, set[int]]()
+    long = float(np.median(lengths)) if len(lengths) and len(x) >= FEWEST else np.inf
+    for count, (least, back) in JUMPS.items():
+        for first in range(1, len(x) - count):
+            for vertex in off_their_way(x, seen, first, count, least * long, back):
+                found.setdefault(int(vertex), set()).update(range(first, first + count))
     return [Jump(vertex, tuple(sorted(frames))) for vertex, frames in sorted(found.items())]
 
 
-def twice(x: Array, observed: Flags | None, least: float) -> NDArray[np.intp]:
-    """The markers that are off their way in the two frames amid four, x (4, k, 3), by `least`, m, or more, and then
-    back where they were but for a small part of that; not where many of them are.
+def off_their_way(x: Array, seen: Flags, first: int, count: int, least: float, back: float) -> NDArray[np.intp]:
+    """The markers that are off the line between the frames around so many, from the `first` on, by `least`, m, or more,
+    and then back where they were but for the part `back` of that; not where many of them are.
     """
-    away = np.stack([np.linalg.norm(x[i] - ((3 - i) * x[0] + i * x[3]) / 3.0, axis=1) for i in (1, 2)])
-    if observed is not None:
-        away[:, ~observed.all(axis=0)] = np.nan
-    nearest = away.min(axis=0)
-    if np.isfinite(nearest).sum() < FEWEST:
-        return np.zeros(0, np.intp)
-    wide = np.flatnonzero((nearest > least) & (away > SPIKE * np.nanmedian(away, axis=1)[:, None]).all(axis=0))
-    if len(wide) > MOST:
-        return np.zeros(0, np.intp)
-    return np.asarray(wide[np.linalg.norm(x[3, wide] - x[0, wide], axis=1) < SOON * nearest[wide]])
+    end, none = first + count, np.zeros(0, np.intp)
+    known = np.flatnonzero(seen[first - 1 : end + 1].all(axis=0))
+    before, after = x[first - 1, known], x[end, known]
+    away = np.stack([
+        np.linalg.norm(x[k, known] - ((end - k) * before + (k + 1 - first) * after) / (count + 1.0), axis=1)
+        for k in range(first, end)
+    ])  # fmt: skip
+    far = away.min(axis=0) > least
+    if len(known) < FEWEST or not far.any():
+        return none
+    wide = np.flatnonzero(far & (away > SPIKE * np.median(away, axis=1)[:, None]).all(axis=0))
+    returns = np.linalg.norm((after - before)[wide], axis=1) < back * away[:, wide].min(axis=0)
+    if count == 1 and 2 <= first < len(x) - 2:
+        returns |= alone(x[first - 2 : end + 2, known[wide]])
+    return known[wide[returns]] if len(wide) <= MOST else none

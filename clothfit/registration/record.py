@@ -27,6 +27,11 @@ from clothfit.base.messages import counted
 from clothfit.motion.motion import Motion, at_frames
 from clothfit.motion.times import TIME_SLACK
 
+NUMBERS: dict[str, int | slice] = {
+    "rate": 0, "offset": 1, "rotation": slice(2, 5), "translation": slice(5, 8), "scale": 8,
+}  # fmt: skip
+"""The places of a registration's numbers."""
+
 STRAIGHT = 1e-9
 """|cos| of the angle about x below which those about y and z cannot be told apart."""
 
@@ -80,8 +85,8 @@ class Registration:
         """The 95 % intervals of its numbers, low and high, by name; None where they are not known."""
         if self.within is None:
             return None
-        ends = np.stack([self.numbers - self.within, self.numbers + self.within], axis=1).tolist()
-        return {"rate": ends[0], "offset": ends[1], "rotation": ends[2:5], "translation": ends[5:8], "scale": ends[8]}
+        ends = np.stack([self.numbers - self.within, self.numbers + self.within], axis=1)
+        return {name: ends[part].tolist() for name, part in NUMBERS.items()}
 
     def __str__(self) -> str:
         parts = []
@@ -96,14 +101,8 @@ class Registration:
 
     def summary(self) -> dict[str, Any]:
         """As --json gives it."""
-        return {
-            "rate": self.rate,
-            "offset": self.offset,
-            "rotation": self.angles.tolist(),
-            "translation": self.translation.tolist(),
-            "scale": self.scale,
-            "intervals": self.intervals(),
-        }
+        numbers = self.numbers
+        return {**{name: numbers[part].tolist() for name, part in NUMBERS.items()}, "intervals": self.intervals()}
 
 
 def rigid(points: Array, others: Array) -> tuple[Array, Array]:

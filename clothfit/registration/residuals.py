@@ -15,15 +15,17 @@ one of them can explain is not put down to the other.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.derivative.sensitivity import Columns, at_start, columns, one_by_one, sweep, tangents
+from clothfit.base.arrays import Array, Flags
+from clothfit.derivative.sensitivity import Columns, at_start, carried, columns
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
@@ -31,6 +33,8 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
+from clothfit.optimise.coordinates import Coordinates
+from clothfit.optimise.gauss_newton import Model
 from clothfit.registration.record import Registration, rotation, rotation_derivative
 from clothfit.scene.fit_vector import elements, fitted_cloths
 from clothfit.scene.scene import Scene
@@ -40,6 +44,14 @@ THETA = 9
 
 RATE, OFFSET, SCALE, TIME, PLACE, SPACE = 0, 1, 8, slice(0, 2), slice(2, 8), slice(2, THETA)
 """Their places."""
+
+LARGE = 0.3, 0.1
+"""What counts as a large change: of log rate and of an angle, rad; of the offset relative to the target's duration, of
+the translation relative to its size, and of the logarithm of the scale.
+"""
+
+TOLERANCE = 1e-8
+"""Of the linear systems, relative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,193 +74,177 @@ class Around:
         )  # fmt: skip
 
 
-    def of(self, other: Registration) -> Array:
-        """The coordinates (9,) of a registration near this one."""
-        turn, larger = other.rotation @ self.base.rotation.T, other.scale / self.base.scale
-        w = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        moved = other.translation - self.centre - larger * turn @ (self.base.translation - self.centre)
-        clock = np.log(other.rate / self.base.rate), other.offset - self.base.offset
-        return np.array([*clock, *w, *moved, np.log(larger)]) / self.scale
-
-
 def around(base: Registration, motion: Motion) -> Around:
     """The registrations of a motion around one."""
     points = base.placed(motion.positions[motion.seen()])
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     duration = float(np.ptp(motion.times)) or 1.0
-    scale = np.array([0.3, 0.1 * duration, *[0.3] * 3, *[0.1 * size] * 3, 0.1])
+    turn, move = LARGE
+    scale = np.array([turn, move * duration, *[turn] * 3, *[move * size] * 3, move])
     return Around(base, points.mean(axis=0), scale)
 
 
-class Parts(NamedTuple):
-    """What each of the F frames of a cloth of a target adds, its free and its held vertices apart; of H and g the sums
-    over all frames, as one, where nobody weights these (`Registered.summing`).
-    """
-
-    own: Indices  # (q,), the coordinates that it depends on, of all Q
-    cost: Array  # (F, 2), m²
-    H: Array  # (F, 2, q, q)
-    g: Array  # (F, 2, q)
-    mean: Array  # (F, 2), mean squares, m²; NaN where nothing is seen
-
-
 class Sums(NamedTuple):
-    """The cost, m², its normal equations H (Q, Q) and g (Q,), where asked for, and its parts."""
+    """The cost, m², and its normal equations H (Q, Q) and g (Q,), where asked for."""
 
     cost: float
     H: Array
     g: Array
-    parts: list[Parts]  # of each cloth of each target
-
-
-def summed(size: int, parts: Sequence[Parts], trust: Sequence[Array] | None) -> Sums:
-    """The sums of parts by so many coordinates, each with its weight of `trust` (F, 2); None: all 1."""
-    cost, H, g = 0.0, np.zeros((size, size)), np.zeros(size)
-    for number, each in enumerate(parts):
-        weight = np.ones(each.cost.shape) if trust is None else trust[number]
-        cost += float((weight * each.cost).sum())
-        weight = weight[: len(each.H)]
-        H[np.ix_(each.own, each.own)] += np.tensordot(weight, each.H, 2)
-        g[each.own] += np.tensordot(weight, each.g, 2)
-    return Sums(cost, H, g, list(parts))
-
-
-class State(NamedTuple):
-    """A frame of a motion of n vertices, f of them free, with its sensitivity to Q values."""
-
-    frame: int
-    s: Array  # (n, 3), m
-    change: Array  # (n, 3), m, during the step that it lies in
-    sensitivity: Array  # (3 f, Q)
+    squares: list[Array]  # (F, 2) of each cloth of each target: means of free and of held vertices, m²; NaN: unseen
 
 
 @dataclass(frozen=True, eq=False)
-class Registered:
-    """Targets with their scenes, under registrations; the values are those that `main` flags."""
+class Unknowns:
+    """Values of a scene and registrations of its targets, and what is left around them by the vector z: of the values
+    log p, or p / σ, then the θ of each target.
+    """
 
-    main: Scene
+    main: Scene  # whose flags say which values
     given: Sequence[Experiment]
+    p: Array  # (P,)
+    registrations: Sequence[Registration]
+    free: Flags  # (9,), which coordinates of a registration are unknown
     loss: Loss
-    tolerance: float  # of the linear systems, relative
-    frames: int | None = None  # of each target that are compared, the first ones; None: all
-    trust: tuple[Array, ...] | None = None  # weights (F, 2) as in `Sums.parts`; None: all 1
-    summing: bool = False  # whether H and g are summed over frames at once: for many values, without weights
+    tolerance: float = TOLERANCE
+    weights: Sequence[Array] | None = None  # (F, 2) as of `Sums.squares`; None: all 1
+    systems: dict[tuple[int, int], System] = field(default_factory=dict)  # of each target and cloth, as they are built
+
+    def at(self, p: Array, registrations: Sequence[Registration]) -> Unknowns:
+        """The same around another point."""
+        return replace(self, p=p, registrations=registrations)
+
+    def only(self, part: slice) -> Unknowns:
+        """The same with some coordinates of registrations alone."""
+        free = np.zeros(THETA, bool)
+        free[part] = self.free[part]
+        return replace(self, free=free)
 
     @cached_property
-    def systems(self) -> list[dict[int, System]]:
-        """The cloths of each target that are compared."""
-        cloths = fitted_cloths(self.main)
-        return [{cloth: build(each.scene, cloth) for cloth in cloths} for each in self.given]
+    def where(self) -> list[Around]:
+        """The registrations around those here."""
+        return [around(own, each.motion) for own, each in zip(self.registrations, self.given, strict=True)]
 
-    def _system(self, k: int, cloth: int, end: float) -> System:
-        """A cloth of a target, with inputs up to the time `end`, s: another clock may go beyond the frames."""
-        own, scene = self.systems[k][cloth], self.given[k].scene
-        steps = int(end / scene.delta) + 1
-        if own.inputs is not None and own.inputs.steps < steps:
-            own = self.systems[k][cloth] = build(scene, cloth, steps=steps + steps // 8)
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """Of the values."""
+        return Coordinates(self.main, self.p)
+
+    @property
+    def chosen(self) -> Flags:
+        """Which of all P + 9 K coordinates are in z."""
+        return np.concatenate([np.ones(len(self.p), bool), np.tile(self.free, len(self.given))])
+
+    @property
+    def residuals(self) -> int:
+        """How many there are."""
+        return 3 * sum(int(each.motion.seen().sum()) for each in self.given)
+
+    def z(self, y: Array, theta: float = 0.0) -> Array:
+        """z of coordinates y (P,) of the values, and of a θ all of whose numbers are the same."""
+        plain = y / self.coordinates.weight
+        return np.asarray(np.concatenate([plain, np.full(THETA * len(self.given), theta)])[self.chosen])
+
+    @property
+    def here(self) -> Array:
+        """z of this point."""
+        return self.z(self.coordinates.y(self.p))
+
+    def split(self, z: Array) -> tuple[Array, Array]:
+        """The values (P,), and θ (K, 9)."""
+        whole = np.zeros(len(self.chosen))
+        whole[self.chosen] = z
+        p = self.coordinates.p(whole[: len(self.p)] * self.coordinates.weight)
+        return p, whole[len(self.p) :].reshape(-1, THETA)
+
+    def cost(self, z: Array | None = None) -> float:
+        """The cost at z, or here; infinite where the simulation diverges."""
+        try:
+            return self.sums(self.here if z is None else z, derivative=False).cost
+        except Diverged:
+            return np.inf
+
+    def model(self, z: Array) -> Model:
+        """The cost near z. Raises Diverged."""
+        found = self.sums(z)
+        return Model(z, found.cost, found.H, found.g)
+
+    def sums(self, z: Array, derivative: bool = True) -> Sums:
+        """What is left at z. Raises Diverged."""
+        p, theta = self.split(z)
+        size, cost, squares = len(self.chosen), 0.0, list[Array]()
+        H, g = np.zeros((size, size)), np.zeros(size)
+        for k, cloth in product(range(len(self.given)), fitted_cloths(self.main)):
+            weights = None if self.weights is None else self.weights[len(squares)]
+            part = self._sums(k, cloth, p, theta[k], weights, derivative)
+            cost += part.cost
+            squares += part.squares
+            if derivative:
+                own = np.r_[: len(p), len(p) + THETA * k : len(p) + THETA * (k + 1)]
+                H[np.ix_(own, own)] += part.H
+                g[own] += part.g
+        return Sums(cost, H[np.ix_(self.chosen, self.chosen)], g[self.chosen], squares)
+
+    def _sums(self, k: int, cloth: int, p: Array, theta: Array, weights: Array | None, derivative: bool) -> Sums:
+        """What one cloth of a target adds, by all values and its θ."""
+        motion, scene = self.given[k]
+        now, own = self.where[k].at(theta), motion.weights_of(cloth)
+        times, points, seen = now.times(motion.times), motion.of(cloth), motion.seen(cloth)
+        at = np.maximum(times, 0.0)
+        steps = int(at.max(initial=0.0) / scene.delta) + 1
+        system = with_elements(self._system(k, cloth, steps), elements(scene, cloth, p))
+        blocks = [block for block in self.main.blocks if derivative and block.cloth in (cloth, None)]
+        count, column = len(p) if derivative else 0, np.arange(len(p), dtype=np.int32)
+        wanted = columns(system, blocks, p, column, self.coordinates.change(p), count)
+        free = mobile(system)
+        held, size = (~free).astype(int), count + THETA
+        cost, H, g, means = 0.0, np.zeros((size, size)), np.zeros(size), np.full((len(times), 2), np.nan)
+        for i, (s, change, sensitivity) in enumerate(states(system, at / scene.delta, wanted, self.tolerance)):
+            placed = now.placed(np.where(seen[i][:, None], points[i], 0.0))
+            weight = seen[i] * (1.0 if own is None else own[i])
+            gaps = s - placed
+            squares = (gaps**2).sum(axis=1)
+            total, number = (np.bincount(held, each, 2) for each in (weight * squares, weight))
+            means[i, number > 0] = total[number > 0] / number[number > 0]
+            weight = weight if weights is None else weight * weights[i, held]
+            cost += float(weight @ self.loss.value(squares))
+            if derivative:
+                J = np.zeros((len(free), 3, size))
+                J[free, :, :count] = sensitivity.reshape(-1, 3, count)
+                u = (times[i] > 0.0) * change / scene.delta
+                J[..., count:] = by_registration(u, at[i], placed, self.where[k], theta, now.rate)
+                root = np.sqrt(weight * self.loss.derivative(squares))
+                rows = (root[:, None, None] * J).reshape(-1, size)
+                H += rows.T @ rows
+                g += rows.T @ (root[:, None] * gaps).reshape(-1)
+        return Sums(cost, H, g, [means])
+
+    def _system(self, k: int, cloth: int, steps: int) -> System:
+        """A cloth of a target, with inputs for so many steps: another clock may go beyond the frames."""
+        own = self.systems.get((k, cloth))
+        if own is None or (own.inputs is not None and own.inputs.steps < steps):
+            own = self.systems[k, cloth] = build(self.given[k].scene, cloth, steps=steps + steps // 8)
         return own
 
-    def sums(self, p: Array, where: Sequence[Around], theta: Array, factor: Array | None = None) -> Sums:
-        """The cost at values p (P,) and registrations θ (K, 9); with H and g by (P + 9 K) coordinates where `factor`
-        (P,), the change of each value for its coordinate, is given. Raises Diverged.
-        """
-        size = len(p) + THETA * len(self.given)
-        parts = list[Parts]()
-        for k, systems in enumerate(self.systems):
-            own = np.r_[: len(p), len(p) + THETA * k : len(p) + THETA * (k + 1)]
-            parts += [self._cloth(k, cloth, own, p, where[k], theta[k], factor) for cloth in systems]
-        return summed(size, parts, self.trust)
 
-    def _cloth(
-        self, k: int, cloth: int, own: Indices, p: Array, where: Around, theta: Array, factor: Array | None
-    ) -> Parts:
-        motion, scene = self.given[k]
-        now, kept = where.at(theta), slice(self.frames)
-        times, points, seen = motion.times[kept], motion.of(cloth)[kept], motion.seen(cloth)[kept]
-        weights = motion.weights_of(cloth)
-        at = np.maximum(now.times(times), 0.0)
-        system = with_elements(self._system(k, cloth, at.max(initial=0.0)), elements(scene, cloth, p))
-        wanted = self._columns(system, cloth, p, factor)
-        free = mobile(system)
-        shape, size = (len(times), 2), 0 if factor is None else wanted.width + THETA
-        kept_frames = min(len(times), 1) if self.summing else len(times)
-        H, g = (np.zeros((kept_frames, 2, *each)) for each in ((size, size), (size,)))
-        found = Parts(own[:size], np.zeros(shape), H, g, np.full(shape, np.nan))
-        for state in states(system, at / scene.delta, wanted, self.tolerance):
-            i = state.frame
-            placed = now.placed(np.where(seen[i][:, None], points[i], 0.0))
-            weight = seen[i] * (1.0 if weights is None else weights[i])
-            gaps = state.s - placed
-            squares = (gaps**2).sum(axis=1)
-            if factor is not None:
-                u = state.change / scene.delta if now.times(times[i]) > 0.0 else np.zeros_like(gaps)
-                J = np.concatenate([
-                    spread(state.sensitivity, free),
-                    by_registration(u, at[i], placed, where, theta, now.rate),
-                ], axis=2)  # fmt: skip
-                root = np.sqrt(weight * self.loss.derivative(squares))
-            for part, which in enumerate((free, ~free)):
-                if not weight[which].any():
-                    continue
-                found.mean[i, part] = np.average(squares[which], weights=weight[which])
-                found.cost[i, part] = weight[which] @ self.loss.value(squares[which])
-                if factor is not None:
-                    rows = (root[which, None, None] * J[which]).reshape(-1, size)
-                    found.H[min(i, kept_frames - 1), part] += rows.T @ rows
-                    found.g[min(i, kept_frames - 1), part] += rows.T @ (root[which, None] * gaps[which]).reshape(-1)
-        return found
-
-    def _columns(self, system: System, cloth: int, p: Array, factor: Array | None) -> Columns:
-        """The columns of all values; of those of other cloths they are 0."""
-        own = [block for block in self.main.blocks if block.cloth in (cloth, None)]
-        count = 0 if factor is None else len(p)
-        by = np.zeros(len(p)) if factor is None else factor
-        return columns(system, own if count else [], p, np.arange(len(p), dtype=np.int32), by, count)
-
-
-def states(system: System, places: Array, wanted: Columns, tolerance: float) -> Iterator[State]:
-    """The states at `places` (F,), in steps, increasing, of the motion of a system. Raises Diverged."""
+def states(
+    system: System, places: Array, wanted: Columns, tolerance: float
+) -> Iterator[tuple[Array, Array, Array]]:
+    """The states (n, 3), m, at `places` (F,), in steps, increasing, of the motion of a system, their change (n, 3) in
+    the step that they lie in, and their sensitivity (3 f, Q), of free vertices. Raises Diverged.
+    """
     step = np.floor(places).astype(np.int64)
     tape = Tape(system, int(step.max(initial=0)) + 1, tolerance)
-    chunks: list[Rollout] = []
-    frame, before = 0, at_start(system, wanted)
-    for t, after in enumerate(steps(system, tape, wanted, tolerance, chunks)):
-        x = chunks[-1].x[t - chunks[-1].first :][:2]
+    chunks, frame, before = deque[Rollout](maxlen=1), 0, at_start(system, wanted)
+    for t, after in enumerate(carried(system, tape, wanted, tolerance, chunks.append)):
+        x = chunks[0].x[t - chunks[0].first :][:2]
         while frame < len(places) and step[frame] == t:
-            fraction = places[frame] - t
-            s, along = ((1.0 - fraction) * a + fraction * b for a, b in ((x[0], x[1]), (before, after)))
-            yield State(frame, s, x[1] - x[0], along)
+            share = places[frame] - t
+            s, along = ((1.0 - share) * a + share * b for a, b in ((x[0], x[1]), (before, after)))
+            yield s, x[1] - x[0], along
             frame += 1
-        before = after
+        before = after.copy()  # of what may always be the same array
     if tape.good < tape.steps:
         raise Diverged(f"diverged at step {tape.good + 1}", tape.good + 1)
-
-
-def steps(
-    system: System, tape: Tape, wanted: Columns, tolerance: float, chunks: list[Rollout]
-) -> Iterator[Array]:
-    """The sensitivity (3 f, Q) after each step; the last of `chunks` has the state there."""
-
-    def keep(chunk: Rollout) -> None:
-        chunks[:] = [chunk]
-
-    if wanted.width and one_by_one(system, wanted, tape.steps):
-        yield from tangents(system, tape, wanted, tolerance, keep)
-        return
-    if wanted.width:
-        yield from (dx.copy() for dx in sweep(system, tape, wanted, keep))  # it is always the same array
-        return
-    for chunk in tape.forward():
-        keep(chunk)
-        for _ in range(chunk.steps):
-            yield np.zeros((3 * int(mobile(system).sum()), 0))
-
-
-def spread(sensitivity: Array, free: Flags) -> Array:
-    """A sensitivity (3 f, Q) of the free vertices as that of all, (n, 3, Q)."""
-    whole = np.zeros((len(free), 3, sensitivity.shape[1]))
-    whole[free] = sensitivity.reshape(-1, 3, sensitivity.shape[1])
-    return whole
 
 
 def by_registration(u: Array, t: float, placed: Array, where: Around, theta: Array, rate: float) -> Array:

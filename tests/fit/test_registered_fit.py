@@ -1,17 +1,15 @@
 """Fits of targets with another clock or place: what is found, and that nothing gets worse."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from helpers.strangers import sheet, stranger, with_finer_steps
 
 import clothfit
-from clothfit.fit.options import FitOptions
-from clothfit.fit.registered_fit import Fits
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
-from clothfit.optimise.progress import Progress
 from clothfit.registration.record import Registration, rotation
 from clothfit.scene.fit_vector import parameters, with_parameters
 
@@ -89,15 +87,20 @@ def test_a_clock_that_keeps_time_as_far_as_noise_shows_has_the_rate_1(noisy):
 
 
 def test_the_place_is_found_with_the_clock_where_the_model_differs():
-    asked, every = sheet(50.0), with_finer_steps(sheet(20.0), 4)
+    asked, every, said = sheet(50.0), with_finer_steps(sheet(20.0), 4), []
     plain = clothfit.estimate(asked, every, intervals=False)
     moved = stranger(every, 1.3, 0.0, R, D)
-    found = clothfit.estimate(asked, moved, intervals=False, fit_time=True, fit_placement=True)
+    both = {"fit_time": True, "fit_placement": True}
+    found = clothfit.estimate(asked, moved, intervals=False, on_progress=said.append, **both)
     (known,) = found.registration
     # what is held and the start say where it is, however wrong the model is later
     assert known.translation == pytest.approx(D, abs=5e-3)
     assert known.rotation == pytest.approx(R, abs=2e-2)
     assert found.rmse < plain.rmse
+    for one, later in pairwise(said):  # of several fits, whose progress goes on
+        assert later.evaluations >= one.evaluations
+        assert later.seconds >= one.seconds
+        assert later.cost <= one.cost
 
 
 def test_each_target_has_its_own_registration():
@@ -127,22 +130,3 @@ def test_a_budget_of_time_ends_the_search_with_a_result(exact):
     found = clothfit.estimate(sheet(50.0), stranger(exact, 1.2), fit_time=True, budget=1e-3)
     assert len(found.registration) == 1
     assert found.scene.frames == 40
-
-
-def test_the_progress_of_several_fits_goes_on_and_its_best_never_gets_worse(exact):
-    seen, found = [], clothfit.estimate(sheet(20.0), exact, intervals=False)
-
-    def fit(scene, target, options):
-        for k, cost in enumerate(target):
-            options.on_progress(Progress(k + 1, 100, cost, np.sqrt(cost), 0.5 * (k + 1), k))
-        return replace(found, evaluations=len(target), seconds=0.5 * len(target))
-
-    fits = Fits(fit)
-    for costs in ([4.0, 1.0], [9.0, 0.25, 0.25]):
-        fits(sheet(20.0), costs, FitOptions(on_progress=seen.append))
-    assert [(each.evaluations, each.seconds, each.iteration) for each in seen] == [
-        (1, 0.5, 0), (2, 1.0, 1), (3, 1.5, 1), (4, 2.0, 2), (5, 2.5, 3),
-    ]  # fmt: skip
-    assert [each.cost for each in seen] == [4.0, 1.0, 1.0, 0.25, 0.25]
-    assert [each.rmse for each in seen] == [2.0, 1.0, 1.0, 0.5, 0.5]
-    assert (fits.evaluations, fits.seconds) == (5, 2.5)

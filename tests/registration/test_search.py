@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.strangers import sheet, stranger
 
+from clothfit.fit.registered_fit import few
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
 from clothfit.objective.comparison import loss_named
@@ -30,7 +31,7 @@ def test_clock_and_place_are_found_though_the_stiffnesses_are_not(offset, rate):
     begun = late.times >= 0.0
     late = replace(late, times=late.times[begun], positions=late.positions[begun])
     seen = degrade(stranger(late, turn=R, move=D), 1e-4, observed=0.5, seed=2)
-    (found,) = find(asked, experiments(asked, seen), sought(True, True), loss_named())
+    (found,) = find(few(asked, experiments(asked, seen), sought(True, True), loss_named()))
     # a ten-thousandth of the sheet's size as noise, which the bounds leave many times; with all frames weighing the
     # same the clock would be milliseconds off, as one factor on the stiffnesses is no more than 1 cm from the motion
     assert found.offset == pytest.approx(offset, abs=5e-4)
