@@ -236,6 +236,13 @@ def compared(own: Trial, start: Array, counts: Sequence[int], origin: Objective)
     if not (1 in counts or is_coarse):
         made = made[1:] or [own]  # coarse steps are the way alone
     best = nearest(made)
+    for trial in sorted(made, key=lambda each: each.rmse):  # with time left, the finest model judges between them
+        late = root.progress.computing + 2.0 * freer.seconds * trial.seconds / max(coarse.seconds, 1e-3) > root.longest
+        if late or trial is coarse or not finer or trial.rmse > ABOUT * best.rmse or trial.ended:
+            continue
+        if ladder.is_quick(trial.search, finer[-1]):
+            trial.arrive(finer[-1], trial.search.best.p, continuation.through_weak_pulls)
+    best = nearest(made)
     return made, freer if best is coarse else best
 
 
