@@ -182,7 +182,8 @@ def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Pre
     """The plan with the step that gains most; `own` has that of the user's scene."""
     counts = counts_of(options, own.objective.scene)
     found = step_choice.chosen(
-        plan.objective, start, options.enough, counts, own.objective, options.on_progress, options.auto
+        plan.objective, start, options.enough, counts, own.objective, options.on_progress, options.auto,
+        options.model != AUTO,
     )
     if found.step:
         plan = replace(with_steps(own, *found.step), step=found.step)
@@ -190,7 +191,7 @@ def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Pre
         plan = with_kinds_left_out(plan, start, gone)
     return replace(
         plan, kinds=found.kinds, p=found.p, cost=found.cost, tried=found.tried, evaluations=found.evaluations,
-        wanted=None if found.explained else ladder.ends(plan.objective.scene),
+        wanted=None if found.explained else ladder.left(plan.objective.scene),
     )  # fmt: skip
 
 

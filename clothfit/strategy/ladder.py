@@ -100,7 +100,7 @@ def models(scene: Scene) -> list[str]:
     return found if own in found else [*found[:-1], own]
 
 
-def ends(scene: Scene) -> list[str]:
+def left(scene: Scene) -> list[str]:
     """The models that are left of a scene where a choice of the step has fitted those that maps or regions contain."""
     found = models(scene)
     few = [model for model in found if model != "L"]

@@ -1,10 +1,12 @@
 """The choice of a time step: how many steps to a frame of the target, and by which integrator.
 
 A step as long as a frame damps more than most targets do, and no values make up for that. So models of few values
-(`ladder`) come to their target by `continuation`: by one step of implicit Euler to a frame, from the coarsest model on,
-then by the scene's own step, and then by K = 1, 2, 4 … steps of BDF2, each from the best values before. It ends where
-two finer steps in a row do not pay, or the time is up; what comes nearest is kept. A target that the scene's own step
-explains keeps that at once.
+(`ladder`) come to their target by `continuation`: by one step of implicit Euler to a frame, then by two, then by the
+scene's own step, which comes first near the target, and by K = 2, 4 … steps of BDF2 or of implicit Euler, each from the
+best values before. Finer models come before the shorter steps, which then start from their maps. It ends where two
+finer steps in a row do not pay, or the time is up; what comes nearest is kept. A target that the scene's own step
+explains keeps that at once. At the best step, kinds that a fit does not need are left out where it is to choose them
+(`kinds`).
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ from clothfit.strategy.start import values_by
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
 
-LONGEST, LONGEST_TRIAL = 28.0, 10.0
+LONGEST, LONGEST_TRIAL = 30.0, 10.0
 """Seconds of computing that a choice may take, and that a trial is expected to take at most where it is begun."""
 
 PAYS = 0.05
@@ -52,8 +54,11 @@ COUNTS = (1, 2, 4, 8, 16, 32)
 CLOSE = 0.03
 """Error relative to that of a still cloth below which no other points are tried at the end."""
 
-ABOUT = 1.5
-"""Errors up to so many times another one are about as large."""
+ABOUT, FAILED = 1.5, 2.0
+"""Errors up to so many times another one are about as large; beyond so many times the search has failed."""
+
+MAPS = 1.5
+"""Times that finer models take as long as few values."""
 
 FINER = 2.5
 """Times that a trial takes as long as one with steps twice as long, and more of them."""
@@ -163,10 +168,12 @@ class Trial:
 def chosen(
     objective: Objective, start: Array, enough: float, counts: Sequence[int], origin: Objective | None = None,
     report: Callable[[Progress], None] | None = None, choose: bool = False,
+    finer: bool = True,
 ) -> Stepped:  # fmt: skip
     """The step for the targets, from `start` (P,): the scene's own, one of implicit Euler to a frame, or one of these
     numbers of BDF2 steps, whichever comes nearest. An RMSE of `enough`, m, is good enough. `origin` is the objective
-    with the step of the user's scene, where that was changed. With `choose` kinds that are not needed are left out.
+    with the step of the user's scene, where that was changed. With `choose` kinds that are not needed are left out;
+    without `finer` the coarsest model alone is fitted.
     """
     root, origin = Search(objective, start, enough, EVALUATIONS, report), origin or objective
     own, found = Trial(root, first=True), list[kinds.Choice]()
@@ -175,7 +182,7 @@ def chosen(
         made, best = [own], own
     else:
         root.longest = root.progress.computing + LONGEST
-        made, best = compared(own, start, counts, origin)
+        made, best = compared(own, start, counts, origin, ladder.models(objective.scene)[1:] if finer else [])
     if best.chosen == (1, IMPLICIT):  # solved as tightly as a fit does
         p = best.search.best.p
         best = Trial(root.beside(with_substeps(origin, 1, IMPLICIT), p, np.inf), best.chosen)
@@ -207,59 +214,78 @@ def with_kinds(best: Trial, start: Array) -> tuple[Trial, list[kinds.Choice]]:
     return other, found
 
 
-def compared(own: Trial, start: Array, counts: Sequence[int], origin: Objective) -> tuple[list[Trial], Trial]:
+def compared(
+    own: Trial, start: Array, counts: Sequence[int], origin: Objective, finer: Sequence[str]
+) -> tuple[list[Trial], Trial]:
     """Trials of steps that may be chosen, from `start` (P,), as `chosen` takes them, and the best; `own` is that of the
-    scene's own step. Steps are compared by what the coarsest model comes to, each from the values of the finest one
+    scene's own step. Steps are compared by what the coarsest model comes to, each from the values of the `finer` ones
     with coarse steps, or of the best step before.
     """
     root, objective = own.search, own.search.objective
-    model, *finer = [each for each in ladder.models(objective.scene) if each != "L"] or ladder.models(objective.scene)
+    model, finer = ladder.models(objective.scene)[0], [each for each in finer if each != "L"]
     is_coarse = objective.scene.method == IMPLICIT and own.step.substeps == 1
     rough, step = (objective, None) if is_coarse else (continuation.coarse(origin), (1, IMPLICIT))
     coarse = own if is_coarse else Trial(root.beside(rough, start, np.inf), step)
     coarse.arrive(model, start, continuation.from_afar)
-    made, freer = [coarse], Trial(root.beside(rough, coarse.search.best.p, coarse.search.best.cost), step)
-    for each in finer:
-        if ladder.is_quick(freer.search, each):
-            freer.arrive(each, freer.search.best.p, continuation.through_weak_pulls)
-    steps = steps_of(counts, objective, origin, is_coarse)
-    while steps:
-        best, step = nearest(made), steps.pop(0)
+    made, freer = [coarse], with_finer(coarse, finer)
+    for step in steps_of(made, counts, own, origin):
+        best = nearest(made)
         late = root.progress.computing + min(FINER * made[-1].seconds, LONGEST_TRIAL) > root.longest
         if (late and len(made) > 1) or made[-1].ended or is_enough(best.search) or is_poor(made):
             break
         p = (freer if best is coarse else best).search.best.p
         made.append(own if step is None else Trial(root.beside(with_substeps(origin, *step), p, np.inf), step))
-        if step is None and best.search.best.cost < continuation.NEAR**2 * best.search.objective.still:
+        if step is None and is_close(best):
             own.arrive(model, start, through_windows_to_the_minimum)
         made[-1].arrive(model, p, through_pulls_to_the_minimum)
     if not (1 in counts or is_coarse):
         made = made[1:] or [own]  # coarse steps are the way alone
     best = nearest(made)
     for trial in sorted(made, key=lambda each: each.rmse):  # with time left, the finest model judges between them
-        late = root.progress.computing + 2.0 * freer.seconds * trial.seconds / max(coarse.seconds, 1e-3) > root.longest
-        if late or trial is coarse or not finer or trial.rmse > ABOUT * best.rmse or trial.ended:
+        late = root.progress.computing + MAPS * trial.seconds > root.longest
+        if late or trial is coarse or trial.ended or trial.rmse > ABOUT * best.rmse:
             continue
-        if ladder.is_quick(trial.search, finer[-1]):
-            trial.arrive(finer[-1], trial.search.best.p, continuation.through_weak_pulls)
+        for each in finer[-1:]:
+            if ladder.is_quick(trial.search, each):
+                trial.arrive(each, trial.search.best.p, continuation.through_weak_pulls)
     best = nearest(made)
-    return made, freer if best is coarse else best
+    return made, freer if best is coarse and freer.rmse < best.rmse else best
+
+
+def with_finer(trial: Trial, models: Sequence[str]) -> Trial:
+    """The trial of finer models with the step of another one, from its best values."""
+    own = trial.search
+    found = Trial(own.beside(own.objective, own.best.p, own.best.cost), trial.chosen)
+    for each in models:
+        if ladder.is_quick(own, each):
+            found.arrive(each, found.search.best.p, continuation.through_weak_pulls)
+    return found
 
 
 def steps_of(
-    counts: Sequence[int], objective: Objective, origin: Objective, is_coarse: bool
-) -> list[tuple[int, int] | None]:
-    """The steps to try one after the other, None for the scene's own: of implicit Euler, which damps, and then of BDF2,
-    which hardly does, as many to a frame.
+    made: Sequence[Trial], counts: Sequence[int], own: Trial, origin: Objective
+) -> Iterator[tuple[int, int] | None]:
+    """The steps to try one after the other, None for the scene's own, as far as those that were `made` tell: implicit
+    Euler damps and BDF2 hardly does, which a target may need or not bear.
     """
-    found: list[tuple[int, int] | None] = []
+    objective, is_coarse, coarse = own.search.objective, made[0] is own, made[0]
+    close, halves = is_close(coarse), 1 in counts and 2 in counts
+    if halves and not close:
+        yield 2, IMPLICIT
+    if not is_coarse:
+        yield None
+    if halves and close and not made[-1].rmse < coarse.rmse:
+        yield 2, IMPLICIT
     for count in counts:
-        if count > 1 and 1 in counts:
-            found.append((count, IMPLICIT))
-        if not is_own(objective, origin, count):
-            found.append((count, BDF2))
-    place = int(bool(found) and found[0] == (2, IMPLICIT))
-    return found if is_coarse else [*found[:place], None, *found[place:]]
+        errors = {
+            method: [each.rmse for each in made if each.search.objective.scene.method == method]
+            for method in (BDF2, IMPLICIT)
+        }
+        fails = len(errors[BDF2]) > 1 and errors[BDF2][-1] > FAILED * min(each.rmse for each in made)
+        if not (fails or is_own(objective, origin, count)):
+            yield count, BDF2
+        if 1 in counts and count > 2 and not min(errors[BDF2], default=np.inf) < errors[IMPLICIT][-1]:
+            yield count, IMPLICIT
 
 
 def by_windows_of_noise(own: Search) -> None:
@@ -283,6 +309,11 @@ def through_pulls_to_the_minimum(own: Search) -> None:
     """Come from values that another step has found nearly to the minimum. Raises Stop."""
     continuation.through_pulls(own)
     in_a_round(own)
+
+
+def is_close(trial: Trial) -> bool:
+    """Whether a trial has come so near that windows from the start may lead to the minimum."""
+    return trial.search.best.cost < continuation.NEAR**2 * trial.search.objective.still
 
 
 def nearest(made: Sequence[Trial]) -> Trial:
