@@ -24,7 +24,7 @@ from clothfit.base.messages import metres
 from clothfit.engine.system import build
 from clothfit.fit.baselines import with_start, with_still
 from clothfit.fit.flags import reflagged
-from clothfit.fit.followed import followed
+from clothfit.fit.followed import followed, with_start_velocity
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.options import (
@@ -304,7 +304,9 @@ def one_fit(
     """The fit to targets as they are: pins, objectives, what it settles before it begins, search, and what its motion
     says; with the time and the evaluations of one `before` it.
     """
-    hidden, pinned = target is None, 0
+    hidden, pinned, speed = target is None, 0, 0.0
+    if target is not None and options.auto:
+        scene, speed = with_start_velocity(scene, target)
     if target is not None and not (options.hold or options.windows or callable(options.objective)):
         scene, target, pinned = followed(scene, target)
     scene = flagged(scene, options.model)
@@ -332,10 +334,16 @@ def one_fit(
                 plan = plan.solved(looser.tolerance, looser.p)
                 found = searched(plan, start, hidden, options, checkpoint, None)
                 found = replace(found, warnings=[*found.warnings, SOLVED_AS.format(looser.tolerance)])
-            chosen = [Hint("auto", each.text, early=False) for each in plan.kinds]
+            chosen = [Hint("auto", text, early=False) for text in (*beginning(speed), *(k.text for k in plan.kinds))]
             found = replace(found, hints=[*hints, *chosen, *found.hints])
         found = assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
         return replace(looked_at(found, with_start, objective, options=options), followed=pinned)
+
+
+def beginning(speed: float) -> list[str]:
+    """What a fit that chooses by itself says of a start at some speed, m/s."""
+    text = "start velocity: that of the target, which moves at {:.2g} m/s (RMS) in its first frames"
+    return [text.format(speed)] if speed else []
 
 
 def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:

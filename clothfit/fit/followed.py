@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +40,9 @@ LEAST = 1e-3
 """Motion relative to the size of the cloth: 1 mm in 1 m."""
 
 ROUNDINGS = 3.0
+
+SLOW = 0.05
+"""Speed at the start relative to that of all frames up to which a cloth begins at rest."""
 
 SAME = 1e-6
 """Distance relative to the cloth's size up to which the points of a file are those of the target: float32 has it."""
@@ -70,6 +74,38 @@ def followed(scene: Scene, target: Targets) -> Followed:
     if not count:
         return Followed(scene, [motion if own is scene else (motion, own) for motion, own in given], 0)
     return Followed(main, found, count)
+
+
+def with_start_velocity(scene: Scene, target: Targets) -> tuple[Scene, float]:
+    """The scene whose vertices begin as fast as those of its one target, and how fast that is, m/s (RMS).
+
+    It is 0 where they begin at rest, as far as noise lets one see, or velocities are given or fitted. By the first
+    three frames, v = (−3 y₀ + 4 y₁ − y₂) / 2h, against the third difference of the first four, which is noise or less smooth, and what one step of a fall adds.
+    """
+    motion, own = experiments(scene, target)[0]
+    gaps = np.diff(motion.times[:4])
+    late = abs(float(motion.times[0])) > TIME_SLACK * scene.delta
+    if len(experiments(scene, target)) > 1 or own is not scene or late or len(gaps) < 3 or np.ptp(gaps) > SAME:
+        return scene, 0.0
+    cloths, squares = list(scene.cloths), 0.0
+    for i, cloth in enumerate(scene.cloths):
+        x, free = motion.of(i), motion.seen(i)[:4].all(axis=0) & ~cloth.fixed
+        if not free.any() or cloth.velocity[free].any() or cloth.mode("velocity") != "n":
+            continue
+        v = (-3.0 * x[0] + 4.0 * x[1] - x[2]) / (2.0 * gaps[0])
+        rough = np.sqrt(26.0 / 20.0) * (x[3] - 3.0 * x[2] + 3.0 * x[1] - x[0]) / (2.0 * gaps[0])
+        usual = np.diff(x, axis=0)[:, free] / gaps[0]
+        fall = float(np.linalg.norm(scene.gravity)) * gaps[0]
+        least = max(fall, SIGNIFICANT * rms(rough[free]), SLOW * rms(usual[np.isfinite(usual).all(axis=2)]))
+        if rms(v[free]) > least:
+            cloths[i] = replace(cloth, velocity=np.where(free[:, None], v, cloth.velocity))
+            squares += rms(v[free]) ** 2
+    return replace(scene, cloths=tuple(cloths)) if squares else scene, float(np.sqrt(squares))
+
+
+def rms(vectors: Array) -> float:
+    """Root mean square length of vectors (N, 3)."""
+    return float(np.sqrt((vectors**2).sum(axis=1).mean())) if len(vectors) else 0.0
 
 
 def pins_of(motion: Motion, scene: Scene) -> Iterator[tuple[int, list[dict[str, Any]]]]:

@@ -39,7 +39,7 @@ from clothfit.strategy.start import values_by
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
 
-LONGEST, LONGEST_TRIAL = 30.0, 10.0
+LONGEST, LONGEST_TRIAL = 36.0, 10.0
 """Seconds of computing that a choice may take, and that a trial is expected to take at most where it is begun."""
 
 PAYS = 0.05
