@@ -80,7 +80,8 @@ def with_start_velocity(scene: Scene, target: Targets) -> tuple[Scene, float]:
     """The scene whose vertices begin as fast as those of its one target, and how fast that is, m/s (RMS).
 
     It is 0 where they begin at rest, as far as noise lets one see, or velocities are given or fitted. By the first
-    three frames, v = (−3 y₀ + 4 y₁ − y₂) / 2h, against the third difference of the first four, which is noise or less smooth, and what one step of a fall adds.
+    three frames, v = (−3 y₀ + 4 y₁ − y₂) / 2h, against the third difference of the first four, which is noise or less
+    smooth, and what one step of a fall adds.
     """
     motion, own = experiments(scene, target)[0]
     gaps = np.diff(motion.times[:4])
