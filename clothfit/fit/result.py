@@ -125,7 +125,7 @@ class Fit:
     travel: float | None = None  # root mean square distance of the compared positions from the start, m
     hints: list[Hint] = field(default_factory=list)  # what the target shows of its difference from the scene
     verdict: Verdict | None = None  # on the model; None: it was not looked at
-    baselines: Baselines | None = None  # what it must beat; None: the cost is one's own, or nothing was evaluated
+    baselines: Baselines | None = None  # what it must beat; None: positions are not compared, or nothing was evaluated
     ladder: list[Judged] = field(default_factory=list)  # the models that were fitted from coarse to fine
     steps: list[Step] = field(default_factory=list)  # time steps that were tried
     substeps: int | None = None  # steps to a frame of the target, chosen or asked for; None: the step is the scene's
@@ -135,6 +135,7 @@ class Fit:
     followed: int = 0  # held vertices that follow the targets
     markers: list[Markers] | None = None  # of each target, those that were mistaken; None: none was
     start: Scene | None = None  # where the fit began
+    stage: str = ""  # of the search, the last one: a method, or what prepares it
     objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights
     correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
     samples: Samples | None = None  # that the intervals are by; None: they are by the matrix, or there are none
@@ -198,6 +199,7 @@ def result(
         verdict=judged.verdict,
         objective=dict(search.objective.weights),
         start=with_parameters(search.objective.scene, search.origin),
+        stage=search.progress.stage,
         correlations=() if known is None else known.correlations,
         samples=None if known is None else known.samples,
     )
