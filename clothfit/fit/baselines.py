@@ -65,7 +65,7 @@ def with_still(found: Fit, objective: Objective) -> Fit:
     text = (
         f"the best still picture of the target comes to {metres(still_of(found))}, the fitted motion only to "
         f"{metres(found.rmse)}: what moves the cloth is missing from the model, or the search, which ended in its stage "
-        f"\"{found.stage}\", has not found it. "
+        f"“{found.stage}”, has not found it. "
         f"{way_out(objective.scene)}"
     )
     status = Status.STALLED if found.status == Status.CONVERGED else found.status

@@ -20,7 +20,8 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres, owned
 from clothfit.base.notebook import shown
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
-from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence
+from clothfit.fit.alternatives import Alternatives, alternatives, in_words
+from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence, residual_variance
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut, Judged
 from clothfit.motion.divergence import Diverged
@@ -162,6 +163,7 @@ class Judgement(NamedTuple):
 
     verdict: Verdict | None
     known: Confidence | None
+    hints: tuple[Hint, ...] = ()  # on what speaks against the model
 
 
 UNKNOWN = Judgement(None, None)
@@ -195,7 +197,7 @@ def result(
         sigma=None if known is None else known.sigma,
         prior=scatter(search),
         memory=search.objective.needs,
-        hints=bound_hints(search, p),
+        hints=[*bound_hints(search, p), *judged.hints],
         verdict=judged.verdict,
         objective=dict(search.objective.weights),
         start=with_parameters(search.objective.scene, search.origin),
@@ -249,9 +251,24 @@ def judgement(search: Search, trial: bool) -> Judgement:
     left = Verdict(ADEQUATE, rmse / travel) if exact else verdict(objective, p, rmse / travel)
     if left is None:
         return UNKNOWN
-    known = confidence(search, left.differs)
     enough = reproduced(objective, cost, search.rmse_tolerance, trial)
-    return Judgement(Verdict(ADEQUATE, rmse / travel) if enough else left, known)
+    others, hints = None, list[Hint]()
+    if not (left.differs or trial or search.objective.own):
+        others = alternatives(search)
+        left, hints = beside(search, left, None if enough or exact else others)
+    known = confidence(search, left.differs, others)
+    return Judgement(Verdict(ADEQUATE, rmse / travel) if enough else left, known, tuple(hints))
+
+
+def beside(search: Search, left: Verdict, others: Alternatives | None) -> tuple[Verdict, list[Hint]]:
+    """A verdict by residuals as noise, and what other values of what is not fitted say against it."""
+    objective, sigma2 = search.objective, residual_variance(search)
+    found = [] if others is None else others.shown(sigma2)
+    if not found:
+        return left, []
+    hint = Hint("hidden", in_words(found[0], objective.scene), early=False)
+    unexplained = max(float(np.sqrt(found[0].squares / max(objective.observations, 1))) / objective.travel, left.unexplained)
+    return Verdict(ADEQUATE if unexplained <= NEGLIGIBLE else DIFFERS, unexplained), [hint]
 
 
 def reproduced(objective: Objective, cost: float, tolerance: float, trial: bool) -> bool:

@@ -1,0 +1,233 @@
+"""What else could explain a target: other values of what the scene holds as it is, another clock, another place.
+
+Near a result the residuals are r + J d + E δ, with d the change of the fitted values and δ that of what is not fitted:
+wind, gravity, drag, a factor on masses …, and the registration of each target. With H = [J E]ᵀ[J E], g = [J E]ᵀ r and
+K = (H_dd + A)⁻¹, A the prior's matrix,
+
+    S = H_δδ − H_δd K H_dδ,    s = g_δ − H_δd K g_d
+
+Rao's score test: where the model is right, sᵀ S⁻¹ s / σ² is a χ² of as many degrees as δ has components. It looks where
+a wrong model of that kind leaves its trace, so it finds what is far too little for a test of all residuals
+(`whiteness`).
+
+What no test finds may still be there, and moves the fitted values. Let δ be of the size τ at most that nobody would
+notice in a scene (`DOUBTS`). From the target and that together, its mean and its covariance are
+
+    m = −(S + σ² T⁻²)⁻¹ s,    C = σ² (S + σ² T⁻²)⁻¹,    T = diag τ
+
+so the fitted values, which change by −K H_dδ δ, have intervals that are wider by this share (M. C. Kennedy and
+A. O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63, 2001).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.eigen import eigen
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import at_frames
+from clothfit.objective.experiment import Experiment, flagged_as
+from clothfit.objective.objective import Objective
+from clothfit.optimise import trajectory
+from clothfit.optimise.evidence import inverse
+from clothfit.optimise.search import Search
+from clothfit.optimise.trajectory import Trajectory
+from clothfit.registration.record import Registration
+from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Around, Registered, around
+from clothfit.registration.search import Unknowns
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.kinds import CLOTH_KINDS, KIND, SCENE_KINDS, Kind
+from clothfit.scene.scene import Scene
+
+DOUBTS = {"wind": 0.2, "gravity": 0.05, "velocity": 0.05}
+"""τ in the unit of a kind: m/s, m/s², m/s."""
+
+SHARES = {"damping": 0.3, "drag": 0.3, "stiffness": 0.1, "rest": 0.005, "friction": 0.3, "contact": 0.3}
+"""τ as a share of the scene's value. Masses can be weighed."""
+
+CLOCK, DELAY, TURN, SHIFT = 0.01, 0.1, 0.003, 0.002
+"""τ of a clock's rate and of its offset, in frames, and of a place: rad, m."""
+
+RARE = 5e-4
+"""Probability in noise of one of the tests from which on it counts: with ten of them one fit in 200."""
+
+ALIKE = 1e-7
+"""Share of an effect that fitted values cannot make up for, below which it is rounding."""
+
+PART = 0.1
+"""Operations for all this, as a share of those of the largest dense model."""
+
+WAYS = {"clock": "--fit-time", "place": "--fit-placement"}
+"""Options that fit what is no kind of the scene."""
+
+
+class Found(NamedTuple):
+    """What one test says against the model."""
+
+    what: str  # the name of a kind, or one of `WAYS`
+    chance: float  # probability of as much in noise
+    squares: float  # that it explains, m²
+    cloth: int | None
+    change: Array  # δ (k,) that would explain them, in the unit of the kind, of logarithms where those are fitted
+
+
+@dataclass(frozen=True, eq=False)
+class Alternatives:
+    """The residuals near a result by the coordinates z (log p, or p / σ) of N values that are fitted or could be."""
+
+    H: Array  # (N, N)
+    g: Array  # (N,)
+    fitted: Indices  # (Q,), in the order of the search
+    groups: list[tuple[str, int | None, Indices]]  # of what is tested together: its name, its cloth, and where it is
+    doubt: Array  # τ (N,) in z
+    unit: Array  # (N,), σ: 1 for logarithms
+
+    @property
+    def scale(self) -> Array:
+        """1 / sqrt(H_ii) (N,), 0 where nothing is changed."""
+        size = np.sqrt(np.maximum(np.diag(self.H), 0.0))
+        return np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
+
+    def seen(self, at: Indices, A: Array | None = None) -> tuple[Array, Array, Array]:
+        """S (k, k) and s (k,) of those `at` (k,), and −K H_dδ (Q, k), all by `scale`; A (Q, Q) is of the prior, in z."""
+        own, by = self.fitted, self.scale
+        unit = self.H * np.outer(by, by)
+        prior = np.zeros((len(own), len(own))) if A is None else A * np.outer(by[own], by[own])
+        K = inverse(unit[np.ix_(own, own)] + prior + ALIKE**2 * np.eye(len(own)))
+        across = -K @ unit[np.ix_(own, at)]
+        S = unit[np.ix_(at, at)] + unit[np.ix_(at, own)] @ across
+        return S, by[at] * self.g[at] + across.T @ (by[own] * self.g[own]), across
+
+    def shown(self, sigma2: float) -> list[Found]:
+        """What speaks against the model, the most improbable first; `sigma2`, m², is the variance of a residual."""
+        from scipy.special import gammaincc  # of χ²
+
+        every = [each for each in self.groups if self.scale[each[2]].any()]
+        found = []
+        for what, cloth, at in every:
+            S, s, _ = self.seen(at)
+            parts = eigen(S)
+            if parts is None:
+                continue
+            values, vectors = parts
+            kept = values > ALIKE
+            change = -vectors[:, kept] @ ((vectors[:, kept].T @ s) / values[kept])
+            squares = -float(s @ change)
+            chance = float(gammaincc(0.5 * kept.sum(), 0.5 * max(squares, 0.0) / sigma2)) if kept.any() else 1.0
+            if chance < RARE:
+                found.append(Found(what, chance, squares, cloth, change * self.scale[at] * self.unit[at]))
+        return sorted(found, key=lambda each: -each.squares)
+
+    def widening(self, sigma2: float, A: Array) -> tuple[Array, Array]:
+        """How far (Q,) the fitted values are moved, and with which variance, in z, by what may be there unnoticed."""
+        at = np.flatnonzero((self.doubt > 0) & (self.scale > 0))
+        S, s, across = self.seen(at, A)
+        if not len(at):
+            return np.zeros(len(self.fitted)), np.zeros(len(self.fitted))
+        # below rounding an effect is one of the fitted values: only τ bounds it
+        values, vectors = np.linalg.eigh(S)
+        S = (vectors * np.where(values > ALIKE, values, 0.0)) @ vectors.T
+        C = inverse(S / sigma2 + np.diag((self.scale[at] / self.doubt[at]) ** 2))
+        by = self.scale[self.fitted]
+        moved = -across @ (C @ s) / sigma2
+        return np.abs(by * moved), by**2 * np.einsum("ij,jk,ik->i", across, C, across)
+
+
+def alternatives(search: Search) -> Alternatives | None:
+    """What else could explain the target at the best point of a search; None where positions are not what is compared,
+    or axes move, where it would take long, and where the motion diverges.
+    """
+    objective, given = search.objective, search.objective.experiments
+    free = freed(with_parameters(objective.scene, search.best.p))
+    problem, start = Trajectory(search, objective), parameters(free)
+    more = (len(start) + THETA) / max(problem.size, 1)
+    dear = more * problem.operations() > PART * trajectory.LARGEST or not problem.fits()
+    if dear or list(objective.weights) != ["position"] or any(each.scene.frame for each in given):
+        return None
+    pairs = [Experiment(compared(objective, k), free if each.scene is objective.scene else flagged_as(each.scene, free))
+             for k, each in enumerate(given)]  # fmt: skip
+    registered = Registered(free, pairs, objective.loss, objective.tolerance, summing=True)
+    where = [around(Registration(), each.motion) for each in pairs]
+    every = Unknowns(registered, start, where, np.ones(THETA, bool))
+    try:
+        model = every.model(every.begin)
+    except Diverged:
+        return None
+    return arranged(search, free, every, model.H, model.g)
+
+
+def compared(objective: Objective, k: int):
+    """The frames of a target that an objective compares."""
+    count = max(len(run.comparison.goal.step) for run in objective.runs if run.experiment == k)
+    return at_frames(objective.experiments[k].motion, slice(count))
+
+
+def arranged(search: Search, free: Scene, every: Unknowns, H: Array, g: Array) -> Alternatives:
+    """What was found, by what it is of."""
+    own = {(block.cloth, block.name): block for block in search.objective.blocks}
+    fitted, groups, p, doubt = list[Array](), list[tuple[str, int | None, Indices]](), every.start, list[Array]()
+    for block in free.blocks:
+        at, values = np.arange(block.part.start, block.part.stop, dtype=np.int32), p[block.part]
+        share = SHARES.get(block.name, 0.0) * (1.0 if block.kind.log else np.abs(values))
+        doubt.append(np.broadcast_to(np.asarray(DOUBTS.get(block.name, share), float), len(at)))
+        if (same := own.get((block.cloth, block.name))) is not None:
+            fitted.append(at[search.fitted[same.part]])
+            doubt[-1] = np.zeros(len(at))
+        else:
+            groups.append((block.name, block.cloth, at))
+    unit = [np.where(every.coordinates.log, 1.0, every.coordinates.scale)]
+    for k, near in enumerate(every.where):
+        first = len(p) + THETA * k
+        place = np.arange(first + PLACE.start, first + PLACE.stop, dtype=np.int32)
+        groups += [("clock", None, np.array([first + at], np.int32)) for at in (RATE, OFFSET)]
+        groups.append(("place", None, place))
+        doubt.append(registration_doubts(every, k))
+        unit.append(near.scale)
+    units = np.concatenate(unit)
+    return Alternatives(H, g, np.concatenate(fitted), groups, np.concatenate(doubt) / units, units)
+
+
+def registration_doubts(every: Unknowns, k: int) -> Array:
+    """τ (9,) of a target's registration; none of its scale."""
+    times = every.registered.given[k].motion.times
+    frame = float(np.ptp(times)) / max(len(times) - 1, 1)
+    return np.array([CLOCK, DELAY * frame, *[TURN] * 3, *[SHIFT] * 3, 0.0])
+
+
+def freed(scene: Scene) -> Scene:
+    """The scene with a flag for each kind of value that could be other than it says: one factor, or one value."""
+    cloths = []
+    for cloth in scene.cloths:
+        modes = {kind.name: with_one(kind, cloth.mode(kind.name)) for kind in CLOTH_KINDS}
+        settings = modes.pop("mass") + modes.pop("stiffness")
+        cloths.append(replace(cloth, settings=settings, fits={name: m for name, m in modes.items() if m != "n"}))
+    fits = {kind.name: with_one(kind, scene.mode(kind.name)) for kind in SCENE_KINDS}
+    return replace(scene, cloths=tuple(cloths), fits={name: m for name, m in fits.items() if m != "n"}, main=None)
+
+
+def with_one(kind: Kind, mode: str) -> str:
+    """The mode of a kind, or one with few values where it has none."""
+    if mode != "n" or kind.of == "key" or kind.name in ("shift", "offset"):
+        return mode
+    return next((letter for letter in "FG" if letter in kind.modes), "n")
+
+
+def in_words(found: Found, scene: Scene) -> str:
+    """A sentence on what speaks against the model, with what helps."""
+    share = "the residuals show it, though they look like noise"
+    if found.what in WAYS:
+        return f"another {found.what} of the target would bring the fit nearer ({share}); use {WAYS[found.what]}"
+    kind = KIND[found.what] if found.cloth is None else scene.cloths[found.cloth].kind(found.what)
+    owner = "" if found.cloth is None else f"objects[{found.cloth}]: "
+    if kind.log:
+        by = f"by a factor of about {float(np.exp(np.clip(found.change[0], -9.0, 9.0))):.3g}"
+    else:
+        by = "by about " + ", ".join(f"{value:.2g}" for value in found.change) + kind.suffix
+    return (
+        f"{owner}{kind.title} that differs from the scene's {by} would bring the fit nearer ({share}); correct it, or "
+        f"fit it (--fit {kind.name}), or what is fitted makes up for it"
+    )
