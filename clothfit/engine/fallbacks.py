@@ -34,8 +34,8 @@ class Fallbacks(NamedTuple):
         finer = "a smaller delta (in a fit --substeps) helps"
         said = (
             "{} times a step was hard to compute; that takes time, and the motion is as accurate as elsewhere",
-            f"in {{}} of {steps} steps the cloth was compressed so strongly that it could fold either way; its folds are "
-            f"smoother there than the cloth's, and values that depend on them are less certain; {finer}",
+            f"in {{}} of {steps} steps the cloth was compressed so strongly that it could fold either way; its folds "
+            f"are smoother there than the cloth's, and values that depend on them are less certain; {finer}",
             f"in {{}} of {steps} steps the cloth moved too fast for its stiffness and the time step, and was slowed "
             f"down; damping and stiffness may come out wrong there; {finer}",
             f"in {{}} of {steps} steps the cloth met a sphere so fast that it was deep in it at once; how it comes off "

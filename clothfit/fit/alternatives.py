@@ -26,10 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Indices
 from clothfit.base.eigen import eigen
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import at_frames
+from clothfit.motion.motion import Motion, at_frames
 from clothfit.objective.experiment import Experiment, flagged_as
 from clothfit.objective.objective import Objective
 from clothfit.optimise import trajectory
@@ -37,7 +37,7 @@ from clothfit.optimise.evidence import inverse
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Around, Registered, around
+from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Registered, around
 from clothfit.registration.search import Unknowns
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, SCENE_KINDS, Kind
@@ -57,6 +57,12 @@ RARE = 5e-4
 
 ALIKE = 1e-7
 """Share of an effect that fitted values cannot make up for, below which it is rounding."""
+
+RIDGE = 1e-9
+"""Added to the unit diagonal of H_dd, so that directions which change nothing stay finite."""
+
+EPSILON = 1e-13
+"""Rounding of an eigenvalue relative to the largest."""
 
 PART = 0.1
 """Operations for all this, as a share of those of the largest dense model."""
@@ -93,11 +99,11 @@ class Alternatives:
         return np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
 
     def seen(self, at: Indices, A: Array | None = None) -> tuple[Array, Array, Array]:
-        """S (k, k) and s (k,) of those `at` (k,), and −K H_dδ (Q, k), all by `scale`; A (Q, Q) is of the prior, in z."""
+        """S (k, k) and s (k,) of those `at` (k,), and −K H_dδ (Q, k), by `scale`; A (Q, Q) is the prior's, in z."""
         own, by = self.fitted, self.scale
         unit = self.H * np.outer(by, by)
         prior = np.zeros((len(own), len(own))) if A is None else A * np.outer(by[own], by[own])
-        K = inverse(unit[np.ix_(own, own)] + prior + ALIKE**2 * np.eye(len(own)))
+        K = inverse(unit[np.ix_(own, own)] + prior + RIDGE * np.eye(len(own)))
         across = -K @ unit[np.ix_(own, at)]
         S = unit[np.ix_(at, at)] + unit[np.ix_(at, own)] @ across
         return S, by[at] * self.g[at] + across.T @ (by[own] * self.g[own]), across
@@ -106,9 +112,8 @@ class Alternatives:
         """What speaks against the model, the most improbable first; `sigma2`, m², is the variance of a residual."""
         from scipy.special import gammaincc  # of χ²
 
-        every = [each for each in self.groups if self.scale[each[2]].any()]
         found = []
-        for what, cloth, at in every:
+        for what, cloth, at in self.groups:
             S, s, _ = self.seen(at)
             parts = eigen(S)
             if parts is None:
@@ -124,17 +129,21 @@ class Alternatives:
 
     def widening(self, sigma2: float, A: Array) -> tuple[Array, Array]:
         """How far (Q,) the fitted values are moved, and with which variance, in z, by what may be there unnoticed."""
-        at = np.flatnonzero((self.doubt > 0) & (self.scale > 0))
+        at = np.flatnonzero((self.doubt > 0) & (self.scale > 0)).astype(np.int32)
         S, s, across = self.seen(at, A)
-        if not len(at):
-            return np.zeros(len(self.fitted)), np.zeros(len(self.fitted))
-        # below rounding an effect is one of the fitted values: only τ bounds it
-        values, vectors = np.linalg.eigh(S)
+        tau, by = self.doubt[at] / np.where(self.scale > 0, self.scale, 1.0)[at], self.scale[self.fitted]
+        parts = eigen(S)
+        if parts is None or not len(at):
+            return np.zeros(len(by)), np.full(len(by), np.inf if len(at) else 0.0)
+        # what is below rounding is as good as one of the fitted values: τ alone bounds it
+        values, vectors = parts
         S = (vectors * np.where(values > ALIKE, values, 0.0)) @ vectors.T
-        C = inverse(S / sigma2 + np.diag((self.scale[at] / self.doubt[at]) ** 2))
-        by = self.scale[self.fitted]
-        moved = -across @ (C @ s) / sigma2
-        return np.abs(by * moved), by**2 * np.einsum("ij,jk,ik->i", across, C, across)
+        values, vectors = np.linalg.eigh(S * np.outer(tau, tau))
+        known = values > EPSILON * values.max(initial=0.0)
+        effect = by[:, None] * (across * tau) @ vectors
+        share = np.where(known, 1.0 / np.where(known, values + sigma2, 1.0), 0.0)
+        moved = effect @ (share * (vectors.T @ (tau * s)))
+        return np.abs(moved), effect**2 @ np.where(known, sigma2 * share, 1.0)
 
 
 def alternatives(search: Search) -> Alternatives | None:
@@ -160,7 +169,7 @@ def alternatives(search: Search) -> Alternatives | None:
     return arranged(search, free, every, model.H, model.g)
 
 
-def compared(objective: Objective, k: int):
+def compared(objective: Objective, k: int) -> Motion:
     """The frames of a target that an objective compares."""
     count = max(len(run.comparison.goal.step) for run in objective.runs if run.experiment == k)
     return at_frames(objective.experiments[k].motion, slice(count))

@@ -60,13 +60,13 @@ def with_still(found: Fit, objective: Objective) -> Fit:
     if objective.own or not objective.observations or "position" not in objective.weights:
         return found
     found = replace(found, baselines=Baselines(still(objective)))
-    if found.windows is not None or found.verdict is None or not found.verdict.differs or not found.rmse >= still_of(found):
+    nearer = not found.rmse >= still_of(found)
+    if found.windows is not None or found.verdict is None or not found.verdict.differs or nearer:
         return found
     text = (
         f"the best still picture of the target comes to {metres(still_of(found))}, the fitted motion only to "
-        f"{metres(found.rmse)}: what moves the cloth is missing from the model, or the search, which ended in its stage "
-        f"“{found.stage}”, has not found it. "
-        f"{way_out(objective.scene)}"
+        f"{metres(found.rmse)}: what moves the cloth is missing from the model, or the search, which ended in its "
+        f"stage “{found.stage}”, has not found it. {way_out(objective.scene)}"
     )
     status = Status.STALLED if found.status == Status.CONVERGED else found.status
     verdict, first = replace(found.verdict, model=FAILS), Hint(FAILS, text, early=False)

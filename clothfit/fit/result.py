@@ -267,7 +267,8 @@ def beside(search: Search, left: Verdict, others: Alternatives | None) -> tuple[
     if not found:
         return left, []
     hint = Hint("hidden", in_words(found[0], objective.scene), early=False)
-    unexplained = max(float(np.sqrt(found[0].squares / max(objective.observations, 1))) / objective.travel, left.unexplained)
+    apart = float(np.sqrt(found[0].squares / max(objective.observations, 1)))
+    unexplained = max(apart / objective.travel, left.unexplained)
     return Verdict(ADEQUATE if unexplained <= NEGLIGIBLE else DIFFERS, unexplained), [hint]
 
 
