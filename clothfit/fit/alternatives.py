@@ -21,6 +21,7 @@ A. O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63, 2
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -28,6 +29,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.eigen import eigen
+from clothfit.base.messages import owned
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
 from clothfit.objective.experiment import Experiment, flagged_as
@@ -55,17 +57,22 @@ CLOCK, DELAY, TURN, SHIFT = 0.01, 0.1, 0.003, 0.002
 RARE = 5e-4
 """Probability in noise of one of the tests from which on it counts: with ten of them one fit in 200."""
 
-ALIKE = 1e-7
+ALIKE = 1e-6
 """Share of an effect that fitted values cannot make up for, below which it is rounding."""
 
-RIDGE = 1e-9
-"""Added to the unit diagonal of H_dd, so that directions which change nothing stay finite."""
+RIDGE, REFINEMENTS = 1e-12, 4
+"""Added to the unit diagonal of H_dd, so that directions which change nothing stay finite; and how often what this
+changes is put right.
+"""
 
 EPSILON = 1e-13
 """Rounding of an eigenvalue relative to the largest."""
 
 PART = 0.1
 """Operations for all this, as a share of those of the largest dense model."""
+
+ALSO, MOST = 0.5, 3
+"""Squares beside those of the best explanation from which on another one is named, and how many are."""
 
 WAYS = {"clock": "--fit-time", "place": "--fit-placement"}
 """Options that fit what is no kind of the scene."""
@@ -103,8 +110,10 @@ class Alternatives:
         own, by = self.fitted, self.scale
         unit = self.H * np.outer(by, by)
         prior = np.zeros((len(own), len(own))) if A is None else A * np.outer(by[own], by[own])
-        K = inverse(unit[np.ix_(own, own)] + prior + RIDGE * np.eye(len(own)))
-        across = -K @ unit[np.ix_(own, at)]
+        own_part, across_part = unit[np.ix_(own, own)] + prior, unit[np.ix_(own, at)]
+        K, across = inverse(own_part + RIDGE * np.eye(len(own))), np.zeros((len(own), len(at)))
+        for _ in range(REFINEMENTS):
+            across -= K @ (own_part @ across + across_part)
         S = unit[np.ix_(at, at)] + unit[np.ix_(at, own)] @ across
         return S, by[at] * self.g[at] + across.T @ (by[own] * self.g[own]), across
 
@@ -225,18 +234,22 @@ def with_one(kind: Kind, mode: str) -> str:
     return next((letter for letter in "FG" if letter in kind.modes), "n")
 
 
-def in_words(found: Found, scene: Scene) -> str:
-    """A sentence on what speaks against the model, with what helps."""
-    share = "the residuals show it, though they look like noise"
-    if found.what in WAYS:
-        return f"another {found.what} of the target would bring the fit nearer ({share}); use {WAYS[found.what]}"
-    kind = KIND[found.what] if found.cloth is None else scene.cloths[found.cloth].kind(found.what)
-    owner = "" if found.cloth is None else f"objects[{found.cloth}]: "
-    if kind.log:
-        by = f"by a factor of about {float(np.exp(np.clip(found.change[0], -9.0, 9.0))):.3g}"
-    else:
-        by = "by about " + ", ".join(f"{value:.2g}" for value in found.change) + kind.suffix
+def in_words(found: Sequence[Found], scene: Scene) -> str:
+    """A sentence on what speaks against the model, of which the first explains most, with what helps."""
+    alike = [each for each in found if each.squares >= ALSO * found[0].squares][:MOST]
     return (
-        f"{owner}{kind.title} that differs from the scene's {by} would bring the fit nearer ({share}); correct it, or "
-        f"fit it (--fit {kind.name}), or what is fitted makes up for it"
+        "what is left looks like noise, but it follows what would change with "
+        f"{' or '.join(dict.fromkeys(named(each, scene) for each in alike))}; the fitted values make up for a part of "
+        "it, so correct that, or fit it as well"
     )
+
+
+def named(found: Found, scene: Scene) -> str:
+    """What one test is of, with the change that would explain the target."""
+    if found.what in WAYS:
+        return f"the {found.what} of the target ({WAYS[found.what]})"
+    kind = KIND[found.what] if found.cloth is None else scene.cloths[found.cloth].kind(found.what)
+    by = ", ".join(f"{value:.2g}" for value in found.change) + kind.suffix
+    if kind.log:
+        by = f"{100 * float(np.expm1(np.clip(found.change[0], -9.0, 9.0))):+.2g} %"
+    return f"{owned(found.cloth, kind.title)} (by {by})"

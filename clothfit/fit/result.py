@@ -266,7 +266,7 @@ def beside(search: Search, left: Verdict, others: Alternatives | None) -> tuple[
     found = [] if others is None else others.shown(sigma2)
     if not found:
         return left, []
-    hint = Hint("hidden", in_words(found[0], objective.scene), early=False)
+    hint = Hint("hidden", in_words(found, objective.scene), early=False)
     apart = float(np.sqrt(found[0].squares / max(objective.observations, 1)))
     unexplained = max(apart / objective.travel, left.unexplained)
     return Verdict(ADEQUATE if unexplained <= NEGLIGIBLE else DIFFERS, unexplained), [hint]
