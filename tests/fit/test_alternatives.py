@@ -62,7 +62,7 @@ def test_intervals_widen_as_the_posterior_of_all_columns_says(doubt):
 
 
 def test_what_acts_just_as_a_fitted_value_is_bounded_by_what_nobody_would_notice():
-    J, r, _ = linear(2)
+    J, _, _ = linear(2)
     J[:, 3] = 2.0 * J[:, 0]
     for sigma2 in (SIGMA**2, 0.0):  # of an exact target as well
         made = Alternatives(J[:, :4].T @ J[:, :4], np.zeros(4), FITTED, [], np.array([0, 0, 0, 0.3]), np.ones(4))
