@@ -48,8 +48,8 @@ from clothfit.scene.scene import Scene
 DOUBTS = {"wind": 0.2, "gravity": 0.05, "velocity": 0.05}
 """τ in the unit of a kind: m/s, m/s², m/s."""
 
-SHARES = {"damping": 0.3, "drag": 0.3, "stiffness": 0.1, "rest": 0.005, "friction": 0.3, "contact": 0.3}
-"""τ as a share of the scene's value. Masses can be weighed."""
+SHARES = {"damping": 0.3, "drag": 0.3, "rest": 0.005, "friction": 0.3, "contact": 0.3}
+"""τ as a share of the scene's value. Masses and stiffnesses are relative to those of them that the scene holds."""
 
 CLOCK, DELAY, TURN, SHIFT = 0.01, 0.1, 0.003, 0.002
 """τ of a clock's rate and of its offset, in frames, and of a place: rad, m."""
