@@ -31,13 +31,15 @@ class Fallbacks(NamedTuple):
 
     def sentences(self, steps: int) -> list[str]:
         """What a user should know, for motions of this many steps in all."""
+        finer = "a smaller delta (in a fit --substeps) helps"
         said = (
-            "{} times the fast solver of a step did not reach its tolerance, and a slower, exact one took over",
-            f"in {{}} of {steps} steps the cloth was so strongly compressed that its springs could buckle either way; "
-            "they were taken without the springs' push sideways",
-            f"{{}} of {steps} steps would have added energy and were shortened; with a smaller delta there are fewer",
-            f"in {{}} of {steps} steps contacts began so deep that they would have added energy; the steps were taken "
-            "anew with these contacts in their equations; with a smaller delta there are fewer",
+            "{} times a step was hard to compute; that takes time, and the motion is as accurate as elsewhere",
+            f"in {{}} of {steps} steps the cloth was compressed so strongly that it could fold either way; its folds "
+            f"are smoother there than the cloth's, and values that depend on them are less certain; {finer}",
+            f"in {{}} of {steps} steps the cloth moved too fast for its stiffness and the time step, and was slowed "
+            f"down; damping and stiffness may come out wrong there; {finer}",
+            f"in {{}} of {steps} steps the cloth met a sphere so fast that it was deep in it at once; how it comes off "
+            f"is less certain there; {finer}",
         )
         return [sentence.format(count) for count, sentence in zip(self, said, strict=True) if count]
 

@@ -54,19 +54,19 @@ def as_it_came(objective: Objective) -> float | None:
 
 
 def with_still(found: Fit, objective: Objective) -> Fit:
-    """The fit beside the best still picture. Where positions are compared, over whole motions, and the model differs,
-    one that is not nearer fails.
+    """The fit beside the best still picture, where positions are compared. Over whole motions, where the model differs,
+    a fit that is not nearer fails.
     """
-    if objective.own or not objective.observations:
+    if objective.own or not objective.observations or "position" not in objective.weights:
         return found
     found = replace(found, baselines=Baselines(still(objective)))
-    compared = "position" in objective.weights and found.windows is None
-    if not compared or found.verdict is None or not found.verdict.differs or not found.rmse >= still_of(found):
+    nearer = not found.rmse >= still_of(found)
+    if found.windows is not None or found.verdict is None or not found.verdict.differs or nearer:
         return found
     text = (
         f"the best still picture of the target comes to {metres(still_of(found))}, the fitted motion only to "
-        f"{metres(found.rmse)}: what moves the cloth is missing from the model, or the search has not found it. "
-        f"{way_out(objective.scene)}"
+        f"{metres(found.rmse)}: what moves the cloth is missing from the model, or the search, which ended in its "
+        f"stage “{found.stage}”, has not found it. {way_out(objective.scene)}"
     )
     status = Status.STALLED if found.status == Status.CONVERGED else found.status
     verdict, first = replace(found.verdict, model=FAILS), Hint(FAILS, text, early=False)
@@ -93,7 +93,10 @@ def way_out(scene: Scene) -> str:
     flagged = {block.name for block in scene.blocks}
     missing = [name for name in MOVERS if name not in flagged]
     if missing:
-        return f"Fit {listed(missing)} as well (--fit auto), or see that what is held, and wind, are as in the target"
+        return (
+            f"Fit {listed(missing)} as well (--fit auto), or see that what is held, and wind, are as in the target; "
+            "where its clock may be another, use --fit-time"
+        )
     return "Try other starts (--starts 8), more time (--budget), or fewer frames first"
 
 

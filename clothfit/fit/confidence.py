@@ -42,6 +42,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
 from clothfit.engine.system import mobile
+from clothfit.fit.alternatives import Alternatives
 from clothfit.fit.posterior import CHAOS, Kept, Local, Posterior, half_width, learned_prior, posterior
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.identifiability import Correlation, strongest
@@ -130,8 +131,9 @@ class Hidden:
     directions: Array  # (F, ·), orthonormal
 
 
-def confidence(search: Search, differs: bool) -> Confidence | None:
-    """What the data say at the best point of a search, where what is left is no noise if the model `differs`.
+def confidence(search: Search, differs: bool, others: Alternatives | None = None) -> Confidence | None:
+    """What the data say at the best point of a search, where what is left is no noise if the model `differs`; `others`
+    may be there unnoticed.
 
     None where that would take too long (`trajectory.LARGEST`) or too much memory, or where nothing could be evaluated
     or a step of the motion is singular.
@@ -143,12 +145,14 @@ def confidence(search: Search, differs: bool) -> Confidence | None:
     if not np.isfinite(search.best.cost):
         return None
     try:
-        return found_by_samples(search, differs) if expensive else found_with(problem, quick, differs)
+        return found_by_samples(search, differs) if expensive else found_with(problem, quick, differs, others)
     except (Diverged, np.linalg.LinAlgError):
         return None
 
 
-def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None, differs: bool) -> Confidence:
+def found_with(
+    problem: Trajectory, quick: tuple[Model, float, int] | None, differs: bool, others: Alternatives | None
+) -> Confidence:
     """The confidence by the model of a trajectory, or by a `quick` one with its squares and count. Raises Diverged."""
     search, kept = problem.search, Kept(problem.size)
     seen = residual_squares(search.objective, search.best.p)
@@ -162,7 +166,7 @@ def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None, diff
     hidden = not_shown(known, not wrong)
     p, cost = set_back(known, hidden, noise, search.start)
     rank, spread = problem.size - hidden.directions.shape[1], float(np.sqrt(noise))
-    low, high = intervals(known, hidden, quick is not None)
+    low, high = intervals(known, hidden, quick is not None, None if wrong else others)
     found = Confidence(p, cost, low, high, known.whole(hidden.flags), rank, spread)
     if wrong and known.blocks is None:
         nothing = np.full(len(p), np.nan)
@@ -269,13 +273,23 @@ def not_shown(known: Posterior, is_noise: bool) -> Hidden:
     return Hidden(flags, np.linalg.qr(np.concatenate([known.null, more], axis=1))[0])
 
 
-def intervals(known: Posterior, hidden: Hidden, exact: bool) -> tuple[Array, Array]:
-    """Both ends (P,) of the intervals; NaN where there is none. `exact`: what is left is no noise."""
+def intervals(
+    known: Posterior, hidden: Hidden, exact: bool, others: Alternatives | None = None
+) -> tuple[Array, Array]:
+    """Both ends (P,) of the intervals; NaN where there is none. `exact`: what is left is no noise; `others` may be
+    there unnoticed.
+    """
     local, search, t = known.local, known.local.search, known.t
+    moved, more = np.zeros((2, len(local.scale)))
+    if others is not None:
+        A = local.prior.matrix(known.sigma2) * np.outer(local.scale, local.scale)
+        moved, more = others.widening(residual_variance(search), A)
+    more = half_width(np.inf) ** 2 * more[known.free]
     if exact:  # |K Cᵀ r| ≤ sqrt(K_jj) |r|, whatever the r of a linear solver's tolerance are like
         t = max(t, float(np.sqrt(local.count)))
+    reach = np.sqrt((t * known.deviation) ** 2 + more) + np.abs(known.K @ known.derivative) + moved[known.free]
     down = np.zeros(len(local.scale))
-    down[known.free] = np.where(hidden.flags, np.nan, t * known.deviation + np.abs(known.K @ known.derivative))
+    down[known.free] = np.where(hidden.flags, np.nan, reach)
     up = down.copy()
     held = np.setdiff1d(np.arange(len(down)), known.free)
     # the effect of a mass or stiffness at its lower bound grows in proportion to it; at the upper bound, to 1 / p
@@ -327,6 +341,12 @@ def without(known: Posterior, lost: Flags, directions: Array, start: Array) -> A
     y[free] -= scale * (directions @ (directions.T @ way))
     alone = known.whole(np.linalg.norm(directions, axis=1) > 1.0 - HIDDEN_SHARE)
     return np.where(alone, start, np.where(known.whole(lost), search.parameters(y), search.best.p))
+
+
+def residual_variance(search: Search) -> float:
+    """The variance of a residual at the best point of a search, m² where positions are compared. Raises Diverged."""
+    squares, count = residual_squares(search.objective, search.best.p)
+    return variance(squares, count, float(min(search.fitted.sum(), count // 2)))
 
 
 def residual_squares(objective: Objective, p: Array) -> tuple[float, int]:

@@ -20,7 +20,8 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres, owned
 from clothfit.base.notebook import shown
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
-from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence
+from clothfit.fit.alternatives import Alternatives, alternatives, in_words
+from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence, residual_variance
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut, Judged
 from clothfit.motion.divergence import Diverged
@@ -125,7 +126,7 @@ class Fit:
     travel: float | None = None  # root mean square distance of the compared positions from the start, m
     hints: list[Hint] = field(default_factory=list)  # what the target shows of its difference from the scene
     verdict: Verdict | None = None  # on the model; None: it was not looked at
-    baselines: Baselines | None = None  # what it must beat; None: the cost is one's own, or nothing was evaluated
+    baselines: Baselines | None = None  # what it must beat; None: positions are not compared, or nothing was evaluated
     ladder: list[Judged] = field(default_factory=list)  # the models that were fitted from coarse to fine
     steps: list[Step] = field(default_factory=list)  # time steps that were tried
     substeps: int | None = None  # steps to a frame of the target, chosen or asked for; None: the step is the scene's
@@ -135,6 +136,7 @@ class Fit:
     followed: int = 0  # held vertices that follow the targets
     markers: list[Markers] | None = None  # of each target, those that were mistaken; None: none was
     start: Scene | None = None  # where the fit began
+    stage: str = ""  # of the search, the last one: a method, or what prepares it
     objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights
     correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
     samples: Samples | None = None  # that the intervals are by; None: they are by the matrix, or there are none
@@ -161,6 +163,7 @@ class Judgement(NamedTuple):
 
     verdict: Verdict | None
     known: Confidence | None
+    hints: tuple[Hint, ...] = ()  # on what speaks against the model
 
 
 UNKNOWN = Judgement(None, None)
@@ -194,10 +197,11 @@ def result(
         sigma=None if known is None else known.sigma,
         prior=scatter(search),
         memory=search.objective.needs,
-        hints=bound_hints(search, p),
+        hints=[*bound_hints(search, p), *judged.hints],
         verdict=judged.verdict,
         objective=dict(search.objective.weights),
         start=with_parameters(search.objective.scene, search.origin),
+        stage=search.progress.stage,
         correlations=() if known is None else known.correlations,
         samples=None if known is None else known.samples,
     )
@@ -247,9 +251,25 @@ def judgement(search: Search, trial: bool) -> Judgement:
     left = Verdict(ADEQUATE, rmse / travel) if exact else verdict(objective, p, rmse / travel)
     if left is None:
         return UNKNOWN
-    known = confidence(search, left.differs)
     enough = reproduced(objective, cost, search.rmse_tolerance, trial)
-    return Judgement(Verdict(ADEQUATE, rmse / travel) if enough else left, known)
+    others, hints = None, list[Hint]()
+    if not (left.differs or trial or search.objective.own):
+        others = alternatives(search)
+        left, hints = beside(search, left, None if enough or exact else others)
+    known = confidence(search, left.differs, others)
+    return Judgement(Verdict(ADEQUATE, rmse / travel) if enough else left, known, tuple(hints))
+
+
+def beside(search: Search, left: Verdict, others: Alternatives | None) -> tuple[Verdict, list[Hint]]:
+    """A verdict by residuals as noise, and what other values of what is not fitted say against it."""
+    objective, sigma2 = search.objective, residual_variance(search)
+    found = [] if others is None else others.shown(sigma2)
+    if not found:
+        return left, []
+    hint = Hint("hidden", in_words(found, objective.scene), early=False)
+    apart = float(np.sqrt(found[0].squares / max(objective.observations, 1)))
+    unexplained = max(apart / objective.travel, left.unexplained)
+    return Verdict(ADEQUATE if unexplained <= NEGLIGIBLE else DIFFERS, unexplained), [hint]
 
 
 def reproduced(objective: Objective, cost: float, tolerance: float, trial: bool) -> bool:

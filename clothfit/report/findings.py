@@ -128,6 +128,8 @@ FEW, FEW_GROUPS = 3, 12
 
 MOST_ROWS = 40
 
+ONLY = "the intervals are for this model only: no test finds what acts just as the fitted values do"
+
 MARKERS = "distances from the fitted motion in the shown frames; those that were mistaken first, then the farthest"
 
 
@@ -154,15 +156,17 @@ def values_table(truth: Scene, fitted: Scene, log: Log, trial: bool) -> list[Tab
     rows = [row for block in truth.blocks for row in value_rows(block, truth, fitted, log, trial)]
     heads = list(rows[0]) if rows else []
     title = "Start, fitted" + (", truth" if trial else "")
-    return table("values", title, heads, [list(row.values()) for row in rows], by_samples(log.summary))
+    return table("values", title, heads, [list(row.values()) for row in rows], scope(log.summary))
 
 
-def by_samples(summary: Mapping[str, Any]) -> str:
-    """That the intervals are by samples, and how accurate they are; empty where they are not."""
+def scope(summary: Mapping[str, Any]) -> str:
+    """What the intervals hold for, and where they are by samples, how accurate they are; empty without a verdict."""
+    model = entry(summary, "verdict", "model")
+    texts = ["the intervals are not certain, as the model differs" if model == DIFFERS else ONLY]
     found: list[Any] = [number(entry(summary, "samples", key)) for key in ("count", "accuracy")]
-    if None in found:
-        return ""
-    return "the intervals are by {:.0f} samples of the posterior, to {:.0%}".format(*found)
+    if None not in found:
+        texts.append("they are by {:.0f} samples of the posterior, to {:.0%}".format(*found))
+    return "; ".join(texts) if model in (ADEQUATE, DIFFERS) else ""
 
 
 def value_rows(block: Block, truth: Scene, fitted: Scene, log: Log, trial: bool) -> Iterator[dict[str, Cell]]:

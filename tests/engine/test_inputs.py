@@ -165,6 +165,14 @@ def test_a_smooth_curve_whose_slopes_overflow_is_refused(times, value):
         )
 
 
+def test_a_smooth_rotation_that_is_not_found_is_refused():
+    """Turns of up to half a circle in a microsecond: the iterations for the rates at the keys grow without bounds."""
+    g = np.random.default_rng(0)
+    times, angles = np.cumsum(np.where(g.random(12) < 0.5, 1e-6, 0.1)), g.uniform(-180, 180, (12, 3))
+    with pytest.raises(InvalidScene, match=r"^frame\.rotKeys: no smooth rotation goes through keys"):
+        sampling.turned(Keys(times, angles, "smooth", place="frame.rotKeys"), np.zeros(1))
+
+
 def test_angles_turn_as_in_unity():
     # Quaternion.Euler(0, 90, 0) turns forward (z) to the right (x), Euler(90, 0, 0) turns it down; z, then x, then y
     forward = np.array([0.0, 0.0, 1.0])

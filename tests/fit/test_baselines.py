@@ -72,3 +72,8 @@ def test_a_fit_that_explains_its_target_beats_both():
     assert found.verdict.model == "adequate"
     assert found.rmse < 1e-6 < found.baselines.still  # m
     assert found.baselines.start < 1e-8  # m: its own values made the target
+
+
+def test_velocities_have_no_still_picture():
+    scene, motion = gaps()
+    assert estimate(scene, motion, start=20.0, objective="velocity").baselines is None

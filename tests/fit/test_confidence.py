@@ -13,7 +13,7 @@ from helpers.scenes import cloth, document, even, trial
 from scipy import stats
 
 from clothfit.cli.parts.estimate_results import certainty
-from clothfit.fit import confidence, posterior
+from clothfit.fit import confidence, posterior, result
 from clothfit.fit.confidence import not_shown
 from clothfit.fit.estimate import ALIKE, estimate, looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, FitOptions
@@ -59,6 +59,12 @@ def minimum(sheet):
     return intervals(estimate(*sheet, start=20.0, method="l-bfgs-b"))[0]
 
 
+@pytest.fixture
+def certain(monkeypatch):
+    """What the scene says of all that is not fitted is right, as in textbooks."""
+    monkeypatch.setattr(result, "alternatives", lambda search: None)
+
+
 def intervals(found):
     """The intervals (P, 2), NaN where there is none."""
     return np.array([pair or (np.nan, np.nan) for block in found.parameters for pair in block.interval])
@@ -89,6 +95,7 @@ def thrown(scene, noise, seed):
     return motion, np.stack([slope - half, slope + half], axis=1), spread
 
 
+@pytest.mark.usefixtures("certain")
 @pytest.mark.parametrize("method", ["auto", "l-bfgs-b"])
 def test_a_linear_problem_has_the_intervals_of_regression(method):
     scene = ballistic()
@@ -101,6 +108,7 @@ def test_a_linear_problem_has_the_intervals_of_regression(method):
     assert found.parameters[0].unidentifiable == []
 
 
+@pytest.mark.usefixtures("certain")
 def test_one_mass_on_one_spring():
     scene = load(document(chain([(0, 1)], [True, False], vertMass=[0.1, 0.1]), optimizationIterations=30))
     motion = degrade(record_target(scene), 1e-3, seed=1)
@@ -204,6 +212,7 @@ def test_the_short_way_to_the_null_space_and_beside_it_is_the_long_one(least, mo
 # --- intervals of cloths
 
 
+@pytest.mark.usefixtures("certain")
 def test_intervals_of_a_cloth_cover_its_masses():
     scene = load(trial("Ln", 15))
     inside = []
@@ -359,10 +368,11 @@ def test_they_say_so_wherever_intervals_are_shown(by_samples):
     text = certainty(found.parameters[0], KIND["stiffness"], found.samples)
     assert text.endswith(f"(median 95 % interval, by {K} samples, to 18 %, for this model only)")
     assert "samples" not in certainty(found.parameters[0], KIND["stiffness"])
-    given = {"samples": asdict(found.samples)}
-    assert findings.by_samples(given) == f"the intervals are by {K} samples of the posterior, to 18%"
+    given = {"samples": asdict(found.samples), "verdict": {"model": "adequate"}}
+    assert findings.scope(given) == f"{findings.ONLY}; they are by {K} samples of the posterior, to 18%"
     for wrong in (None, [], {}, {"count": K}, {"count": "x", "accuracy": 0.1}, {"count": 16, "accuracy": 1e400}):
-        assert findings.by_samples({"samples": wrong}) == ""
+        assert findings.scope({"samples": wrong}) == ""
+        assert findings.scope({**given, "samples": wrong}) == findings.ONLY
 
 
 @pytest.mark.parametrize(("prior", "seconds"), [("none", confidence.LEAST), (0.5, 0.0)])

@@ -148,7 +148,7 @@ def rotation(angles: Array) -> Any:
 
 def turned(keys: Keys, times: Array) -> Array:
     """The rotations (T, 3, 3) since time 0 at times (T,), s; between two keys about one axis, at one rate or, smooth,
-    by a spline.
+    by a spline. Raises InvalidScene where no spline is found.
     """
     from scipy.spatial.transform import RotationSpline, Slerp
 
@@ -158,7 +158,14 @@ def turned(keys: Keys, times: Array) -> Array:
     if known.interpolation == "hold" or len(own) == 1:
         found = angles[np.searchsorted(own, inside, side="right") - 1]
     else:
-        found = (RotationSpline if known.interpolation == "smooth" else Slerp)(own, angles)(inside)
+        try:
+            with np.errstate(all="ignore"):  # its iterations may grow without bounds
+                found = (RotationSpline if known.interpolation == "smooth" else Slerp)(own, angles)(inside)
+        except (ValueError, np.linalg.LinAlgError):
+            raise InvalidScene(
+                f"{keys.place}: no smooth rotation goes through keys that turn so far in so little time; give more "
+                'keys, or "interpolation": "linear"'
+            ) from None
     return np.asarray((found[1:] * found[0].inv()).as_matrix())
 
 

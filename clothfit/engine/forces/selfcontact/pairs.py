@@ -30,6 +30,9 @@ from clothfit.engine.forces.selfcontact.force import Contact
 from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, distance, side
 from clothfit.kernels.kernel import kernel
 
+ROUNDING = 1e-9
+"""Distance relative to a way below which two parts meet: a search for where goes no finer."""
+
 LEFT = 0.1
 """The part of a distance that must be left."""
 
@@ -210,7 +213,7 @@ def is_near(surface, kind, own, x):
 def passes(surface, kind, own, x, after):
     """Whether a pair comes nearer on its way than a tenth of its distance or of the thickness."""
     delta, speed = distance(kind, own, x), past_each_other(kind, own, x, after)
-    least = LEFT * min(delta, surface.thickness)
+    least = max(LEFT * min(delta, surface.thickness), ROUNDING * speed)
     if delta - speed > least:
         return False
     y, t = np.empty((4, 3)), 0.0
