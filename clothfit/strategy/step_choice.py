@@ -51,9 +51,6 @@ ALLOWED = 0.05
 COUNTS = (1, 2, 4, 8, 16, 32)
 """Steps to a frame that are tried one after the other, while they pay."""
 
-CLOSE = 0.03
-"""Error relative to that of a still cloth below which no other points are tried at the end."""
-
 ABOUT, FAILED = 1.5, 2.0
 """Errors up to so many times another one are about as large; beyond so many times the search has failed."""
 
