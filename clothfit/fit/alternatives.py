@@ -39,8 +39,7 @@ from clothfit.optimise.evidence import inverse
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Registered, around
-from clothfit.registration.search import Unknowns
+from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Unknowns
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, SCENE_KINDS, Kind
 from clothfit.scene.scene import Scene
@@ -168,11 +167,10 @@ def alternatives(search: Search) -> Alternatives | None:
         return None
     pairs = [Experiment(compared(objective, k), free if each.scene is objective.scene else flagged_as(each.scene, free))
              for k, each in enumerate(given)]  # fmt: skip
-    registered = Registered(free, pairs, objective.loss, objective.tolerance, summing=True)
-    where = [around(Registration(), each.motion) for each in pairs]
-    every = Unknowns(registered, start, where, np.ones(THETA, bool))
+    known = [Registration()] * len(pairs)
+    every = Unknowns(free, pairs, start, known, np.ones(THETA, bool), objective.loss, objective.tolerance)
     try:
-        model = every.model(every.begin)
+        model = every.model(every.here)
     except Diverged:
         return None
     return arranged(search, free, every, model.H, model.g)
@@ -187,7 +185,7 @@ def compared(objective: Objective, k: int) -> Motion:
 def arranged(search: Search, free: Scene, every: Unknowns, H: Array, g: Array) -> Alternatives:
     """What was found, by what it is of."""
     own = {(block.cloth, block.name): block for block in search.objective.blocks}
-    fitted, groups, p, doubt = list[Array](), list[tuple[str, int | None, Indices]](), every.start, list[Array]()
+    fitted, groups, p, doubt = list[Array](), list[tuple[str, int | None, Indices]](), every.p, list[Array]()
     for block in free.blocks:
         at, values = np.arange(block.part.start, block.part.stop, dtype=np.int32), p[block.part]
         share = SHARES.get(block.name, 0.0) * (1.0 if block.kind.log else np.abs(values))
@@ -211,7 +209,7 @@ def arranged(search: Search, free: Scene, every: Unknowns, H: Array, g: Array) -
 
 def registration_doubts(every: Unknowns, k: int) -> Array:
     """τ (9,) of a target's registration; none of its scale."""
-    times = every.registered.given[k].motion.times
+    times = every.given[k].motion.times
     frame = float(np.ptp(times)) / max(len(times) - 1, 1)
     return np.array([CLOCK, DELAY * frame, *[TURN] * 3, *[SHIFT] * 3, 0.0])
 
