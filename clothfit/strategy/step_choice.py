@@ -232,7 +232,7 @@ def compared(
             break
         p = (freer if best is coarse else best).search.best.p
         made.append(own if step is None else Trial(root.beside(with_substeps(origin, *step), p, np.inf), step))
-        if step is None and is_close(best):
+        if step is None and is_close(best.search):
             own.arrive(model, start, through_windows_to_the_minimum)
         made[-1].arrive(model, p, through_pulls_to_the_minimum)
     if not (1 in counts or is_coarse):
@@ -266,7 +266,7 @@ def steps_of(
     Euler damps and BDF2 hardly does, which a target may need or not bear.
     """
     objective, is_coarse, coarse = own.search.objective, made[0] is own, made[0]
-    close, halves = is_close(coarse), 1 in counts and 2 in counts
+    close, halves = is_close(coarse.search), 1 in counts and 2 in counts
     if halves and not close:
         yield 2, IMPLICIT
     if not is_coarse:
@@ -303,14 +303,17 @@ def through_windows_to_the_minimum(own: Search) -> None:
 
 
 def through_pulls_to_the_minimum(own: Search) -> None:
-    """Come from values that another step has found nearly to the minimum. Raises Stop."""
+    """Come from values that another step has found nearly to the minimum, where that is close to the target. Raises
+    Stop.
+    """
     continuation.through_pulls(own)
-    in_a_round(own)
+    if is_close(own):
+        in_a_round(own)
 
 
-def is_close(trial: Trial) -> bool:
-    """Whether a trial has come so near that windows from the start may lead to the minimum."""
-    return trial.search.best.cost < continuation.NEAR**2 * trial.search.objective.still
+def is_close(search: Search) -> bool:
+    """Whether a search has come so near that windows from the start may lead to the minimum."""
+    return search.best.cost < continuation.NEAR**2 * search.objective.still
 
 
 def nearest(made: Sequence[Trial]) -> Trial:
