@@ -57,7 +57,7 @@ PULLS, WEAKER = (0.5, 0.3, 0.2, 0.1, 0.05, 0.0), (0.2, 0.05, 0.0)
 or model.
 """
 
-DOUBT, LEAST = 0.5, 3e-3
+DOUBT, LEAST = 0.5, 1e-2
 """Share of the cost that a value costs which is 1 of its coordinate away from that of the user, for each radian per
 frame of a pull, and at least: motions that are pulled hardly depend on some combinations of values, which would run
 far off.

@@ -39,7 +39,7 @@ from clothfit.strategy.start import values_by
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
 
-LONGEST, LONGEST_TRIAL = 36.0, 10.0
+LONGEST, LONGEST_TRIAL = 25.0, 10.0
 """Seconds of computing that a choice may take, and that a trial is expected to take at most where it is begun."""
 
 PAYS = 0.05
@@ -303,12 +303,9 @@ def through_windows_to_the_minimum(own: Search) -> None:
 
 
 def through_pulls_to_the_minimum(own: Search) -> None:
-    """Come from values that another step has found nearly to the minimum, where that is close to the target. Raises
-    Stop.
-    """
+    """Come from values that another step has found nearly to the minimum. Raises Stop."""
     continuation.through_pulls(own)
-    if is_close(own):
-        in_a_round(own)
+    in_a_round(own)
 
 
 def is_close(search: Search) -> bool:
