@@ -1,4 +1,4 @@
-"""Which kinds a fit needs beside the values of its cloths: those without which frames kept out of it are farther away.
+"""Which kinds a fit does without, beside the values of its cloths: those that take it farther from frames kept out.
 
 At the values y of a model with all kinds the residuals are r + J d. Each of B blocks of successive frames is kept out
 in turn, and the step
@@ -6,8 +6,9 @@ in turn, and the step
     d_b = −(H − H_b)⁻¹ (g − g_b),    E = Σ_b |r_b + J_b d_b|²
 
 says what comes of it there; without a kind, whose coordinates go back to where they began, d_b is found with these
-given. A kind is left out that lowers E by less than `NEEDED` of what is left, the least one first, unless steps of
-Gauss–Newton without all that were left out end clearly farther away.
+given. A kind is left out without which E is lower by more than `HARM` of what is left, the most harmful one first,
+unless steps of Gauss–Newton without all that were left out end clearly farther away. One that frames kept out say
+nothing of stays free: finer models may need it.
 
 M. Stone, Cross-validatory choice and assessment of statistical predictions, Journal of the Royal Statistical Society B
 36, 1974.
@@ -33,8 +34,8 @@ from clothfit.strategy.gravity_direction import Kept, step
 CHOSEN = ("wind", "gravity", "friction")
 """Kinds that are chosen among. Damping and drag belong to any cloth, and coarse steps stand for them."""
 
-NEEDED = 0.02
-"""Share of the cost on frames kept out that a kind must save: 1 % of the error."""
+HARM = 0.02
+"""Share of the cost that frames kept out must be nearer by without a kind: 1 % of the error."""
 
 RISE = 1.02
 """Times the cost without what was left out, up to which that stays so."""
@@ -45,17 +46,18 @@ class Choice(NamedTuple):
 
     name: str
     needed: bool
-    rise: float  # relative rise of the error on frames kept out, without it, as the residuals' derivatives foretell it
+    rise: float  # relative change of the error on frames kept out, without it, as the residuals' derivatives foretell it
 
     @property
     def text(self) -> str:
         """The same in a sentence."""
         title = KIND[self.name].title
-        if self.needed and not self.rise:
-            return f"{title}: fitted; without it, and what else it could do without, the fit ends farther away"
-        if self.needed:
-            return f"{title}: fitted; without it, frames kept out would be {100 * self.rise:.0f} % farther away"
-        return f"{title}: not fitted; it would bring frames kept out no nearer"
+        by = f"{100 * abs(self.rise):.0f} %"
+        if not self.needed:
+            return f"{title}: not fitted; with it, frames kept out would be {by} farther away"
+        if self.rise > HARM:
+            return f"{title}: fitted; without it, frames kept out would be {by} farther away"
+        return f"{title}: fitted; frames kept out do not speak against it"
 
 
 def needed(own: Search) -> list[Choice]:
@@ -79,11 +81,10 @@ def needed(own: Search) -> list[Choice]:
         rises = {name: (kept_out(H_b, g_b, left | member[name], back) - now) / (model.cost + max(now, 0.0))
                  for name in names if name not in found}  # fmt: skip
         name = min(rises, key=lambda each: rises[each])
-        if rises[name] > NEEDED:
-            found |= {each: Choice(each, True, float(np.sqrt(1.0 + rise) - 1.0)) for each, rise in rises.items()}
-            break
-        left |= member[name]
-        found[name] = Choice(name, False, 0.0)
+        harms = rises[name] < -HARM
+        for each in [name] if harms else list(rises):
+            found[each] = Choice(each, not harms, float(np.sqrt(max(1.0 + rises[each], 0.0)) - 1.0))
+        left |= harms & member[name]
     if left.any() and not is_as_near(own, left):
         found = {name: choice._replace(needed=True) for name, choice in found.items()}
     return [found[name] for name in names]

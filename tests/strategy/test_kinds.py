@@ -1,0 +1,51 @@
+"""Which kinds a fit needs: the error on blocks that are kept out, and kinds of motions that have or have none of them."""
+
+import numpy as np
+import pytest
+from helpers.marks import FITS
+from helpers.strangers import small, with_finer_steps
+
+from clothfit.engine.system import BDF2
+from clothfit.objective.objective import Objective
+from clothfit.optimise.search import Search
+from clothfit.scene.fit_vector import parameters
+from clothfit.strategy.kinds import Choice, kept_out, needed, without
+
+pytestmark = FITS
+
+
+def test_blocks_kept_out_cost_what_fits_without_them_leave_there():
+    rng, blocks, size = np.random.default_rng(2), 6, 5
+    J, r = rng.normal(size=(blocks, 20, size)), rng.normal(size=(blocks, 20))
+    left, back = np.array([False, True, False, False, True]), rng.normal(size=size)
+    H, g = np.einsum("bri,brj->bij", J, J), np.einsum("bri,br->bi", J, r)
+    change = 0.0
+    for b in range(blocks):
+        others = [i for i in range(blocks) if i != b]
+        rest = np.concatenate([r[i] + J[i][:, left] @ back[left] for i in others])
+        d = back.copy()
+        d[~left] = np.linalg.lstsq(np.concatenate([J[i][:, ~left] for i in others]), -rest, rcond=None)[0]
+        change += np.sum((r[b] + J[b] @ d) ** 2) - np.sum(r[b] ** 2)
+    assert kept_out(H, g, left, back) == pytest.approx(change, rel=1e-9)  # the normal equations' rounding
+
+
+def test_what_is_said_of_a_kind():
+    for choice, text in (
+        (Choice("wind", True, 0.3), "wind: fitted; without it, frames kept out would be 30 % farther away"),
+        (Choice("wind", True, 0.0), "wind: fitted; frames kept out do not speak against it"),
+        (Choice("gravity", False, -0.1), "gravity: not fitted; with it, frames kept out would be 10 % farther away"),
+    ):
+        assert choice.text == text
+
+
+def test_gravity_is_needed_by_a_sheet_that_falls_and_flags_of_others_can_go():
+    scene = small("nF", 60, method=BDF2, fit={"gravity": "G", "windVel": "G"}, of_cloth={"damping": "G"})
+    target = with_finer_steps(small("nF", 60, method=BDF2, springStiffness=[40.0] * 42), 8)
+    search = Search(Objective(scene, target, 1e-10, scene.frames), parameters(scene), 1e-8, 100)
+    search.visit(search.start)
+    found = {choice.name: choice for choice in needed(search)}
+    assert set(found) == {"wind", "gravity"}
+    assert found["gravity"].needed
+    assert found["gravity"].rise > 0.1
+    fewer = without(scene, parameters(scene), ["wind"])
+    assert [block.name for block in fewer.blocks] == [b.name for b in scene.blocks if b.name != "wind"]
