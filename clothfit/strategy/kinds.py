@@ -46,7 +46,7 @@ class Choice(NamedTuple):
 
     name: str
     needed: bool
-    rise: float  # relative change of the error on frames kept out, without it, as the residuals' derivatives foretell it
+    rise: float  # relative change of the error on frames kept out, without it, as derivatives foretell it
 
     @property
     def text(self) -> str:

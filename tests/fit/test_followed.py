@@ -114,7 +114,7 @@ def test_a_target_that_moves_at_its_start_gives_its_velocities(noise):
     rest = simulate(scene, 12)
     found, speed = with_start_velocity(scene, degrade(moving, noise=noise, seed=1) if noise else moving)
     h = scene.delta
-    near = 4.0 * 2.55 * noise / h + 9.81 * h  # four standard deviations, and what the first step's error of order h adds
+    near = 4.0 * 2.55 * noise / h + 9.81 * h  # four standard deviations, and the first step's error of order h
     assert np.abs(found.cloths[0].velocity - v).max() < near
     assert speed == pytest.approx(np.sqrt(10.0), rel=0.1)
     assert with_start_velocity(scene, degrade(rest, noise=noise, seed=1) if noise else rest) == (scene, 0.0)
