@@ -56,6 +56,9 @@ CLOCK, DELAY, TURN, SHIFT = 0.01, 0.1, 0.003, 0.002
 RARE = 5e-4
 """Probability in noise of one of the tests from which on it counts: with ten of them one fit in 200."""
 
+OVER_TIME = ("path", "gusts")
+"""Kinds whose values over time take up so much of what the scene lacks that they could be anything."""
+
 ALIKE = 1e-6
 """Share of an effect that fitted values cannot make up for, below which it is rounding."""
 
@@ -114,7 +117,7 @@ class Alternatives:
         for _ in range(REFINEMENTS):
             across -= K @ (own_part @ across + across_part)
         S = unit[np.ix_(at, at)] + unit[np.ix_(at, own)] @ across
-        return S, by[at] * self.g[at] + across.T @ (by[own] * self.g[own]), across
+        return (S + S.T) / 2.0, by[at] * self.g[at] + across.T @ (by[own] * self.g[own]), across
 
     def shown(self, sigma2: float) -> list[Found]:
         """What speaks against the model, the most improbable first; `sigma2`, m², is the variance of a residual."""
@@ -156,13 +159,14 @@ class Alternatives:
 
 def alternatives(search: Search) -> Alternatives | None:
     """What else could explain the target at the best point of a search; None where positions are not what is compared,
-    or axes move, where it would take long, and where the motion diverges.
+    axes move, or values over time are fitted, where it would take long, and where the motion diverges.
     """
     objective, given = search.objective, search.objective.experiments
     free = freed(with_parameters(objective.scene, search.best.p))
     problem, start = Trajectory(search, objective), parameters(free)
     more = (len(start) + THETA) / max(problem.size, 1)
     dear = more * problem.operations() > PART * trajectory.LARGEST or not problem.fits()
+    dear = dear or any(block.name in OVER_TIME for block in objective.blocks)
     if dear or list(objective.weights) != ["position"] or any(each.scene.frame for each in given):
         return None
     pairs = [Experiment(compared(objective, k), free if each.scene is objective.scene else flagged_as(each.scene, free))

@@ -114,9 +114,9 @@ def is_as_near(own: Search, left: Flags) -> bool:
     return other.best.cost <= RISE * own.best.cost
 
 
-def left_out(choices: Sequence[Choice]) -> list[str]:
+def left_out(choices: Sequence[Choice]) -> tuple[str, ...]:
     """The kinds that are not needed."""
-    return [choice.name for choice in choices if not choice.needed]
+    return tuple(choice.name for choice in choices if not choice.needed)
 
 
 def without(scene: Scene, start: Array, gone: Collection[str]) -> Scene:

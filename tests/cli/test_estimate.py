@@ -344,7 +344,7 @@ def test_the_step_that_is_chosen_is_in_the_summary_and_in_the_file(given, told):
     assert (fitted.delta, fitted.method) == (step["delta"], 3)
     coarse, *finer = step["tried"]
     assert (coarse["substeps"], coarse["integrator"]) == (1, "implicit")
-    assert [each["substeps"] for each in finer] == [2**i for i in range(len(finer))]
+    assert [each["substeps"] for each in finer if each["integrator"] == "bdf2"] == [1, 2, 4]
     assert f"time step: {1000 * step['delta']:g} ms by bdf2, {step['substeps']} steps to a frame of the target" in err
 
 
