@@ -81,10 +81,12 @@ def of_scene(scene_path: str, console: Console) -> None:
     from clothfit.base.memory import free
     from clothfit.evaluation import overview
     from clothfit.evaluation.forecast import forecast, inputs_of
+    from clothfit.fit.flags import auto_flags
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.subspace.worth import worth
 
-    objects, wanted = [overview.facts(cloth) for cloth in scene.cloths], overview.flagged(scene)
+    objects = [overview.facts(cloth) for cloth in scene.cloths]
+    wanted = overview.flagged(auto_flags(scene) if scene.auto else scene)
     parted = [overview.divisions(cloth) for cloth in scene.cloths]
     ahead, strange = forecast(scene), list(overview.unknown_fields(scene))
     meshes = [None if each is None else len(each) for each in numberings(scene)]
@@ -95,6 +97,8 @@ def of_scene(scene_path: str, console: Console) -> None:
         console.warn(*sentences, of=f"{scene.name}: objects[{index}]")
     moving = inputs_of(scene)
     show_scene(scene, console)
+    if scene.auto:
+        console.result("a fit chooses by itself (auto) among what is to fit")
     for each in moving:
         console.result(str(each))
     if foreign := overview.beyond_editor(scene):

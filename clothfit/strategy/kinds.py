@@ -57,6 +57,8 @@ class Choice(NamedTuple):
             return f"{title}: not fitted; with it, frames kept out would be {by} farther away"
         if self.rise > HARM:
             return f"{title}: fitted; without it, frames kept out would be {by} farther away"
+        if self.rise < -HARM:
+            return f"{title}: fitted; without it the fit ends farther away"
         return f"{title}: fitted; frames kept out do not speak against it"
 
 

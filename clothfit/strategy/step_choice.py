@@ -164,8 +164,7 @@ class Trial:
 
 def chosen(
     objective: Objective, start: Array, enough: float, counts: Sequence[int], origin: Objective | None = None,
-    report: Callable[[Progress], None] | None = None, choose: bool = False,
-    finer: bool = True,
+    report: Callable[[Progress], None] | None = None, choose: bool = False, finer: bool = True,
 ) -> Stepped:  # fmt: skip
     """The step for the targets, from `start` (P,): the scene's own, one of implicit Euler to a frame, or one of these
     numbers of BDF2 steps, whichever comes nearest. An RMSE of `enough`, m, is good enough. `origin` is the objective

@@ -63,6 +63,13 @@ def test_a_law_of_the_air_that_the_editor_does_not_have_is_said(here, said):
     assert "the front end in Unity does not know of dragLaw" in out
 
 
+def test_what_a_fit_chooses_among_is_said(here, said):
+    write_scene(here, even("nn", fit="auto"))
+    _, text, _ = said("info scene.json")
+    assert "a fit chooses by itself (auto) among what is to fit\n" in text
+    assert re.search(r"^to fit +stiffness \(M, \d+\), damping \(G, 1\), drag \(G, 1\)$", text, re.MULTILINE)
+
+
 def test_the_summary_of_a_scene_through_a_pipe(told, standard_input):
     standard_input(EXAMPLES / "drape.json")
     found, err = told("info - -q")
