@@ -39,8 +39,10 @@ from clothfit.strategy.start import values_by
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
 
-LONGEST, LONGEST_TRIAL = 25.0, 10.0
-"""Seconds of computing that a choice may take, and that a trial is expected to take at most where it is begun."""
+LONGEST, CLOSE, LONGEST_TRIAL = 25.0, 12.0, 10.0
+"""Seconds of computing that a choice may take, those more where coarse steps come close, from where finer models soon
+come to their end, and that a trial is expected to take at most where it is begun.
+"""
 
 PAYS = 0.05
 """Relative reduction of the error by a finer step that a hint, or another step, is worth."""
@@ -223,6 +225,7 @@ def compared(
     rough, step = (objective, None) if is_coarse else (continuation.coarse(origin), (1, IMPLICIT))
     coarse = own if is_coarse else Trial(root.beside(rough, start, np.inf), step)
     coarse.arrive(model, start, continuation.from_afar)
+    root.longest += CLOSE if is_close(coarse.search) else 0.0
     made, freer = [coarse], with_finer(coarse, finer)
     for step in steps_of(made, counts, own, origin):
         best = nearest(made)
