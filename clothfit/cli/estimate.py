@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 @option("--method NAME", "Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]",
         default="auto")
 @option("--budget SECONDS", "Stop after this time, such as 30, 30s, 2m or 1h, with the best so far.  [default: none; "
-        "48s where the model falls short of the target]", name="time_budget")
+        "54s where the model falls short of the target]", name="time_budget")
 @option("--max-evaluations N", "Stop after N evaluations of the cost.  [default: 1000]", int, default=1000)
 @option("--rmse METRES", "Stop when the RMSE is below this.  [default: 1e-8, or the rounding of the target's numbers]",
         float)

@@ -22,6 +22,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.sampling import moved
+from clothfit.fit.hints import rms
 from clothfit.motion.degrade import rounding
 from clothfit.motion.motion import Motion
 from clothfit.motion.times import TIME_SLACK
@@ -43,6 +44,9 @@ ROUNDINGS = 3.0
 
 SLOW = 0.05
 """Speed at the start relative to that of all frames up to which a cloth begins at rest."""
+
+EVEN = 1e-6
+"""Seconds by which times between frames may differ."""
 
 SAME = 1e-6
 """Distance relative to the cloth's size up to which the points of a file are those of the target: float32 has it."""
@@ -83,10 +87,10 @@ def with_start_velocity(scene: Scene, target: Targets) -> tuple[Scene, float]:
     three frames, v = (−3 y₀ + 4 y₁ − y₂) / 2h, against the third difference of the first four, which is noise or less
     smooth, and what one step of a fall adds.
     """
-    motion, own = experiments(scene, target)[0]
+    (motion, own), *others = experiments(scene, target)
     gaps = np.diff(motion.times[:4])
     late = abs(float(motion.times[0])) > TIME_SLACK * scene.delta
-    if len(experiments(scene, target)) > 1 or own is not scene or late or len(gaps) < 3 or np.ptp(gaps) > SAME:
+    if others or own is not scene or late or len(gaps) < 3 or np.ptp(gaps) > EVEN:
         return scene, 0.0
     cloths, squares = list(scene.cloths), 0.0
     for i, cloth in enumerate(scene.cloths):
@@ -102,11 +106,6 @@ def with_start_velocity(scene: Scene, target: Targets) -> tuple[Scene, float]:
             cloths[i] = replace(cloth, velocity=np.where(free[:, None], v, cloth.velocity))
             squares += rms(v[free]) ** 2
     return replace(scene, cloths=tuple(cloths)) if squares else scene, float(np.sqrt(squares))
-
-
-def rms(vectors: Array) -> float:
-    """Root mean square length of vectors (N, 3)."""
-    return float(np.sqrt((vectors**2).sum(axis=1).mean())) if len(vectors) else 0.0
 
 
 def pins_of(motion: Motion, scene: Scene) -> Iterator[tuple[int, list[dict[str, Any]]]]:

@@ -262,8 +262,7 @@ def judgement(search: Search, trial: bool) -> Judgement:
 
 def beside(search: Search, left: Verdict, others: Alternatives | None) -> tuple[Verdict, list[Hint]]:
     """A verdict by residuals as noise, and what other values of what is not fitted say against it."""
-    objective, sigma2 = search.objective, residual_variance(search)
-    found = [] if others is None else others.shown(sigma2)
+    objective, found = search.objective, [] if others is None else others.shown(residual_variance(search))
     if not found:
         return left, []
     hint = Hint("hidden", in_words(found, objective.scene), early=False)

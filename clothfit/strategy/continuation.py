@@ -42,7 +42,7 @@ from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise import gauss_newton
 from clothfit.optimise.gauss_newton import Model, Patience
-from clothfit.optimise.prior import Prior, none
+from clothfit.optimise.prior import Prior, first, none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import AIR, Scores, Trajectory
 from clothfit.scene.cloth import wind_of
@@ -73,9 +73,11 @@ TOLERANCE, NUDGED_TOLERANCE = 1e-5, 1e-7
 """Of the linear systems by coarse steps; of other nudged motions: its error is far below what is left of them."""
 
 HOPS, NEAR, FAR, REACH = 8, 0.1, 0.4, 2.0
-"""Points that are drawn, the error relative to that of a still cloth below which none is, and how far away they are, in
-units of the coordinates.
+"""Points that are drawn; the errors relative to that of a still cloth below which motions are not pulled, and no point
+is drawn; and how far away these are, in units of the coordinates.
 """
+
+SEED = 0
 
 SHARE = 0.7
 """Of the time of a fit, that goes by before the last of these is drawn."""
@@ -264,21 +266,21 @@ def through_pulls(
             continue
         share = (DOUBT * pull + LEAST) * part.residuals()
         every = np.arange(part.size, dtype=np.int32)
-        prior = Prior(part.y(own.origin), (every,), (share**-0.5,), learns=False, patterns=((),))
+        prior = first(part.y(own.origin), [every], share**-0.5)
         with contextlib.suppress(Diverged), np.errstate(over="ignore", invalid="ignore"):
             p = part.parameters(some_steps(part, y, STEPS if pull else LAST_STEPS, prior=prior))
         if pull and own.visit(p) > limit and part.objective.cost_or_infinity(p) > limit:
             break
 
 
-def hops(own: Search, took: float, near: float = FAR, seed: int = 0) -> None:
-    """The same from points half-way to others that are drawn around the best one, until it is `near` the target,
-    relative to how far that moves, or has no time for what `took` so many seconds of computing before. Raises Stop.
+def hops(own: Search, took: float) -> None:
+    """The same from points half-way to others that are drawn around the best one, while it is far from the target and
+    has time for what `took` so many seconds of computing before. Raises Stop.
     """
-    random, part = np.random.default_rng(seed), Even(own, own.objective)
+    random, part = np.random.default_rng(SEED), Even(own, own.objective)
     for _ in range(HOPS):
         began = own.progress.computing
-        if began + took > SHARE * own.longest or own.best.cost <= near**2 * own.objective.still:
+        if began + took > SHARE * own.longest or own.best.cost <= FAR**2 * own.objective.still:
             break
         lower, upper = part.bounds
         y = np.clip(part.y(own.best.p) + 0.5 * random.uniform(-REACH, REACH, part.size), lower, upper)
@@ -289,11 +291,6 @@ def hops(own: Search, took: float, near: float = FAR, seed: int = 0) -> None:
 def through_weak_pulls(own: Search) -> None:
     """Steps of Gauss–Newton from the best point of a coarser model. Raises Stop."""
     through_pulls(own, WEAKER[1:])
-
-
-def to_the_end(own: Search) -> None:
-    """Steps of Gauss–Newton from the best point of a search without a pull. Raises Stop."""
-    through_pulls(own, (0.0,))
 
 
 def coarse(objective: Objective) -> Objective:

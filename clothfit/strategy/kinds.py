@@ -24,7 +24,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.motion.divergence import Diverged
-from clothfit.optimise.search import Search
+from clothfit.optimise.search import BestSoFar, Search
 from clothfit.scene.fit_vector import of_kinds, with_parameters
 from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
@@ -62,17 +62,19 @@ class Choice(NamedTuple):
         return f"{title}: fitted; frames kept out do not speak against it"
 
 
-def needed(own: Search) -> list[Choice]:
-    """What the kinds of a search are for, at its best point. Raises Stop."""
+def needed(own: Search) -> tuple[list[Choice], Array]:
+    """What the kinds of a search are for, at its best point, and its best values (P,) without what is left out. Raises
+    Stop.
+    """
     part, kept = Even(own, own.objective), Kept()
     names = [name for name in CHOSEN if (of_kinds(own.objective.scene, (name,)) & own.fitted).any()]
     try:
         model = part.model(part.y(own.best.p), kept.of)
     except Diverged:
-        return []
+        return [], own.best.p
     H_b, g_b = kept.blocks(part.size)
     if not len(H_b) or not model.cost > 0:
-        return []
+        return [], own.best.p
     turn = part.turn(model.y)
     H_b, g_b = turn.T @ H_b @ turn, g_b @ turn
     back = part.y(own.origin) - model.y
@@ -87,9 +89,10 @@ def needed(own: Search) -> list[Choice]:
         for each in [name] if harms else list(rises):
             found[each] = Choice(each, not harms, float(np.sqrt(max(1.0 + rises[each], 0.0)) - 1.0))
         left |= harms & member[name]
-    if left.any() and not is_as_near(own, left):
-        found = {name: choice._replace(needed=True) for name, choice in found.items()}
-    return [found[name] for name in names]
+    best = ended_without(own, left) if left.any() else own.best
+    if not best.cost <= RISE * own.best.cost:
+        best, found = own.best, {name: choice._replace(needed=True) for name, choice in found.items()}
+    return [found[name] for name in names], best.p
 
 
 def kept_out(H_b: Array, g_b: Array, left: Flags, back: Array) -> float:
@@ -105,15 +108,15 @@ def kept_out(H_b: Array, g_b: Array, left: Flags, back: Array) -> float:
     return change
 
 
-def is_as_near(own: Search, left: Flags) -> bool:
-    """Whether a search without the coordinates that are `left` out (Q,) comes about as near. Raises Stop."""
+def ended_without(own: Search, left: Flags) -> BestSoFar:
+    """Where a search without the coordinates that are `left` out (Q,) ends. Raises Stop."""
     whole = np.zeros(len(own.fitted), bool)
     whole[own.fitted] = left
     start = np.where(whole, own.origin, own.best.p)
     other = own.beside(own.objective, start, np.inf)
     other.fitted, other.origin = own.fitted & ~whole, own.origin
     through_pulls(other, (0.0,))
-    return other.best.cost <= RISE * own.best.cost
+    return other.best
 
 
 def left_out(choices: Sequence[Choice]) -> tuple[str, ...]:

@@ -153,7 +153,7 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
             carried(search, part, through_windows)
     coarsest = model == models(search.objective.scene)[0]
     part = part_of(search, model, search.best.p)
-    if not (rough or coarsest) and is_quick(search, model):
+    if not (rough or coarsest) and is_quick(part):
         carried(search, part, continuation.through_weak_pulls)
         part = part_of(search, model, search.best.p)
     method = in_a_round if rough else to_the_minimum
@@ -171,9 +171,8 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
         carried(search, part_of(search, model, search.best.p, turned=True), method)
 
 
-def is_quick(search: Search, model: str) -> bool:
-    """Whether a step of Gauss–Newton by a model takes some seconds at most."""
-    part = part_of(search, model, search.best.p)
+def is_quick(part: Search) -> bool:
+    """Whether a step of Gauss–Newton by the model of a part takes some seconds at most."""
     return Trajectory(part, part.objective).operations() <= QUICK
 
 

@@ -30,12 +30,10 @@ from clothfit.optimise import momentum
 from clothfit.optimise.progress import Progress
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
-from clothfit.scene.fit_vector import with_parameters
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.strategy import continuation, kinds, ladder
 from clothfit.strategy.auto import balances_can_hold
 from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
-from clothfit.strategy.start import values_by
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
 
@@ -199,16 +197,17 @@ def with_kinds(best: Trial, start: Array) -> tuple[Trial, list[kinds.Choice]]:
     """The best trial without the kinds that it does not need, which have the values of `start` (P,); and what was found
     of them.
     """
-    own, found = best.search, list[kinds.Choice]()
-    scene, model = own.objective.scene, ladder.models(own.objective.scene)[0]
-    best.run(lambda search: found.extend(kinds.needed(ladder.part_of(search, model, search.best.p))))
+    own, known = best.search, list[tuple[list[kinds.Choice], Array]]()
+    part = ladder.part_of(own, ladder.models(own.objective.scene)[0], own.best.p)
+    best.run(lambda _: known.append(kinds.needed(part)))
+    found, values = known[0] if known else ([], part.best.p)
     gone = kinds.left_out(found)
     if not gone:
         return best, found
-    fewer = kinds.without(scene, start, gone)
-    p = values_by(with_parameters(scene, own.best.p), flags=fewer)
+    fewer = kinds.without(own.objective.scene, start, gone)
+    p = ladder.as_whole(part, values, fewer)
     other = Trial(own.beside(own.objective.flagging(fewer), p, np.inf), best.chosen)
-    other.arrive(model, p, continuation.to_the_end)
+    other.run(lambda search: search.visit(p))
     return other, found
 
 
@@ -242,11 +241,8 @@ def compared(
     best = nearest(made)
     for trial in sorted(made, key=lambda each: each.rmse):  # with time left, the finest model judges between them
         late = root.progress.computing + MAPS * trial.seconds > root.longest
-        if late or trial is coarse or trial.ended or trial.rmse > ABOUT * best.rmse:
-            continue
-        for each in finer[-1:]:
-            if ladder.is_quick(trial.search, each):
-                trial.arrive(each, trial.search.best.p, continuation.through_weak_pulls)
+        if not (late or trial is coarse or trial.ended or trial.rmse > ABOUT * best.rmse):
+            go_on(trial, finer[-1:])
     best = nearest(made)
     return made, freer if best is coarse and freer.rmse < best.rmse else best
 
@@ -255,10 +251,15 @@ def with_finer(trial: Trial, models: Sequence[str]) -> Trial:
     """The trial of finer models with the step of another one, from its best values."""
     own = trial.search
     found = Trial(own.beside(own.objective, own.best.p, own.best.cost), trial.chosen)
-    for each in models:
-        if ladder.is_quick(own, each):
-            found.arrive(each, found.search.best.p, continuation.through_weak_pulls)
+    go_on(found, models)
     return found
+
+
+def go_on(trial: Trial, models: Sequence[str]) -> None:
+    """Fit models from the best values of a trial, one after the other, as far as their steps are quick."""
+    for model in models:
+        if ladder.is_quick(ladder.part_of(trial.search, model, trial.search.best.p)):
+            trial.arrive(model, trial.search.best.p, continuation.through_weak_pulls)
 
 
 def steps_of(

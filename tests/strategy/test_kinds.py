@@ -48,7 +48,7 @@ def test_gravity_is_needed_where_the_scene_has_another(started):
     (block,) = (block for block in scene.blocks if block.name == "gravity")
     search.origin = search.start.copy()
     search.origin[block.part] = [0.0, started, 0.0]
-    found = {choice.name: choice for choice in needed(search)}
+    found = {choice.name: choice for choice in needed(search)[0]}
     assert set(found) == {"wind", "gravity"}
     assert (found["gravity"].needed, found["gravity"].rise > 0.1) == (started == -4.0,) * 2
     fewer = without(scene, parameters(scene), ["wind"])
