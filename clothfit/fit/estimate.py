@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.base import interrupts, threads
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance
@@ -29,14 +29,12 @@ from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.options import (
     AUTO,
-    LONGEST,
-    LONGEST_OVER_TIME,
     FitOptions,
     Keywords,
     options_of,
     settled,
 )
-from clothfit.fit.preparation import Prepared, flagged, in_time, in_windows, prepared, with_whole
+from clothfit.fit.preparation import flagged, in_time, in_windows, with_whole
 from clothfit.fit.registered_fit import SAME_FALL, Look, put_right
 from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
 from clothfit.fit.result import (
@@ -50,6 +48,7 @@ from clothfit.fit.result import (
     with_verdict,
     without_intervals,
 )
+from clothfit.fit.routes import Fitting, by_routes, in_words
 from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
@@ -57,45 +56,22 @@ from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Targets, experiments
 from clothfit.objective.memory_needs import Needs, check_own
 from clothfit.objective.objective import Compared, Objective
-from clothfit.optimise import momentum
-from clothfit.optimise.checkpoint import Checkpoint, State, identity, opened
+from clothfit.optimise.checkpoint import Checkpoint, identity, opened
 from clothfit.optimise.progress import Progress
-from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
-from clothfit.optimise.status import Status, Stop
+from clothfit.optimise.status import Status
 from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene, check_is_scene, load
 from clothfit.strategy import step_choice
-from clothfit.strategy.auto import (
-    SolvedLooser,
-    by_ladder,
-    by_momentum,
-    find,
-    models_left,
-    one_value_each,
-    resumed,
-)
-from clothfit.strategy.ladder import as_model
-from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings
-from clothfit.strategy.trajectory_fit import best_prior, by_gauss_newton, go_on
 
 GRACE = 0.5
 """Seconds for each look at a result whose time is up."""
-
-ALIKE = "some values change the motion too alike to be told apart; fit fewer of them (--model F), or give a --prior"
-"""What is said where equations of a fit have no solution."""
 
 ROUNDS, ALIKE_ERROR = 2, 1.002
 """How often a fit is done again with another registration, and its error relative to the one before up to which it is
 kept: the values that both leave open differ by more.
 """
-
-SOLVED_AS = (
-    "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved to "
-    "{:g}, so the fit has the same"
-)
-"""What is said of a fit to a target that was solved less accurately than fits are."""
 
 
 def record_target(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
@@ -313,31 +289,26 @@ def one_fit(
     objective, kept_out = objectives(scene, target, options)
     options = options.within(objective.rounding)
     hints = [] if hidden or objective.own else early_hints(objective.experiments)
-    given = None if hidden else objective.experiments
-    own = Prepared(objective, kept_out)
-    if options.windows is not None:
-        own = Prepared(in_windows(objective, options.windows), kept_out, objective)
+    same = {}
+    if options.checkpoint:  # digests of all arrays
+        same = identity(scene, None if hidden else objective.experiments, start, **options.identity)
+    whole = None if options.windows is None else objective
+    objective = objective if options.windows is None else in_windows(objective, options.windows)
     if options.on_memory:
-        options.on_memory(own.objective.needs)
-    same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
+        options.on_memory(objective.needs)
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
     say(hints, options)
     with interrupts.deferred():
         with interrupts.limited(left(options, began)):
-            plan = replace(own, kept_out=None) if hidden else prepared(own, start, options, state)
+            fit = Fitting.of(objective, start, options, hidden, kept_out, checkpoint, state)
             if before:
-                spent = before.evaluations + plan.evaluations, before.seconds + plan.seconds
-                plan = replace(plan, evaluations=spent[0], seconds=spent[1])
-            try:
-                found = searched(plan, start, hidden, options, checkpoint, state)
-            except SolvedLooser as looser:
-                plan = plan.solved(looser.tolerance, looser.p)
-                found = searched(plan, start, hidden, options, checkpoint, None)
-                found = replace(found, warnings=[*found.warnings, SOLVED_AS.format(looser.tolerance)])
-            chosen = [Hint("auto", text, early=False) for text in (*beginning(speed), *(k.text for k in plan.kinds))]
+                fit.search.budget.beside += before.evaluations
+                fit.search.progress.began -= before.seconds
+            found = searched(fit)
+            chosen = [Hint("auto", text, early=False) for text in (*beginning(speed), *(k.text for k in fit.kinds))]
             found = replace(found, hints=[*hints, *chosen, *found.hints])
-        found = assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
-        return replace(looked_at(found, with_start, objective, options=options), followed=pinned)
+        found = assessed(found, fit, whole)
+        return replace(looked_at(found, with_start, whole or objective, options=options), followed=pinned)
 
 
 def beginning(speed: float) -> list[str]:
@@ -346,21 +317,22 @@ def beginning(speed: float) -> list[str]:
     return [text.format(speed)] if speed else []
 
 
-def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:
+def assessed(found: Fit, fit: Fitting, whole: Objective | None) -> Fit:
     """The fit with what its motion says: fallbacks, the verdict on its model, and how far it is from what was kept out
-    of it.
+    of it; `whole`: the objective of whole motions, where windows were compared.
     """
     if found.status == Status.DIVERGED:
         return found
-    objective, kept_out = plan.objective, plan.kept_out
+    options, objective = fit.options, fit.search.objective
+    kept_out, whole = fit.like(fit.kept_out), fit.like(whole)
     found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
-    found = looked_at(found, with_verdict, objective, options.enough, hidden, options=options)
-    found = with_still(replace(found, windows=options.windows), plan.whole or objective)
+    found = looked_at(found, with_verdict, objective, options.enough, fit.hidden, options=options)
+    found = with_still(replace(found, windows=options.windows), whole or objective)
     found = looked_at(found, with_residual_hints, objective, options=options)
-    if plan.whole is not None:
-        found = looked_at(found, with_whole, plan.whole, options=options)
+    if whole is not None:
+        found = looked_at(found, with_whole, whole, options=options)
     found = looked_at(found, with_stall_hint, objective, options=options)
-    if options.method == AUTO and not (hidden or plan.tried or options.resume):
+    if options.method == AUTO and not (fit.hidden or fit.tried or options.resume):
         found = looked_at(found, with_step_hint, objective, options=options)
     if kept_out is None:
         return found
@@ -370,65 +342,26 @@ def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> F
     return known
 
 
-def searched(
-    plan: Prepared,
-    start: float | Array | Scene | None,
-    hidden: bool,
-    options: FitOptions,
-    checkpoint: Checkpoint | None,
-    state: State | None,
-) -> Fit:
-    """The result of a search, which goes on from a `state` that is given; `hidden`: the scene's own values are the
-    truth, which the fit may not know.
-    """
-    objective = plan.objective
-    if state:
-        p, cost, warnings = state.start, np.inf, list[str]()
-    elif plan.p is not None:
-        p, cost, warnings = plan.p, plan.cost, start_warnings(objective, plan.p)
-    else:
-        given = choose_start(objective, start, False), np.inf, list[str]()
-        p, cost, warnings = in_time(partial(first_point, objective, start, hidden, options.method), given)
-    search = Search(objective, p, options.enough, options.max_evaluations, options.on_progress, checkpoint, state, cost)
-    if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
-        search.looser = objective.scene.tolerance
-    search.settled, search.left_out = search.start if plan.settled else None, plan.left_out
-    search.take_over(plan.model, plan.step, plan.evaluations, plan.seconds, plan.computing)
-    if not hidden:
-        search.origin = choose_start(objective, start, hidden=False)
-    longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_OVER_TIME
-    search.longest = longest if options.budget is None else np.inf
-    search.warn(*warnings)
-    others = partial(other_starts, objective, p, hidden, start is not None) if plan.p is None else None
-    as_it_is = np.inf if start is not None or hidden else in_time(partial(cost_of_pattern, objective), np.inf)
-    status = search_by(search, options, partial(found_by, search, options, p, others, plan.wanted))
-    flattened = status != Status.DIVERGED and as_it_is < search.best.cost
+def searched(fit: Fitting) -> Fit:
+    """The result of a search."""
+    options, hidden, given = fit.options, fit.hidden, fit.start is not None
+    status = by_routes(fit)
+    search = fit.search
+    flattened = status != Status.DIVERGED and fit.as_it_is < search.best.cost
     if options.on_found and status != Status.DIVERGED:
-        options.on_found(objective.scene if flattened else fitted_scene(search, search.best.p, start is not None))
+        options.on_found(search.objective.scene if flattened else fitted_scene(search, search.best.p, given))
     seconds, warnings = search.progress.seconds, [*search.warnings]
-    if checkpoint and checkpoint.fault:
-        warnings.append(checkpoint.fault)
+    if fit.checkpoint and fit.checkpoint.fault:
+        warnings.append(fit.checkpoint.fault)
     known = assess(search, status, warnings, hidden) if options.intervals else UNKNOWN
-    found = result(search, status, options.method, warnings, start is not None, known, seconds)
+    found = result(search, status, options.method, warnings, given, known, seconds)
     if flattened:
-        found = unflattened(found, objective, as_it_is)
-    models = judged(search.rungs, plan.kept_out) if plan.judged is None else plan.judged
-    if plan.judged is not None and (hint := nearer(plan.judged, plan.model)) is not None:
+        found = unflattened(found, search.objective, fit.as_it_is)
+    models = judged(search.rungs, fit.like(fit.kept_out)) if fit.judged is None else fit.judged
+    if fit.judged is not None and (hint := nearer(fit.judged, fit.model)) is not None:
         found = replace(found, hints=[*found.hints, hint])
     asked = options.substeps if isinstance(options.substeps, int) and not hidden else None
-    return replace(found, ladder=models, steps=list(plan.tried), substeps=plan.step[0] if plan.step else asked)
-
-
-def cost_of_pattern(objective: Objective) -> float:
-    """The cost of the scene as it is where one value for all (G) flattens its pattern; infinite where none does."""
-    scene = objective.scene
-    flat = any(
-        block.mode == "G" and block.kind.log and block.cloth is not None
-        and len(np.unique(getattr(scene.cloths[block.cloth], block.name))) > 1
-        for block in scene.blocks
-    )  # fmt: skip
-    kept = objective.flagging(as_model(scene, "F", exactly=True)) if flat else objective
-    return kept.cost_or_infinity(parameters(kept.scene)) if flat else np.inf
+    return replace(found, ladder=models, steps=list(fit.tried), substeps=fit.step[0] if fit.step else asked)
 
 
 def unflattened(found: Fit, objective: Objective, cost: float) -> Fit:
@@ -470,11 +403,6 @@ def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOpt
         return replace(found, warnings=[*found.warnings, f"the fit could not be looked at in full: {in_words(error)}"])
 
 
-def in_words(error: Exception) -> str:
-    """Why something ended, in the user's terms."""
-    return ALIKE if isinstance(error, np.linalg.LinAlgError) else str(error) or "out of memory"
-
-
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
     """The objective of the fit, and that of what is kept out of it, if anything. Raises InvalidInput, Diverged."""
     if target is None:
@@ -497,62 +425,6 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
             "is nothing to fit to"
         )
     return objective, kept_out
-
-
-def search_by(search: Search, options: FitOptions, method: Callable[[], Status]) -> Status:
-    """Search by a method until it or the user ends it; returns the status. A fit that had ended is not repeated."""
-    state = search.resumed
-    if state is not None and state.status in (Status.CONVERGED, Status.STALLED):
-        search.best.found_with(best_prior(search, state, options.prior_width()))
-        return state.status
-    try:
-        with threads.single(), interrupts.heard():
-            status = method()
-    except Stop as stop:
-        status = stop.status
-    except interrupts.OutOfTime:
-        status = Status.LIMIT
-        if not np.isfinite(search.best.cost):
-            search.warn("the time was used up before the first evaluation, so nothing is fitted")
-            return status
-    except KeyboardInterrupt:
-        if not np.isfinite(search.best.cost):
-            raise  # there is no result yet
-        interrupts.request()
-        interrupts.answer()
-        status = Status.INTERRUPTED
-    except (Diverged, MemoryError, np.linalg.LinAlgError) as error:
-        if not np.isfinite(search.best.cost):
-            raise
-        search.warn(f"the search ended early: {in_words(error)}")
-        status = Status.STALLED
-    return search.finish(status)
-
-
-def found_by(
-    search: Search, options: FitOptions, start: Array, others: Callable[[], list[Array]] | None,
-    wanted: Sequence[str] | None,
-) -> Status:  # fmt: skip
-    """Search by a method; returns the status. Raises Stop."""
-    method, tau = options.method, options.prior_width()
-    if not search.fitted.any():
-        search(search.y)
-        return search.verdict()
-    if method in METHODS:
-        return minimise(search, method)
-    if method == "momentum":
-        if not momentum.fits(search.objective):
-            raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
-        by_momentum(search, start)
-        return search.verdict()
-    state = search.resumed
-    if state is not None and len(state.before) and not one_value_each(search):
-        return go_on(search, state, tau) if method == "gauss-newton" else resumed(search, state, start, tau)
-    if method == "gauss-newton":
-        return by_gauss_newton(search, start, start, tau)
-    if state is not None and state.rungs:
-        return by_ladder(search, tau, [], models_left(search, state))
-    return find(search, start, others, tau, wanted)
 
 
 def assess(search: Search, status: Status, warnings: list[str], hidden: bool) -> Judgement:

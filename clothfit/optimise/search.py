@@ -151,14 +151,10 @@ class Search:
         rmse_tolerance: float,
         budget: int,
         report: Callable[[Progress], None] | None = None,
-        checkpoint: Checkpoint | None = None,
-        state: State | None = None,
         start_cost: float = np.inf,
     ) -> None:
         """`start` (P,): values of all parameters; those that cannot be identified keep them. It is the best point so
         far where its cost is known.
-
-        The search keeps its state in the `checkpoint`, and goes on from a `state` that is given.
         """
         self.objective, self.fitted, self.rmse_tolerance = objective, objective.identifiable, rmse_tolerance
         start = np.array(start, float)
@@ -169,7 +165,7 @@ class Search:
         self.budget = Budget(budget)
         unit = UNITS.get("".join(objective.weights), "m")  # of an objective that goes alone
         self.progress = Reporter(report, self.start, objective.frames, unit, clock_of(int(self.fitted.sum())))
-        self.checkpoint, self.resumed = checkpoint, state
+        self.checkpoint: Checkpoint | None = None  # in which it keeps its state
         self.warnings: list[str] = []  # what the user should know
         self.rungs: list[Rung] = []  # the models that were fitted from coarse to fine
         self.looser: float | None = None  # tolerance of linear systems that the target may have been solved to
@@ -180,9 +176,7 @@ class Search:
         self.settled: Array | None = None  # (P,), a minimum by the metric of Gauss–Newton (`preconditioned`)
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
-        if state is not None:
-            self._restore(state)
-        elif np.array_equal(self.start, start):  # it lies within the bounds
+        if np.array_equal(self.start, start):  # it lies within the bounds
             self.best.point = self.best.point._replace(cost=start_cost)
 
     @property
@@ -313,18 +307,8 @@ class Search:
             None, self.model, self.substeps, self.integrator, self.rungs, *own, self.left_out,
         )  # fmt: skip
 
-    def take_over(
-        self, model: str, step: tuple[int, int] | None, evaluations: int, seconds: float, computing: float
-    ) -> None:
-        """Take over what a choice before the search has found, the model, the steps to a frame and their method, and
-        what it took.
-        """
-        self.model, (self.substeps, self.integrator) = model, step or (0, 0)
-        self.budget.beside += evaluations
-        self.progress.began -= seconds
-        self.progress.began_computing -= computing
-
-    def _restore(self, state: State) -> None:
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
         best = np.where(self.fitted, self.coordinates.clipped(state.best), self.start)
         self.best.point = Point(best, state.cost, state.gradient, None)
         self.budget.history, self.budget.beside = list(state.history), state.beside

@@ -1,41 +1,29 @@
-"""The default method, in four steps.
+"""The routes of a default fit by themselves: balances of momentum, a scan, single values by a prior, coarse to fine.
 
-1. The momentum fit, where the target shows whole successive frames; it is exact where the target is.
-2. One value for a whole cloth: a scan over the bounds, for the global minimum.
-3. Otherwise the trajectory fit (`trajectory_fit`), from the best of the start, a uniform fabric and equal values; or
-   from a momentum fit that is exact but for the rounding of a file. One that is not is no such start: its motion may be
-   near, but noise has scattered its values.
-4. From coarse to fine (`ladder`), where the first windows of that show that no values reproduce the target.
-
-A long fit leaves the momentum fit out where a few frames show that the balances cannot hold. Each trial is a visit of
-the search, so the result is never worse than the best of them.
+`fit.routes` says which of them a fit takes, and when. Each trial is a visit of the search, so that none makes it worse.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
-from clothfit.optimise.checkpoint import State
 from clothfit.optimise.scan import is_large, scan, scannable
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
 from clothfit.scene.kinds import LETTERED
 from clothfit.strategy import ladder
-from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.trajectory_fit import (
     FAR_ERROR,
     NEAR_ERROR,
     ModelDiffers,
     by_gauss_newton,
-    first_frames,
-    go_on,
     is_explained,
     is_far,
     is_long,
@@ -66,68 +54,6 @@ class SolvedLooser(Exception):
         """`p` (P,) reproduces the target with linear systems solved to this tolerance, relative."""
         super().__init__(f"the target was solved to {tolerance:g}")
         self.tolerance, self.p = tolerance, p
-
-
-def find(
-    search: Search, start: Array, others: Callable[[], list[Array]] | None, tau: float | None,
-    wanted: Sequence[str] | None = None,
-) -> Status:  # fmt: skip
-    """Fit by the steps above from `start` (P,); returns the status. Raises Stop.
-
-    `others` gives values (P,) to try beside the start; `tau` is the width of the prior, learned where None. The prior
-    is centred on the start or the other values, whichever cost least over the first frames. With
-    `wanted` it is known that no values reproduce the target, and which models are left to try.
-    """
-    if wanted is not None:
-        return by_ladder(search, tau, [], wanted)
-    early = first_frames(search.objective)
-    exact = []
-    if balances_can_hold(search, start, early):
-        tried = TRIED[:1] if one_value_each(search) else TRIED
-        if momentum.anchors(search.objective, search.fitted):
-            tried = (tried[0], momentum.ANCHORED, *tried[1:])
-        exact = by_momentum(search, start, tried, early)
-    if one_value_each(search):
-        if exact and not is_far(search):
-            status = by_gauss_newton(search, search.best.p, search.best.p, tau, windows=False)
-            if is_near(search):
-                return status
-        return by_scan(search, start, tau)
-    if too_many(search):
-        is_exact = bool(exact) and search.best.cost <= EXACT**2 * search.objective.still
-        return Status.CONVERGED if is_exact else by_ladder(search, tau, [start])
-    search.enter("starts")
-    guesses = [start]
-    if others is not None and not is_near(search, search.visit(start)):
-        guesses += [np.where(search.fitted, p, start) for p in others()]
-    centre = min(guesses, key=lambda p: search.measure(p, early))
-    if exact and is_accurate(search):
-        return by_gauss_newton(search, search.best.p, centre, tau)
-    if search.fitted.sum() <= FEW_VALUES and all(block.mode in "FGR" for block in search.objective.blocks):
-        return by_ladder(search, tau, [start] if centre is start else [start, centre])
-    found = singly(search, centre, centre, tau)
-    if found is None:
-        return by_ladder(search, tau, [start])
-    if exact and np.array_equal(search.best.p, exact[-1]):  # noisy as it is, it costs less
-        return by_gauss_newton(search, search.best.p, centre, tau)
-    return found
-
-
-def resumed(search: Search, state: State, start: Array, tau: float | None) -> Status:
-    """Go on with Gauss–Newton from a `state`, of a fit from `start` (P,). Raises Stop."""
-    try:
-        return go_on(search, state, tau, watched=True)
-    except ModelDiffers:
-        return by_ladder(search, tau, [start], models_left(search, state) if state.rungs else None)
-
-
-def models_left(search: Search, state: State) -> list[str]:
-    """The models of a ladder that a fit has not finished which goes on from a `state`; it has one alone where that was
-    chosen.
-    """
-    done = {rung.model for rung in state.rungs}
-    every = [state.model] if state.model else ladder.models(search.objective.scene)
-    return [model for model in every if model not in done]
 
 
 def by_ladder(
@@ -255,6 +181,11 @@ def balances_can_hold(search: Search, start: Array, early: Objective) -> bool:
     search.enter("momentum", early)
     p = momentum.fit(early, start, search.fitted, momentum.TREATMENTS[0], search.report)
     return early.cost_or_infinity(p) <= FAR_ERROR**2 * early.still
+
+
+def is_exact(search: Search) -> bool:
+    """Whether the best point reproduces the target but for what a cloth that buckles makes of rounding."""
+    return bool(search.best.cost <= EXACT**2 * search.objective.still)
 
 
 def is_accurate(search: Search) -> bool:

@@ -5,8 +5,7 @@ A step as long as a frame damps more than most targets do, and no values make up
 scene's own step, which comes first near the target, and by K = 2, 4 … steps of BDF2 or of implicit Euler, each from the
 best values before. Finer models come before the shorter steps, which then start from their maps. It ends where two
 finer steps in a row do not pay, or the time is up; what comes nearest is kept. A target that the scene's own step
-explains keeps that at once. At the best step, kinds that a fit does not need are left out where it is to choose them
-(`kinds`).
+explains keeps that at once.
 """
 
 from __future__ import annotations
@@ -27,11 +26,10 @@ from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import momentum
-from clothfit.optimise.progress import Progress
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.kinds import INTEGRATORS
-from clothfit.strategy import continuation, kinds, ladder
+from clothfit.strategy import continuation, ladder
 from clothfit.strategy.auto import balances_can_hold
 from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
@@ -88,9 +86,7 @@ class Stepped(NamedTuple):
     p: Array  # (P,), the best values of a model of few
     cost: float  # there
     tried: tuple[Step, ...]
-    evaluations: int
     explained: bool  # whether the motion is the target's but for noise
-    kinds: list[kinds.Choice]  # what was found of them, where they were to be chosen
 
 
 class Trial:
@@ -162,53 +158,26 @@ class Trial:
             self.ended = True
 
 
-def chosen(
-    objective: Objective, start: Array, enough: float, counts: Sequence[int], origin: Objective | None = None,
-    report: Callable[[Progress], None] | None = None, choose: bool = False, finer: bool = True,
-) -> Stepped:  # fmt: skip
-    """The step for the targets, from `start` (P,): the scene's own, one of implicit Euler to a frame, or one of these
-    numbers of BDF2 steps, whichever comes nearest. An RMSE of `enough`, m, is good enough. `origin` is the objective
-    with the step of the user's scene, where that was changed. With `choose` kinds that are not needed are left out;
-    without `finer` the coarsest model alone is fitted.
+def chosen(root: Search, counts: Sequence[int], origin: Objective | None = None, finer: bool = True) -> Stepped:
+    """The step for the targets of a search, from its start: its own, one of implicit Euler to a frame, or one of these
+    numbers of BDF2 steps, whichever comes nearest. `origin` is the objective with the step of the user's scene, where
+    that was changed. Without `finer` the coarsest model alone is fitted.
     """
-    root, origin = Search(objective, start, enough, EVALUATIONS, report), origin or objective
-    own, found = Trial(root, first=True), list[kinds.Choice]()
+    origin, own = origin or root.objective, Trial(root, first=True)
     own.look()
     if own.explains or own.ended:
         made, best = [own], own
     else:
         root.longest = root.progress.computing + LONGEST
-        made, best = compared(own, start, counts, origin, ladder.models(objective.scene)[1:] if finer else [])
+        made, best = compared(own, root.start, counts, origin, ladder.models(root.objective.scene)[1:] if finer else [])
     if best.chosen == (1, IMPLICIT):  # solved as tightly as a fit does
         p = best.search.best.p
         best = Trial(root.beside(with_substeps(origin, 1, IMPLICIT), p, np.inf), best.chosen)
         best.run(lambda search: search.visit(p))
         best = best if np.isfinite(best.search.best.cost) else own  # it was interrupted
     explained = own.explains or is_enough(best.search)
-    if choose and not (explained or best.ended):
-        best, found = with_kinds(best, start)
-    return Stepped(
-        best.search.objective, best.chosen, best.search.best.p, best.search.best.cost,
-        tuple(each.step for each in made), root.budget.evaluations, explained, found,
-    )  # fmt: skip
-
-
-def with_kinds(best: Trial, start: Array) -> tuple[Trial, list[kinds.Choice]]:
-    """The best trial without the kinds that it does not need, which have the values of `start` (P,); and what was found
-    of them.
-    """
-    own, known = best.search, list[tuple[list[kinds.Choice], Array]]()
-    part = ladder.part_of(own, ladder.models(own.objective.scene)[0], own.best.p)
-    best.run(lambda _: known.append(kinds.needed(part)))
-    found, values = known[0] if known else ([], part.best.p)
-    gone = kinds.left_out(found)
-    if not gone:
-        return best, found
-    fewer = kinds.without(own.objective.scene, start, gone)
-    p = ladder.as_whole(part, values, fewer)
-    other = Trial(own.beside(own.objective.flagging(fewer), p, np.inf), best.chosen)
-    other.run(lambda search: search.visit(p))
-    return other, found
+    found, tried = best.search.best, tuple(each.step for each in made)
+    return Stepped(best.search.objective, best.chosen, found.p, found.cost, tried, explained)
 
 
 def compared(

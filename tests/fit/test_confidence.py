@@ -15,9 +15,10 @@ from scipy import stats
 from clothfit.cli.parts.estimate_results import certainty
 from clothfit.fit import confidence, posterior, result
 from clothfit.fit.confidence import not_shown
-from clothfit.fit.estimate import ALIKE, estimate, looked_at, record_target
+from clothfit.fit.estimate import estimate, looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, FitOptions
 from clothfit.fit.posterior import Kept, half_width, inverse_beside, null_space
+from clothfit.fit.routes import ALIKE
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
 from clothfit.optimise import trajectory

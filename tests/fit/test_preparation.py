@@ -16,18 +16,11 @@ from clothfit.base import checkpoint as module
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.engine.system import BDF2, IMPLICIT
+from clothfit.fit import routes
 from clothfit.fit.estimate import estimate
 from clothfit.fit.options import FitOptions
-from clothfit.fit.preparation import (
-    Prepared,
-    chosen_before,
-    counts_of,
-    in_windows,
-    prepared,
-    windows_of,
-    with_model,
-    with_steps,
-)
+from clothfit.fit.preparation import counts_of, in_windows, windows_of
+from clothfit.fit.routes import Fitting, as_before
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
@@ -94,45 +87,48 @@ def coarse():
     return objective(*finer("nL"))
 
 
-@fits
-def test_a_plan_with_other_steps_and_another_model_has_them_for_what_is_kept_out_too(coarse):
-    plan = with_model(with_steps(Prepared(coarse, coarse), 4, BDF2), "R")
-    for each in (plan.objective, plan.kept_out):
-        assert (each.scene.method, each.scene.delta) == (BDF2, coarse.scene.delta / 4)
-        assert (each.scene.cloths[0].settings, each.frames) == ("nR", FRAMES)
-    assert plan.model == "R"
+def settled(goal, start=None, state=None, **options):
+    """A fit that has settled what is fitted."""
+    fit = Fitting.of(goal, start, FitOptions(**options).checked(), False, goal, None, state)
+    for choice in routes.CHOICES:
+        if choice.applies(fit):
+            choice.run(fit)
+    return fit
 
 
 @fits
 def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen(coarse):
-    start = parameters(coarse.scene)
-    plan = chosen_before(Prepared(coarse, None), start, STATE._replace(model="F", substeps=4, integrator=BDF2))
-    assert (plan.model, plan.step, plan.p) == ("F", (4, BDF2), None)
-    assert (plan.objective.scene.delta, plan.objective.scene.cloths[0].settings) == (coarse.scene.delta / 4, "nF")
+    fit = settled(coarse, state=STATE._replace(model="F", substeps=4, integrator=BDF2))
+    assert (fit.model, fit.step, fit.known) == ("F", (4, BDF2), False)
+    for each in (fit.search.objective, fit.like(coarse)):  # what is kept out as well
+        assert (each.scene.method, each.scene.delta) == (BDF2, coarse.scene.delta / 4)
+        assert (each.scene.cloths[0].settings, each.frames) == ("nF", FRAMES)
     for model in ("", "R", "L"):  # of another number of values
+        fit = Fitting.of(coarse, None, FitOptions().checked(), False, state=STATE._replace(model=model))
         with pytest.raises(InvalidInput, match="the checkpoint is not what a fit has written"):
-            chosen_before(Prepared(coarse, None), start, STATE._replace(model=model))
+            as_before(fit)
 
 
 @fits
 def test_nothing_is_chosen_where_nobody_asks(coarse):
-    plan = prepared(Prepared(coarse, None), None, FitOptions().checked())
-    assert plan.objective is coarse
-    assert (plan.p, plan.wanted, plan.judged, plan.model, plan.step, plan.tried) == (None, None, None, "", None, ())
+    fit = settled(coarse)
+    assert fit.search.objective is coarse
+    assert (fit.known, fit.wanted, fit.judged, fit.model, fit.step, fit.tried) == (False, None, None, "", None, ())
 
 
 @fits
 @pytest.mark.parametrize("options", [{"substeps": "auto"}, {"substeps": "auto", "model": "auto"}])
-def test_the_values_of_a_plan_cost_what_it_says(options):
+def test_the_values_that_are_chosen_cost_what_the_search_says(options):
     scene, motion = finer("LL" if "model" in options else "nL")
     goal = objective(scene, motion)
-    plan = prepared(Prepared(goal, None), 30.0 if "model" not in options else None, FitOptions(**options).checked())
-    assert plan.objective.cost(plan.p) == pytest.approx(plan.cost, rel=1e-6)
-    assert plan.objective.rmse(plan.cost) <= goal.rmse(goal.cost(parameters(scene)))
-    assert bool(plan.tried) == bool(plan.step) == ("substeps" in options)
-    assert bool(plan.judged) == bool(plan.model) == ("model" in options)
-    assert plan.evaluations > 0
-    assert plan.seconds > 0
+    fit = settled(goal, 30.0 if "model" not in options else None, **options)
+    own, best = fit.search.objective, fit.search.best
+    assert own.cost(best.p) == pytest.approx(best.cost, rel=1e-6)
+    assert own.rmse(best.cost) <= goal.rmse(goal.cost(parameters(scene)))
+    assert bool(fit.tried) == bool(fit.step) == ("substeps" in options)
+    assert bool(fit.judged) == bool(fit.model) == ("model" in options)
+    assert fit.search.budget.evaluations > 0
+    assert fit.search.progress.seconds > 0
 
 
 # --- fits

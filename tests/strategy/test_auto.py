@@ -9,6 +9,8 @@ from helpers.physics import scene, xyz
 from helpers.scenes import cloth, document, even, trial
 
 from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.options import FitOptions
+from clothfit.fit.routes import Fitting, through_routes
 from clothfit.meshes.mesh import plane
 from clothfit.meshes.new_scene import at_side, new_scene
 from clothfit.motion.degrade import degrade
@@ -23,7 +25,7 @@ from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 from clothfit.strategy import auto, trajectory_fit
-from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_ladder, by_momentum, check_tolerance, find
+from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_ladder, by_momentum, check_tolerance
 
 pytestmark = FITS
 
@@ -55,12 +57,13 @@ def visited(monkeypatch):
     return seen
 
 
-def ended(search, start, tau=np.inf, others=None):
-    """Run the default method to its end; returns the status."""
+def ended(search, start, known):
+    """Run the default method, without a prior, to its end; returns the status and the search with the result."""
+    fit = Fitting(search, FitOptions(prior="none").checked(), start, known=known)
     try:
-        return find(search, start, others, tau)
+        return through_routes(fit), fit.search
     except Stop as stop:
-        return stop.status
+        return stop.status, fit.search
 
 
 # --- the truth
@@ -124,7 +127,7 @@ def test_noise_is_fitted_down_to_its_own_size(prior):
 def test_the_result_is_never_worse_than_a_point_it_visited(settings, make, frames, far, budget, visited):
     search, start = searching(settings, frames, 1e-3, budget, make=make, **({"every": 3} if far else {}))
     # without a prior: with one, a value that costs a little more may be the better guess
-    status = ended(search, start, others=(lambda: [np.full(len(start), 0.5)]) if far else None)
+    status, search = ended(search, start, known=not far)
     assert status in ("converged", "stalled", "limit")
     assert search.budget.evaluations <= budget
     assert search.best.cost <= min(visited, default=np.inf)

@@ -13,6 +13,7 @@ from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
+from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
 from clothfit.strategy.step_choice import COUNTS, chosen, finer
 from clothfit.strategy.time_step import frame_interval, last_time, with_interval, with_substeps
@@ -93,7 +94,7 @@ def test_steps_that_reach_a_time_are_not_too_few():
 def test_a_target_by_finer_steps_is_fitted_by_finer_steps(method, letters):
     scene = small(letters, 24, method=method)
     goal = objective(scene, with_finer_steps(scene, 8))
-    found = chosen(goal, parameters(scene), ENOUGH, COUNTS)
+    found = chosen(Search(goal, parameters(scene), ENOUGH, 10**4), COUNTS)
     count, used = found.step
     assert count > 1
     assert found.objective.scene.method == used == BDF2
@@ -112,7 +113,7 @@ def test_a_target_by_finer_steps_is_fitted_by_finer_steps(method, letters):
 def test_a_target_by_the_scenes_own_step_keeps_it(method, noise):
     scene = small("nF", 24, method=method)
     goal = objective(scene, degrade(simulate(scene, tolerance=1e-12), noise=noise, seed=1))
-    found = chosen(goal, 1.3 * parameters(scene), ENOUGH, COUNTS)
+    found = chosen(Search(goal, 1.3 * parameters(scene), ENOUGH, 10**4), COUNTS)
     assert (found.step, len(found.tried), found.explained) == (None, 1, True)
     assert found.objective is goal
     assert found.cost <= goal.cost(parameters(scene)) + 1e-12  # m²; the truth of one value is found
@@ -121,7 +122,7 @@ def test_a_target_by_the_scenes_own_step_keeps_it(method, noise):
 def test_finer_steps_end_where_they_stop_to_pay():
     scene = small("nF", 24, method=BDF2)
     bent = with_finer_steps(small("nF", 24, method=BDF2, damping=0.5, dragCoefficient=0.5), 8)  # another model
-    found = chosen(objective(scene, bent), parameters(scene), ENOUGH, COUNTS)
+    found = chosen(Search(objective(scene, bent), parameters(scene), ENOUGH, 10**4), COUNTS)
     assert not found.explained
     assert max(each.substeps for each in found.tried) < max(COUNTS)
     assert found.objective.rmse(found.cost) <= 1.05 * min(each.rmse for each in found.tried)

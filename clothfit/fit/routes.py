@@ -1,0 +1,481 @@
+"""The routes of a fit: what it may try, in which order, and where each applies.
+
+`CHOICES` settle what is fitted: the start, the time step, the kinds and the model. `ROUTES` then fit it. Each is given
+the best values so far and the time that is left, and leaves better ones in the search; the first of `ROUTES` that has a
+status to return ends the fit. Each trial is a visit of the search, so the result is never worse than the best of them.
+
+1. The momentum fit, where the target shows whole successive frames; it is exact where the target is.
+2. One value for a whole cloth: a scan over the bounds, for the global minimum.
+3. Otherwise the trajectory fit (`trajectory_fit`), from the best of the start, a uniform fabric and equal values; or
+   from a momentum fit that is exact but for the rounding of a file. One that is not is no such start: its motion may be
+   near, but noise has scattered its values.
+4. From coarse to fine (`ladder`), where a choice of the step, or the first windows of 3, show that no values reproduce
+   the target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base import interrupts, threads
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import FIT_TOLERANCE
+from clothfit.fit import holdout
+from clothfit.fit.holdout import Judged
+from clothfit.fit.options import AUTO, LONGEST, LONGEST_OVER_TIME, FitOptions
+from clothfit.fit.preparation import counts_of
+from clothfit.motion.divergence import Diverged
+from clothfit.objective.objective import Objective
+from clothfit.optimise import momentum
+from clothfit.optimise.checkpoint import Checkpoint, State
+from clothfit.optimise.scipy_methods import METHODS, minimise
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Budget, Status, Stop
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import Scene
+from clothfit.strategy import auto, kinds, ladder, step_choice
+from clothfit.strategy.few_values import FEW_VALUES
+from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by, with_air
+from clothfit.strategy.step_choice import Step, Trial
+from clothfit.strategy.time_step import with_substeps
+from clothfit.strategy.trajectory_fit import (
+    ModelDiffers,
+    best_prior,
+    by_gauss_newton,
+    first_frames,
+    go_on,
+    is_far,
+    is_near,
+)
+
+CHOICE = 0.7
+"""Share of the time of a fit that the choice of its model may take, with that of the step."""
+
+MOMENT = 0.5
+"""Seconds for the costs of the values that were found, where the time is up."""
+
+ALIKE = "some values change the motion too alike to be told apart; fit fewer of them (--model F), or give a --prior"
+"""What is said where equations of a fit have no solution."""
+
+SOLVED_AS = (
+    "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved to "
+    "{:g}, so the fit has the same"
+)
+"""What is said of a fit to a target that was solved less accurately than fits are."""
+
+
+@dataclass
+class Fitting:
+    """A fit under way: what its routes are given, and what they have found."""
+
+    search: Search  # by what was chosen so far, with the best values
+    options: FitOptions
+    start: float | Array | Scene | None  # that the user gives
+    hidden: bool = False  # whether the scene's own values are the truth, which the fit may not know
+    kept_out: Objective | None = None
+    checkpoint: Checkpoint | None = None
+    state: State | None = None  # that it goes on from
+    known: bool = False  # whether values were found beside those of the user
+    step: tuple[int, int] | None = None  # steps to a frame and the method that were chosen; None: the scene's own
+    model: str = ""  # that was chosen
+    left_out: Sequence[str] = ()  # kinds that are not fitted
+    tried: tuple[Step, ...] = ()  # time steps
+    kinds: Sequence[kinds.Choice] = ()  # what was found of them
+    judged: list[Judged] | None = None  # the models among which one was chosen
+    wanted: list[str] | None = None  # models that are left to try, where no values reproduce the target
+    as_it_is: float = np.inf  # cost of the scene's own values, where equal ones are fitted
+    exact: list[Array] = field(default_factory=list)  # momentum fits (P,), the best last
+    centre: Array = field(default_factory=lambda: np.zeros(0))  # (P,), around which values scatter
+
+    def __post_init__(self) -> None:
+        self.own, self.tau = self.search.objective, self.options.prior_width()
+        self.first = self.search.start  # (P,), of the scene's own flags
+
+    @classmethod
+    def of(
+        cls, objective: Objective, start: float | Array | Scene | None, options: FitOptions, hidden: bool,
+        kept_out: Objective | None = None, checkpoint: Checkpoint | None = None, state: State | None = None,
+    ) -> Fitting:  # fmt: skip
+        """The fit of an objective, with its time. Raises InvalidInput where a start is none."""
+        first = parameters(objective.scene) if hidden else choose_start(objective, start, hidden)
+        search = Search(objective, first, options.enough, options.max_evaluations, options.on_progress)
+        if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
+            search.looser = objective.scene.tolerance
+        longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_OVER_TIME
+        search.longest = longest if options.budget is None else np.inf
+        return cls(search, options, start, hidden, kept_out, checkpoint, state)
+
+    @property
+    def counts(self) -> Sequence[int]:
+        """Numbers of BDF2 steps to a frame that are to be tried."""
+        return [] if self.hidden or self.state else counts_of(self.options, self.own.scene)
+
+    def like(self, other: Objective | None) -> Objective | None:
+        """Another objective with all that was chosen, the tolerance as well."""
+        if other is None:
+            return None
+        if self.step:
+            other = with_substeps(other, *self.step)
+        if self.left_out:
+            other = other.flagging(kinds.without(other.scene, self.first, self.left_out))
+        if self.model:
+            other = other.flagging(ladder.as_model(other.scene, self.model, exactly=True))
+        tolerance = self.search.objective.tolerance
+        return other if other.tolerance == tolerance else other.until(other.steps + 1, tolerance)
+
+    def adopt(self, objective: Objective, p: Array, cost: float = np.inf) -> None:
+        """Go on with another objective, from values p (P,) of that cost."""
+        before = self.search
+        origin = values_by(with_parameters(before.objective.scene, before.origin), flags=objective.scene)
+        self.search = before.beside(objective, p, cost)
+        self.search.origin, self.search.looser = origin, before.looser
+
+
+    def keep(self) -> None:
+        """Let the search keep its state from now on."""
+        search = self.search
+        search.checkpoint, search.model, search.left_out = self.checkpoint, self.model, self.left_out
+        search.substeps, search.integrator = self.step or (0, 0)
+
+
+class Route(NamedTuple):
+    """A way to settle something of a fit, or to fit."""
+
+    name: str
+    applies: Callable[[Fitting], bool]
+    run: Callable[[Fitting], Status | None]  # the status, where it ends the fit; raises Stop
+
+
+def through_routes(fit: Fitting) -> Status:
+    """Take the routes of a fit; returns how it ended. Raises Stop."""
+    for choice in CHOICES:
+        if choice.applies(fit):
+            choice.run(fit)
+    fit.keep()
+    for route in ROUTES:
+        if route.applies(fit) and (status := route.run(fit)) is not None:
+            return status
+    return fit.search.verdict()
+
+
+def by_routes(fit: Fitting) -> Status:
+    """Search until it or the user ends it; returns the status."""
+    try:
+        with threads.single(), interrupts.heard():
+            status = through_routes(fit)
+    except Stop as stop:
+        status = stop.status
+    except interrupts.OutOfTime:
+        status = Status.LIMIT
+        if not np.isfinite(fit.search.best.cost):
+            fit.search.warn("the time was used up before the first evaluation, so nothing is fitted")
+            return status
+    except KeyboardInterrupt:
+        if not np.isfinite(fit.search.best.cost):
+            raise  # there is no result yet
+        interrupts.request()
+        interrupts.answer()
+        status = Status.INTERRUPTED
+    except (Diverged, MemoryError, np.linalg.LinAlgError) as error:
+        if not np.isfinite(fit.search.best.cost):
+            raise
+        fit.search.warn(f"the search ended early: {in_words(error)}")
+        status = Status.STALLED
+    return fit.search.finish(status)
+
+
+def in_words(error: Exception) -> str:
+    """Why something ended, in the user's terms."""
+    return ALIKE if isinstance(error, np.linalg.LinAlgError) else str(error) or "out of memory"
+
+
+# --- what is fitted
+
+
+def with_asked_step(fit: Fitting) -> None:
+    """As many steps to a frame as the user asks for."""
+    assert isinstance(fit.options.substeps, int)
+    fit.adopt(with_substeps(fit.own, fit.options.substeps, None), fit.first)
+
+
+def with_smooth_balances(fit: Fitting) -> None:
+    """Wind and drag by smooth balances of momentum, where these come nearer."""
+    found = with_air(fit.search.objective, fit.first)
+    if found is not fit.first:
+        fit.adopt(fit.search.objective, found)
+        fit.known = True
+
+
+def as_before(fit: Fitting) -> None:
+    """What a fit had chosen that goes on. Raises InvalidInput where that does not fit."""
+    state = fit.state
+    assert state is not None
+    fit.step = (state.substeps, state.integrator) if state.substeps else None
+    fit.left_out, fit.model = state.left_out, state.model
+    objective = fit.like(fit.own) or fit.own
+    if len(parameters(objective.scene)) != len(state.best):
+        raise InvalidInput("the checkpoint is not what a fit has written; begin anew, without --resume")
+    fit.adopt(objective, state.start)
+    fit.search.restore(state)
+
+
+def with_best_step(fit: Fitting) -> None:
+    """The step that gains most."""
+    root = fit.search.beside(fit.search.objective, fit.search.start, np.inf)
+    root.budget = Budget(step_choice.EVALUATIONS)
+    found = step_choice.chosen(root, fit.counts, fit.own, fit.options.model != AUTO)
+    fit.search.budget.beside += root.budget.evaluations
+    fit.step, fit.tried, fit.known = found.step, found.tried, True
+    fit.adopt(found.objective, found.p, found.cost)
+    fit.wanted = None if found.explained else ladder.left(found.objective.scene)
+
+
+def without_kinds(fit: Fitting) -> None:
+    """No kinds that take the fit farther from frames kept out."""
+    trial, known = Trial(fit.search), list[tuple[list[kinds.Choice], Array]]()
+    part = ladder.part_of(fit.search, ladder.models(fit.search.objective.scene)[0], fit.search.best.p)
+    trial.run(lambda _: known.append(kinds.needed(part)))
+    fit.kinds, values = known[0] if known else ([], part.best.p)
+    if gone := kinds.left_out(fit.kinds):
+        fewer = kinds.without(fit.search.objective.scene, fit.first, gone)
+        p = ladder.as_whole(part, values, fewer)
+        fit.adopt(fit.search.objective.flagging(fewer), p)
+        fit.left_out = gone
+        Trial(fit.search).run(lambda search: search.visit(p))
+
+
+def with_best_model(fit: Fitting) -> None:
+    """The smallest model that no finer one beats on what it has not seen, of those that begin in time."""
+    search, options = fit.search, fit.options
+    longest = np.inf if options.budget is not None else CHOICE * LONGEST - search.progress.computing
+    found = holdout.chosen(
+        search.objective, fit.like(fit.kept_out), search.best.p, options.enough, options.holdout_of,
+        options.max_evaluations, longest, fitted=bool(fit.tried),
+    )  # fmt: skip
+    before, cost = with_parameters(search.objective.scene, search.best.p), search.best.cost
+    scene = ladder.as_model(search.objective.scene, found.model, exactly=True)
+    objective = search.objective.flagging(scene)
+    candidates, costs = [parameters(before, flags=scene), found.p], [cost, np.inf]
+    with suppress(interrupts.OutOfTime), interrupts.grace(MOMENT):
+        costs = [min(cost, objective.cost_or_infinity(each)) for cost, each in zip(costs, candidates, strict=True)]
+    best = int(np.argmin(costs))
+    search.budget.beside += found.evaluations
+    fit.adopt(objective, candidates[best], costs[best])
+    fit.model, fit.judged, fit.wanted, fit.known = found.model, found.judged, [found.model], True
+
+
+def from_first_point(fit: Fitting) -> None:
+    """The first point of the method, where nothing better is known."""
+    p, cost, warnings = first_point(fit.search.objective, fit.start, fit.hidden, fit.options.method)
+    fit.adopt(fit.search.objective, p, cost)
+    fit.search.warn(*warnings)
+    if fit.hidden:
+        fit.search.origin = fit.search.start
+
+
+def beside_the_pattern(fit: Fitting) -> None:
+    """The cost of the scene as it is where one value for all (G) flattens its pattern."""
+    scene = fit.search.objective.scene
+    flat = any(
+        block.mode == "G" and block.kind.log and block.cloth is not None
+        and len(np.unique(getattr(scene.cloths[block.cloth], block.name))) > 1
+        for block in scene.blocks
+    )  # fmt: skip
+    if flat:
+        kept = fit.search.objective.flagging(ladder.as_model(scene, "F", exactly=True))
+        fit.as_it_is = kept.cost_or_infinity(parameters(kept.scene))
+
+
+def warned(fit: Fitting) -> None:
+    """What is to be said of the values that it begins with."""
+    fit.search.warn(*start_warnings(fit.search.objective, fit.search.start))
+
+
+CHOICES = (
+    Route("as before", lambda fit: fit.state is not None, as_before),
+    Route("asked step", lambda fit: not (fit.hidden or fit.state) and isinstance(fit.options.substeps, int),
+          with_asked_step),
+    Route("smooth balances",
+          lambda fit: not (fit.hidden or fit.state) and fit.start is None and fit.options.method == AUTO,
+          with_smooth_balances),
+    Route("time step", lambda fit: bool(fit.counts), with_best_step),
+    Route("kinds", lambda fit: fit.options.auto and fit.wanted is not None, without_kinds),
+    Route("model", lambda fit: fit.options.model == AUTO and not (fit.hidden or fit.state), with_best_model),
+    Route("start", lambda fit: not (fit.known or fit.state), from_first_point),
+    Route("known start", lambda fit: fit.known, warned),
+    Route("pattern", lambda fit: fit.start is None and not fit.hidden, beside_the_pattern),
+)  # fmt: skip
+"""What a fit settles before, one after the other."""
+
+
+# --- the fit
+
+
+def at_the_start(fit: Fitting) -> Status:
+    """Nothing but its cost."""
+    fit.search(fit.search.y)
+    return fit.search.verdict()
+
+
+def by_scipy(fit: Fitting) -> Status:
+    """A minimiser of SciPy."""
+    return minimise(fit.search, fit.options.method)
+
+
+def by_momentum_alone(fit: Fitting) -> Status:
+    """The momentum fit."""
+    if not momentum.fits(fit.search.objective):
+        raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
+    auto.by_momentum(fit.search, fit.search.start)
+    return fit.search.verdict()
+
+
+def has_ended(fit: Fitting) -> bool:
+    """Whether a fit goes on that had ended."""
+    return fit.state is not None and fit.state.status in (Status.CONVERGED, Status.STALLED)
+
+
+def as_it_ended(fit: Fitting) -> Status:
+    """Not repeated."""
+    assert fit.state is not None
+    assert fit.state.status is not None
+    fit.search.best.found_with(best_prior(fit.search, fit.state, fit.tau))
+    return fit.state.status
+
+
+def was_descending(fit: Fitting) -> bool:
+    """Whether a fit goes on that was in a stage of Gauss–Newton."""
+    return fit.state is not None and len(fit.state.before) > 0 and not auto.one_value_each(fit.search)
+
+
+def going_on(fit: Fitting) -> Status | None:
+    """Gauss–Newton from where it was."""
+    assert fit.state is not None
+    try:
+        return go_on(fit.search, fit.state, fit.tau, watched=fit.options.method != "gauss-newton")
+    except ModelDiffers:
+        fit.wanted = models_left(fit.search, fit.state) if fit.state.rungs else None
+        return auto.by_ladder(fit.search, fit.tau, [fit.search.start], fit.wanted)
+
+
+def models_left(search: Search, state: State) -> list[str]:
+    """The models of a ladder that a fit has not finished which goes on from a `state`; it has one alone where that was
+    chosen.
+    """
+    done = {rung.model for rung in state.rungs}
+    every = [state.model] if state.model else ladder.models(search.objective.scene)
+    return [model for model in every if model not in done]
+
+
+def by_models_left(fit: Fitting) -> Status:
+    """From coarse to fine, from the best values."""
+    wanted = fit.wanted if fit.wanted is not None or fit.state is None else models_left(fit.search, fit.state)
+    return auto.by_ladder(fit.search, fit.tau, [], wanted)
+
+
+def by_gauss_newton_alone(fit: Fitting) -> Status:
+    """Gauss–Newton from the start."""
+    return by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)
+
+
+def by_balances(fit: Fitting) -> None:
+    """The momentum fits, where the balances can hold."""
+    search, start = fit.search, fit.search.start
+    early = first_frames(search.objective)
+    if not auto.balances_can_hold(search, start, early):
+        return
+    tried = auto.TRIED[:1] if auto.one_value_each(search) else auto.TRIED
+    if momentum.anchors(search.objective, search.fitted):
+        tried = (tried[0], momentum.ANCHORED, *tried[1:])
+    try:
+        fit.exact = auto.by_momentum(search, start, tried, early)
+    except auto.SolvedLooser as looser:
+        fit.adopt(search.objective.until(search.objective.steps + 1, looser.tolerance), looser.p)
+        fit.keep()
+        fit.search.looser, fit.known = None, True
+        fit.search.warn(SOLVED_AS.format(looser.tolerance))
+        by_balances(fit)
+
+
+def by_scan(fit: Fitting) -> Status:
+    """The exact minimum of a momentum fit, or the best points of a scan."""
+    search = fit.search
+    if fit.exact and not is_far(search):
+        status = by_gauss_newton(search, search.best.p, search.best.p, fit.tau, windows=False)
+        if is_near(search):
+            return status
+    return auto.by_scan(search, search.start, fit.tau)
+
+
+def is_exact(fit: Fitting) -> bool:
+    """Whether a momentum fit of thousands of values is as good as exact."""
+    return auto.too_many(fit.search) and bool(fit.exact) and auto.is_exact(fit.search)
+
+
+def around_the_best_guess(fit: Fitting) -> None:
+    """The centre of a prior: the start or other values, whichever cost least over the first frames."""
+    search = fit.search
+    search.enter("starts")
+    guesses = [search.start]
+    if not (fit.known or is_near(search, search.visit(search.start))):
+        others = other_starts(search.objective, search.start, fit.hidden, fit.start is not None)
+        guesses += [np.where(search.fitted, p, search.start) for p in others]
+    fit.centre = min(guesses, key=partial(search.measure, objective=first_frames(search.objective)))
+
+
+def by_few_values(fit: Fitting) -> Status:
+    """From coarse to fine, from the start and the centre."""
+    start = fit.search.start
+    return auto.by_ladder(fit.search, fit.tau, [start] if fit.centre is start else [start, fit.centre])
+
+
+def has_few(fit: Fitting) -> bool:
+    """Whether the fit is of few values, none of them of a single vertex or spring."""
+    few = fit.search.fitted.sum() <= FEW_VALUES
+    return bool(few and all(block.mode in "FGR" for block in fit.search.objective.blocks))
+
+
+def by_single_values(fit: Fitting) -> Status | None:
+    """Gauss–Newton by a prior; None where the model cannot reproduce the target."""
+    found = auto.singly(fit.search, fit.centre, fit.centre, fit.tau)
+    if found is not None and fit.exact and np.array_equal(fit.search.best.p, fit.exact[-1]):
+        return from_the_best(fit)  # noisy as it is, it costs less
+    return found
+
+
+def from_the_best(fit: Fitting) -> Status:
+    """Gauss–Newton from the best point."""
+    return by_gauss_newton(fit.search, fit.search.best.p, fit.centre, fit.tau)
+
+
+def from_coarse_to_fine(fit: Fitting) -> Status:
+    """All models, from the start."""
+    return auto.by_ladder(fit.search, fit.tau, [fit.search.start])
+
+
+ROUTES = (
+    Route("as it ended", has_ended, as_it_ended),
+    Route("nothing to fit", lambda fit: not fit.search.fitted.any(), at_the_start),
+    Route("SciPy", lambda fit: fit.options.method in METHODS, by_scipy),
+    Route("momentum alone", lambda fit: fit.options.method == "momentum", by_momentum_alone),
+    Route("going on", was_descending, going_on),
+    Route("Gauss–Newton alone", lambda fit: fit.options.method == "gauss-newton", by_gauss_newton_alone),
+    Route("models left", lambda fit: fit.wanted is not None or bool(fit.state and fit.state.rungs), by_models_left),
+    Route("balances of momentum", lambda fit: True, by_balances),
+    Route("scan", lambda fit: auto.one_value_each(fit.search), by_scan),
+    Route("exact balances", is_exact, lambda fit: Status.CONVERGED),
+    Route("too many for a matrix", lambda fit: auto.too_many(fit.search), from_coarse_to_fine),
+    Route("best guess", lambda fit: True, around_the_best_guess),
+    Route("accurate balances", lambda fit: bool(fit.exact) and auto.is_accurate(fit.search), from_the_best),
+    Route("few values", has_few, by_few_values),
+    Route("single values", lambda fit: True, by_single_values),
+    Route("coarse to fine", lambda fit: True, from_coarse_to_fine),
+)
+"""How the values are found: the first that returns a status ends the fit."""
