@@ -143,6 +143,7 @@ class Fitting:
         search = self.search
         search.checkpoint, search.model, search.left_out = self.checkpoint, self.model, self.left_out
         search.substeps, search.integrator = self.step or (0, 0)
+        search.origin = search.start if self.hidden else search.origin
 
 
 class Route(NamedTuple):
@@ -276,8 +277,6 @@ def from_first_point(fit: Fitting) -> None:
     p, cost, warnings = first_point(fit.search.objective, fit.start, fit.hidden, fit.options.method)
     fit.adopt(fit.search.objective, p, cost)
     fit.search.warn(*warnings)
-    if fit.hidden:
-        fit.search.origin = fit.search.start
 
 
 def beside_the_pattern(fit: Fitting) -> None:
