@@ -144,6 +144,7 @@ class Fitting:
         search.checkpoint, search.model, search.left_out = self.checkpoint, self.model, self.left_out
         search.substeps, search.integrator = self.step or (0, 0)
         search.origin = search.start if self.hidden else search.origin
+        search.progress.p = search.best.p  # choices have other parameters
 
 
 class Route(NamedTuple):
