@@ -7,8 +7,8 @@ parameters can move
     A dW = Y dX + U dV + M dV + C,     dX⁺ = dX + h dW,     dX, dV, dW (3 f, Q)
 
 for those that are free; pins whose paths are fitted go along with these (`inputs.tables`).
-A is factorised in blocks (`block_cholesky`); one that is not positive definite is inverted whole. What a cloth that
-touches itself adds is in `contact`.
+A is factorised within its envelope (`envelope_cholesky`); one that is not positive definite is inverted whole. What a
+cloth that touches itself adds is in `contact`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
-from clothfit.derivative import adjoint, block_cholesky
+from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
+from clothfit.derivative.envelope_cholesky import Envelope, envelope, factorise, solve
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian, stencil
 from clothfit.engine.forces import meeting, springs
 from clothfit.engine.inputs.tables import led, moves_of, set_direction, set_inputs, with_constant
@@ -47,7 +48,7 @@ of larger ones, whose factors cost more.
 """
 
 DENSE_UNKNOWNS = 1500
-"""Unknowns up to which A is inverted as a dense matrix."""
+"""Unknowns up to which a matrix that is not positive definite is inverted as a dense one."""
 
 
 LOCAL = ("mass", "stiffness", "rest")
@@ -238,7 +239,7 @@ class Carried:
         self.system, self.taken, self.columns, free = system, Taken(system), columns, mobile(system)
         self.place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
         self.pins, self.free = Pins(system, columns.led, self.place), np.repeat(system.vertex.free[free], 3)
-        self.solve = Solver(columns.width)
+        self.solve = Solver()
         self.everywhere = [(column, with_constant(direction)) for column, direction in columns.everywhere]
         self.near, self.work = stencil(system, 2), implicit.workspace(system)
         self.by, self.change = jacobian(system, self.near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
@@ -397,39 +398,27 @@ def along(system: System, columns: Columns, q: int) -> Elements:
 
 
 class Solver:
-    """Solves A dW = B on the free vertices for A of one pattern, factorised in blocks where that is cheaper."""
+    """Solves A dW = B on the free vertices for A of one pattern."""
 
-    def __init__(self, columns: int) -> None:
-        """`columns`: of each B."""
-        self.columns = columns
-        self.blocks: block_cholesky.Blocks | None = None
-        self.cut: block_cholesky.Cut | None = None
+    def __init__(self) -> None:
+        self.envelope: Envelope | None = None
 
     def __call__(self, A: sparse.BlockMatrix, right: Array) -> Array:
         """dW for B = `right` (3 f, Q), which stays as it is."""
         if not len(right):  # nothing is free
             return right.copy()
-        if self.blocks is None or is_there(A.joined):  # whose pattern is another one at each step
-            self.blocks = block_cholesky.blocks_of(sparse.to_scipy(*A))
-            self.cut = None
-        if block_cholesky.is_cheaper(self.blocks, self.columns):
-            factor = block_cholesky.factorise(*self.parts(A, self.blocks))
-            if factor is not None:
-                return block_cholesky.solve(*factor, self.blocks, right)
-        return whole_solver(sparse.to_scipy(*A))(right)
-
-    def parts(self, A: sparse.BlockMatrix, blocks: block_cholesky.Blocks) -> tuple[list[Array], list[Array]]:
-        """The blocks of A."""
-        if is_there(A.joined):
+        if is_there(A.joined):  # whose pattern is another one at each step
             matrix = sparse.to_scipy(*A)
-            return block_cholesky.Cut(matrix, blocks)(matrix.data)
-        if self.cut is None:  # by the places of the numbers in the arrays of A
-            size = A.diagonal.size
-            places = np.arange(float(size + A.upper.size))
-            numbered = A._replace(diagonal=places[:size].reshape(-1, 8), upper=places[size:].reshape(-1, 8))
-            matrix = sparse.to_scipy(*numbered)
-            self.cut = block_cholesky.Cut(matrix, blocks, matrix.data.astype(np.intp))
-        return self.cut(np.concatenate([A.diagonal, A.upper]).reshape(-1))
+            self.envelope, numbers = envelope(matrix), matrix.data
+        else:
+            numbers = np.concatenate([A.diagonal, A.upper]).reshape(-1)
+            if self.envelope is None:  # by the places of the numbers in the arrays of A
+                places, size = np.arange(float(len(numbers))), A.diagonal.size
+                numbered = A._replace(diagonal=places[:size].reshape(-1, 8), upper=places[size:].reshape(-1, 8))
+                matrix = sparse.to_scipy(*numbered)
+                self.envelope = envelope(matrix, matrix.data.astype(np.intp))
+        L = factorise(self.envelope, numbers)
+        return whole_solver(sparse.to_scipy(*A))(right) if L is None else solve(self.envelope, L, right)
 
 
 def whole_solver(matrix: csc_array) -> Callable[[Array], Array]:
