@@ -2,7 +2,7 @@
 own pairs; what zones join at the end of a step stands between the step and the state after it.
 
 In a step of `sensitivity` pairs are added one by one, in all columns together. A pair joins four vertices that no
-spring may join, so the probes of `step_jacobian` would mix up what they find: those find the derivative without pairs,
+spring may join, and which are others in each step: `step_jacobian` finds the derivative without pairs,
 and each pair is probed for itself, for 12 × 12 numbers by its positions and as many by its velocities.
 """
 

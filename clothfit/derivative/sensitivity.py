@@ -241,7 +241,7 @@ class Carried:
         self.pins, self.free = Pins(system, columns.led, self.place), np.repeat(system.vertex.free[free], 3)
         self.solve = Solver()
         self.everywhere = [(column, with_constant(direction)) for column, direction in columns.everywhere]
-        self.near, self.work = stencil(system, 2), implicit.workspace(system)
+        self.near, self.work = stencil(system), implicit.workspace(system)
         self.by, self.change = jacobian(system, self.near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
         self.mass = np.repeat(system.vertex.mass[free], 3)[:, None]
         size = (3 * int(free.sum()), columns.width)
@@ -319,7 +319,7 @@ class Carried:
         """The right-hand side of an iteration to w; its matrix is left in the workspace."""
         system, near, place, by = at.system, self.near, self.place, self.by
         bare = self.touching.bare(system) if self.touching else system
-        differentiate(bare, near, at.x, at.v, w, at.u, at.later, self.work, by)
+        differentiate(bare, at.x, at.v, w, at.u, at.later, self.work, by)
         dy = np.add(self.dx, system.h * du, out=self.dy) if at.later else self.dx
         right = self.mass * self.dv
         add_product(near, place, by.by_y, dy, right)

@@ -66,3 +66,19 @@ def add_pushforward(system, y, u, w, s, dy, du, direction, h, out):
     colliders.add_pushforward(system.colliders, y, u, w, s, dy, du, direction, h, out)
     contact.add_pushforward(system.contact, y, u, w, s, dy, du, direction, h, out)
     applied.add_pushforward(system.applied, y, u, w, s, dy, du, direction, h, out)
+
+
+@kernel
+def add_pullback_alone(system, y, u, w, s, lam, h, grad, gy, gu):
+    """`add_pullback` of the forces that act on each vertex for itself."""
+    vertex.add_pullback(system.vertex, y, u, w, s, lam, h, grad, gy, gu)
+    spheres.add_pullback(system.spheres, y, u, w, s, lam, h, grad, gy, gu)
+    colliders.add_pullback(system.colliders, y, u, w, s, lam, h, grad, gy, gu)
+    applied.add_pullback(system.applied, y, u, w, s, lam, h, grad, gy, gu)
+
+
+@kernel
+def add_damping_alone(system, y, u, scale, q, out):
+    """`add_damping` of these."""
+    vertex.add_damping(system.vertex, y, u, scale, q, out)
+    colliders.add_damping(system.colliders, y, u, scale, q, out)
