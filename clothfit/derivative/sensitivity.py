@@ -290,17 +290,17 @@ class Carried:
 
     def solved(self, at: Point, w: Array, du: Array, step: int) -> Array:
         """The change of the velocity w of an iteration, for that of the one before, du (3 f, Q)."""
-        right = self.right(at, w, du)
+        right, before = self.right(at, w, du), du if at.later else np.zeros_like(du)
         if self.free.all():
-            return np.ascontiguousarray(self.solve(at.work.A, right))
-        dw = np.empty_like(right)
-        dw[~self.free] = self.pins.velocity(step, at.system, self.dx[~self.free])
+            return self.solve(at.work.A, right) + before
+        dw = -before
+        dw[~self.free] += self.pins.velocity(step, at.system, self.dx[~self.free])
         if at.system.method == IMPLICIT:
-            self.pins.couple(at.system, at.work.y, dw - du if at.later else dw, right)
+            self.pins.couple(at.system, at.work.y, dw, right)
         dw[self.free] = self.solve(at.work.A, right[self.free])
         if at.system.method == EXPLICIT:
             dw[~self.free] = self.pins.sent(step, at.system, du.shape[1])
-        return dw
+        return dw + before
 
     def start(self, at: Point) -> Array:
         """Make dx and dv those of the point, and return that of the velocity which the first iteration starts from."""
@@ -316,12 +316,12 @@ class Carried:
         return du
 
     def right(self, at: Point, w: Array, du: Array) -> Array:
-        """The right-hand side of an iteration to w; its matrix is left in the workspace."""
+        """The right-hand side of an iteration to w, in a later one for dw − du; its matrix is left in the workspace."""
         system, near, place, by = at.system, self.near, self.place, self.by
         bare = self.touching.bare(system) if self.touching else system
         differentiate(bare, at.x, at.v, w, at.u, at.later, self.work, by)
         dy = np.add(self.dx, system.h * du, out=self.dy) if at.later else self.dx
-        right = self.mass * self.dv
+        right = self.mass * (self.dv - du if at.later else self.dv)
         add_product(near, place, by.by_y, dy, right)
         if np.any(by.by_u):
             add_product(near, place, by.by_u, du, right)

@@ -2,12 +2,15 @@
 
 An iteration of a step that goes from u to w (`implicit`) changes its velocity by
 
-    A dw = Y dy + U du + M dv + C dp,      dy = dx + h du and du = dw of the iteration before; at first dx and dv,
+    A dw = Y dy + U du + M dv + C dp,      dy = dx and du = dv,
 
-and so do the explicit steps, with A = M. Rows of Y, U and C are pullbacks of unit vectors. Springs and faces are taken
-apart, each with vertices of its own, so that one pullback gives a row of the block of every one of them: that of the
-unit vector along one axis at one corner each. Six such probes are enough for springs, nine for faces, and three for the
-forces that act on each vertex for itself. Fixed vertices have no rows.
+and so do the explicit steps, with A = M. In later iterations, whose point of linearisation moves with u, dy = dx + h du
+and du = dw of the iteration before, and the solution is dw − du, with M (dv − du) for M dv.
+
+Rows of Y, U and C are pullbacks of unit vectors. Springs and faces are taken apart, each with vertices of its own, so
+that one pullback gives a row of the block of every one of them: that of the unit vector along one axis at one corner
+each. Six such probes are enough for springs, nine for faces, and three for the forces that act on each vertex for
+itself. Fixed vertices have no rows.
 """
 
 from __future__ import annotations
@@ -27,9 +30,6 @@ from clothfit.engine.system import IMPLICIT, System, zeros
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, store3
 from clothfit.kernels.vectors import add_mass, copy
-
-COLUMNS = (0, 5, 2)
-"""Where the columns of a block of a `BlockMatrix` begin."""
 
 
 class Stencil(NamedTuple):
@@ -91,13 +91,11 @@ class Jacobian(NamedTuple):
     springs: Apart
     faces: Apart
     own: Indices  # (n,), entry of each vertex with itself
-    upper: Indices  # (2, slots), entries of each of A's blocks above the diagonal, and of its mirror image
 
 
 def jacobian(system: System, near: Stencil, rest: bool = False) -> Jacobian:
     """Memory for the derivative of a step of `system`; with `rest` by the rest lengths as well."""
     n, count, blocks = len(system.x0), len(system.springs.rest), len(near.neighbour)
-    above, beside = np.repeat(system.pattern.order, np.diff(system.pattern.row)), system.pattern.column
     return Jacobian(
         np.zeros((blocks, 3, 3)),
         np.zeros((blocks, 3, 3)),
@@ -108,7 +106,6 @@ def jacobian(system: System, near: Stencil, rest: bool = False) -> Jacobian:
         apart(system.springs.ends, near),
         apart(system.faces.corners, near),
         near.entries(np.arange(n), np.arange(n)),
-        np.stack([near.entries(above, beside), near.entries(beside, above)]),
     )
 
 
@@ -134,8 +131,6 @@ def differentiate(system, x, v, w, u, later, work, out):
     probe_vertices(system, y, at, to, s, damped, work, out)
     add_mass(system.vertex.free, 1.0, v, out.by_mass)
     add_mass(system.vertex.free, -1.0, w, out.by_mass)
-    if later and system.method == IMPLICIT:
-        add_newton(system, work.A, out)
 
 
 @kernel
@@ -224,29 +219,6 @@ def keep(part, corner, c, out):
             for d in range(3):
                 out.by_y[e, c, d] += part.gy[j, d]
                 out.by_u[e, c, d] += part.gu[j, d]
-
-
-@kernel
-def add_newton(system, A, out):
-    """U += −h² K = A − M + h D, of which h D is there: how the point of linearisation of a later iteration moves with
-    u.
-    """
-    for i in range(len(system.vertex.mass)):
-        if system.vertex.free[i]:
-            add_symmetric(A.diagonal, i, out.by_u[out.own[i]])
-            for c in range(3):
-                out.by_u[out.own[i], c, c] -= system.vertex.mass[i]
-    for e in range(out.upper.shape[1]):
-        add_symmetric(A.upper, e, out.by_u[out.upper[0, e]])
-        add_symmetric(A.upper, e, out.by_u[out.upper[1, e]])
-
-
-@kernel
-def add_symmetric(blocks, i, out):
-    """out (3, 3) += block i."""
-    for c in range(3):
-        for d in range(3):
-            out[c, d] += blocks[i, COLUMNS[c] + d]
 
 
 @kernel
