@@ -7,13 +7,13 @@ parameters can move
     A dW = Y dX + U dV + M dV + C,     dX⁺ = dX + h dW,     dX, dV, dW (3 f, Q)
 
 for those that are free; pins whose paths are fitted go along with these (`inputs.tables`).
-A is factorised within its envelope (`envelope_cholesky`); one that is not positive definite is inverted whole. What a
+A is factorised within its envelope (`envelope_cholesky`); one that is not positive definite, by sparse LU. What a
 cloth that touches itself adds is in `contact`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ from clothfit.engine.solve.joined import is_there
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile, zeros
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import load3, store3
+from clothfit.kernels.lanes.operations import add, fma, load, load3, mul, splat, store, store3
 from clothfit.scene.block import Block
 
 if TYPE_CHECKING:
@@ -42,13 +42,10 @@ if TYPE_CHECKING:
     from clothfit.derivative import contact
 
 
-FEW_COLUMNS, FEW_OF_LARGE = 16, 32
-"""Columns up to which one sweep for each is faster than one for all together: of cloths of up to `DENSE_UNKNOWNS`, and
-of larger ones, whose factors cost more.
+CALLS, FACTOR = 1000.0, 1.0 / 5000.0
+"""What a step of all columns together takes besides that of each, in sweeps of one column alone: so many per unknown of
+the inverse for what is called from Python, and so many times the unknowns for the factor.
 """
-
-DENSE_UNKNOWNS = 1500
-"""Unknowns up to which a matrix that is not positive definite is inverted as a dense one."""
 
 
 LOCAL = ("mass", "stiffness", "rest")
@@ -238,6 +235,7 @@ class Carried:
         """At the start of the motion."""
         self.system, self.taken, self.columns, free = system, Taken(system), columns, mobile(system)
         self.place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
+        self.vertices = np.arange(len(free), dtype=np.int32)[:, None]
         self.pins, self.free = Pins(system, columns.led, self.place), np.repeat(system.vertex.free[free], 3)
         self.solve = Solver()
         self.everywhere = [(column, with_constant(direction)) for column, direction in columns.everywhere]
@@ -328,9 +326,9 @@ class Carried:
         if self.touching:
             to = w if system.method == IMPLICIT else at.v
             self.touching.add(system, at.work, (at.u, to, at.later), dy, du, right)
-        add_vertex_columns(place, by.by_mass, self.columns.mass, right)
-        add_spring_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
-        add_spring_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
+        add_columns(place, self.vertices, by.by_mass[:, None], self.columns.mass, right)
+        add_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
+        add_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
         for column, direction in self.everywhere:
             differentiate_globally(system, at.x, at.v, w, at.u, at.later, at.work, direction, self.change)
             right[:, column] += self.change[place >= 0].reshape(-1)
@@ -380,9 +378,9 @@ def one_by_one(system: System, columns: Columns, steps: int) -> bool:
     """Whether one sweep per column is faster over so many steps, of which a column may need but the last ones; or the
     only way.
     """
-    few = FEW_COLUMNS if 3 * int(system.vertex.free.sum()) <= DENSE_UNKNOWNS else FEW_OF_LARGE
+    unknowns = max(3.0 * system.vertex.free.sum(), 1.0)
     late = sum(min(adjoint.first_step(system, direction), steps) for _, direction in columns.everywhere)
-    return columns.width - late / max(steps, 1) <= few or not is_dense(system)
+    return columns.width - late / max(steps, 1) <= CALLS / unknowns + FACTOR * unknowns or not is_dense(system)
 
 
 def along(system: System, columns: Columns, q: int) -> Elements:
@@ -418,89 +416,54 @@ class Solver:
                 matrix = sparse.to_scipy(*numbered)
                 self.envelope = envelope(matrix, matrix.data.astype(np.intp))
         L = factorise(self.envelope, numbers)
-        return whole_solver(sparse.to_scipy(*A))(right) if L is None else solve(self.envelope, L, right)
+        return solve_whole(sparse.to_scipy(*A), right) if L is None else solve(self.envelope, L, right)
 
 
-def whole_solver(matrix: csc_array) -> Callable[[Array], Array]:
-    """A function that solves for B (3 f, Q): of any symmetric matrix, dense where it is small. Raises LinAlgError."""
-    from scipy.linalg import blas, lapack
+def solve_whole(matrix: csc_array, right: Array) -> Array:
+    """The solution for B = `right` (3 f, Q) and any matrix. Raises LinAlgError."""
     from scipy.sparse.linalg import splu
 
-    if matrix.shape[0] > DENSE_UNKNOWNS:
-        try:
-            factor = splu(matrix)
-        except RuntimeError as error:
-            raise np.linalg.LinAlgError(str(error)) from None
-        return lambda right: np.asarray(factor.solve(right))
-    if not matrix.shape[0]:  # LAPACK writes about these to standard output
-        return lambda right: right
-    dense = matrix.toarray(order="F")
-    lower, fault = lapack.dpotrf(dense, lower=1)
-    inverse = np.asfortranarray(np.linalg.inv(dense)) if fault else lapack.dpotri(lower, lower=1, overwrite_c=1)[0]
-    return lambda right: blas.dsymm(1.0, inverse, right.T, side=1, lower=1).T
+    try:
+        return np.asarray(splu(matrix).solve(right))
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(str(error)) from None
 
 
 @kernel(nogil=True)
 def add_product(near, place, blocks, x, out):
     """out += B x for the block matrix B on the stencil, x and out (3 f, Q) with row 3 place[i] + c for vertex i."""
     for i in range(len(place)):
-        if place[i] < 0:
+        r, whole = 3 * place[i], out.shape[1] - out.shape[1] % 4
+        if r < 0:
             continue
-        o0, o1, o2 = out[3 * place[i]], out[3 * place[i] + 1], out[3 * place[i] + 2]
-        e, end = following(near, place, near.start[i] - 1, i), near.start[i + 1]
-        while e < end:  # two blocks at a time: a row of `out` is read and written half as often
-            a, j = blocks[e], place[near.neighbour[e]]
-            x0, x1, x2 = x[3 * j], x[3 * j + 1], x[3 * j + 2]
-            e = following(near, place, e, i)
-            if e == end:
-                for q in range(len(o0)):
-                    y0, y1, y2 = x0[q], x1[q], x2[q]
-                    o0[q] += a[0, 0] * y0 + a[0, 1] * y1 + a[0, 2] * y2
-                    o1[q] += a[1, 0] * y0 + a[1, 1] * y1 + a[1, 2] * y2
-                    o2[q] += a[2, 0] * y0 + a[2, 1] * y1 + a[2, 2] * y2
-                break
-            b, k = blocks[e], place[near.neighbour[e]]
-            z0, z1, z2 = x[3 * k], x[3 * k + 1], x[3 * k + 2]
-            for q in range(len(o0)):
-                y0, y1, y2, w0, w1, w2 = x0[q], x1[q], x2[q], z0[q], z1[q], z2[q]
-                o0[q] += a[0, 0] * y0 + a[0, 1] * y1 + a[0, 2] * y2 + (b[0, 0] * w0 + b[0, 1] * w1 + b[0, 2] * w2)
-                o1[q] += a[1, 0] * y0 + a[1, 1] * y1 + a[1, 2] * y2 + (b[1, 0] * w0 + b[1, 1] * w1 + b[1, 2] * w2)
-                o2[q] += a[2, 0] * y0 + a[2, 1] * y1 + a[2, 2] * y2 + (b[2, 0] * w0 + b[2, 1] * w1 + b[2, 2] * w2)
-            e = following(near, place, e, i)
-
-
-@kernel
-def following(near, place, e, i):
-    """The next entry after e of vertex i whose neighbour moves; the end of its entries where there is none."""
-    e += 1
-    while e < near.start[i + 1] and place[near.neighbour[e]] < 0:
-        e += 1
-    return e
-
-
-@kernel(nogil=True)
-def add_vertex_columns(place, by_element, share, out):
-    """out += C for a kind that acts on its own vertex, `by_element` (n, 3)."""
-    for i in range(len(share.start) - 1):
-        for e in range(share.start[i], share.start[i + 1]):
-            q = share.column[e]
-            if q >= 0 and place[i] >= 0:
+        for q in range(0, whole, 4):
+            s0, s1, s2 = load(out, r, q), load(out, r + 1, q), load(out, r + 2, q)
+            for e in range(near.start[i], near.start[i + 1]):
+                a, j = blocks[e], 3 * place[near.neighbour[e]]
+                if j >= 0:
+                    x0, x1, x2 = load(x, j, q), load(x, j + 1, q), load(x, j + 2, q)
+                    s0 = add(s0, fma(splat(a[0, 0]), x0, fma(splat(a[0, 1]), x1, mul(splat(a[0, 2]), x2))))
+                    s1 = add(s1, fma(splat(a[1, 0]), x0, fma(splat(a[1, 1]), x1, mul(splat(a[1, 2]), x2))))
+                    s2 = add(s2, fma(splat(a[2, 0]), x0, fma(splat(a[2, 1]), x1, mul(splat(a[2, 2]), x2))))
+            for c, total in enumerate((s0, s1, s2)):
+                store(total, out, r + c, q)
+        for e in range(near.start[i], near.start[i + 1]):
+            a, j = blocks[e], 3 * place[near.neighbour[e]]
+            for q in range(whole if j >= 0 else out.shape[1], out.shape[1]):
                 for c in range(3):
-                    out[3 * place[i] + c, q] += share.factor[e] * by_element[i, c]
+                    out[r + c, q] += a[c, 0] * x[j, q] + a[c, 1] * x[j + 1, q] + a[c, 2] * x[j + 2, q]
 
 
 @kernel(nogil=True)
-def add_spring_columns(place, ends, by_element, share, out):
-    """out += C for a kind that acts on the two ends of its spring, `by_element` (S, 2, 3)."""
+def add_columns(place, vertices, by_element, share, out):
+    """out += C for a kind that acts on the k `vertices` (N, k) of each of its elements, `by_element` (N, k, 3)."""
     for i in range(len(share.start) - 1):
         for e in range(share.start[i], share.start[i + 1]):
             q = share.column[e]
-            if q >= 0:
-                for end in range(2):
-                    j = place[ends[i, end]]
-                    if j >= 0:
-                        for c in range(3):
-                            out[3 * j + c, q] += share.factor[e] * by_element[i, end, c]
+            for k in range(vertices.shape[1] if q >= 0 else 0):
+                r = 3 * place[vertices[i, k]]
+                for c in range(3 if r >= 0 else 0):
+                    out[r + c, q] += share.factor[e] * by_element[i, k, c]
 
 
 @kernel
