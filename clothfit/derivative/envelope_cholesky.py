@@ -62,10 +62,9 @@ def envelope(matrix: csc_array, source: NDArray[np.intp] | None = None) -> Envel
 def factorise(envelope: Envelope, numbers: Array) -> Array | None:
     """L of a matrix of these numbers; None where it is not positive definite."""
     L = aligned(int(envelope.start[-1]), PANEL)
-    flat = L.reshape(-1)
-    flat[envelope.place] = numbers[envelope.source]
-    for i in range(len(envelope.order), PANEL * len(envelope.first)):
-        L[envelope.start[-1] - PANEL + i % PANEL, i % PANEL] = 1.0
+    L.reshape(-1)[envelope.place] = numbers[envelope.source]
+    last = np.arange(-len(envelope.order) % PANEL)
+    L[-1 - last, PANEL - 1 - last] = 1.0
     return L if fill(envelope.first, envelope.start, L) else None
 
 

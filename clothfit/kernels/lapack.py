@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array
 
 
 @cache
@@ -30,33 +30,24 @@ def routine(name: str) -> Callable[..., None]:
     return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * count)(address_of(capsule, signature))  # lets the lock go
 
 
-def call(name: str, *arguments: str | int | Array | Indices) -> None:
-    """Call a routine with letters, sizes and arrays, which it may write into."""
-    given: list[object] = []
-    for each in arguments:
-        if isinstance(each, np.ndarray):
-            given.append(each.ctypes.data)
-        elif isinstance(each, str):
-            given.append(each.encode())
-        else:
-            given.append(ctypes.byref(ctypes.c_int(each)))
-    routine(name)(*given)
+def call(name: str, A: Array) -> int:
+    """Call a routine that replaces the lower triangle of A (n, n); what it says of a fault."""
+    size, fault = ctypes.byref(ctypes.c_int(len(A))), ctypes.c_int(0)
+    if len(A):
+        routine(name)(b"L", size, laid_out(A).ctypes.data, size, ctypes.byref(fault))
+    return fault.value
 
 
 def factorise(A: Array) -> bool:
     """Write the Cholesky factor of A (n, n), of finite numbers, into its lower triangle; False where A is not positive
     definite. Raises ValueError for other arrays than those of Fortran.
     """
-    fault = np.zeros(1, np.int32)
-    if len(A):
-        call("dpotrf", "L", len(A), laid_out(A), len(A), fault)
-    return not fault[0]
+    return not call("dpotrf", A)
 
 
 def invert(L: Array) -> None:
     """Write the inverse of A (n, n) over the lower triangle of its Cholesky factor."""
-    if len(L):
-        call("dpotri", "L", len(L), laid_out(L), len(L), np.zeros(1, np.int32))
+    call("dpotri", L)
 
 
 def laid_out(A: Array) -> Array:
