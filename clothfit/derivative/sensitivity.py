@@ -240,7 +240,8 @@ class Carried:
         self.solve = Solver()
         self.everywhere = [(column, with_constant(direction)) for column, direction in columns.everywhere]
         self.near, self.work = stencil(system), implicit.workspace(system)
-        self.by, self.change = jacobian(system, self.near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
+        self.by = jacobian(system, self.near, rest=len(columns.rest.column) > 0)
+        self.scratch = tuple(np.zeros_like(system.x0) for _ in range(4))
         self.mass = np.repeat(system.vertex.mass[free], 3)[:, None]
         size = (3 * int(free.sum()), columns.width)
         self.dx, self.dv, self.dx_before, self.dv_before, self.dy = (np.zeros(size) for _ in range(5))
@@ -330,8 +331,8 @@ class Carried:
         add_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
         add_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
         for column, direction in self.everywhere:
-            differentiate_globally(system, at.x, at.v, w, at.u, at.later, at.work, direction, self.change)
-            right[:, column] += self.change[place >= 0].reshape(-1)
+            given = self.scratch, direction, place, column, right
+            differentiate_globally(system, at.x, at.v, w, at.u, at.later, *given)
         return right
 
 

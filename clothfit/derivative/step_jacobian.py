@@ -9,8 +9,8 @@ and du = dw of the iteration before, and the solution is dw − du, with M (dv �
 
 Rows of Y, U and C are pullbacks of unit vectors. Springs and faces are taken apart, each with vertices of its own, so
 that one pullback gives a row of the block of every one of them: that of the unit vector along one axis at one corner
-each. Six such probes are enough for springs, nine for faces, and three for the forces that act on each vertex for
-itself. Fixed vertices have no rows.
+each. Three such probes are enough for springs, whose ends feel opposite forces, nine for faces, and three for the
+forces that act on each vertex for itself.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine.forces import springs, total, wind
-from clothfit.engine.forces.faces import Faces
+from clothfit.engine.forces.faces import Faces, add_along
 from clothfit.engine.forces.springs import Springs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import IMPLICIT, System, zeros
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, store3
-from clothfit.kernels.vectors import add_mass, copy
+from clothfit.kernels.vectors import add, copy
 
 
 class Stencil(NamedTuple):
@@ -129,8 +129,8 @@ def differentiate(system, x, v, w, u, later, work, out):
     probe_springs(system, y, at, to, s, damped, out)
     probe_faces(system, y, at, to, s, damped, out)
     probe_vertices(system, y, at, to, s, damped, work, out)
-    add_mass(system.vertex.free, 1.0, v, out.by_mass)
-    add_mass(system.vertex.free, -1.0, w, out.by_mass)
+    add(1.0, v, out.by_mass)
+    add(-1.0, w, out.by_mass)
 
 
 @kernel
@@ -139,19 +139,19 @@ def probe_springs(system, y, u, w, s, damped, out):
     own, part, row, h = system.springs, out.springs, out.row, system.h
     alone = Springs(part.corners, own.rest, own.stiffness, own.damping, own.slot, own.cap, own.bend)
     gather(part, y, u, w, s)
-    for corner in range(2):
-        for c in range(3):
-            seed(system.vertex.free, part, corner, c)
-            row.stiffness[:] = 0.0
-            row.rest[:] = 0.0
-            springs.add_pullback(alone, part.y, part.u, part.w, part.s, part.lam, h, row, part.gy, part.gu)
-            if damped:
-                springs.add_damping(alone, part.y, part.u, h, part.lam, part.gu)
-            keep(part, corner, c, out)
-            for i in range(len(out.by_stiffness)):
-                out.by_stiffness[i, corner, c] = row.stiffness[i]
-            for i in range(len(out.by_rest)):
-                out.by_rest[i, corner, c] = row.rest[i]
+    for c in range(3):
+        seed(part, 0, c)
+        row.stiffness[:] = 0.0
+        row.rest[:] = 0.0
+        springs.add_pullback(alone, part.y, part.u, part.w, part.s, part.lam, h, row, part.gy, part.gu)
+        if damped:
+            springs.add_damping(alone, part.y, part.u, h, part.lam, part.gu)
+        keep(part, 0, c, 1.0, out)
+        keep(part, 1, c, -1.0, out)
+        for i in range(len(out.by_stiffness)):
+            out.by_stiffness[i, 0, c], out.by_stiffness[i, 1, c] = row.stiffness[i], -row.stiffness[i]
+        for i in range(len(out.by_rest)):
+            out.by_rest[i, 0, c], out.by_rest[i, 1, c] = row.rest[i], -row.rest[i]
 
 
 @kernel
@@ -162,22 +162,22 @@ def probe_faces(system, y, u, w, s, damped, out):
     gather(part, y, u, w, s)
     for corner in range(3):
         for c in range(3):
-            seed(system.vertex.free, part, corner, c)
+            seed(part, corner, c)
             wind.add_pullback(alone, part.y, part.u, part.w, part.s, part.lam, h, out.row, part.gy, part.gu)
             if damped:
                 wind.add_damping(alone, part.y, part.u, h, part.lam, part.gu)
-            keep(part, corner, c, out)
+            keep(part, corner, c, 1.0, out)
 
 
 @kernel
 def probe_vertices(system, y, u, w, s, damped, work, out):
     """The same for the forces that act on each vertex for itself."""
-    lam, gy, gu, free = work.solution, work.gy, work.gu, system.vertex.free
+    lam, gy, gu = work.solution, work.gy, work.gu
     for c in range(3):
         for each in (lam, gy, gu):
             each[:] = 0.0
         for i in range(len(lam)):
-            lam[i, c] = 1.0 if free[i] else 0.0
+            lam[i, c] = 1.0
         out.row.mass[:] = 0.0
         total.add_pullback_alone(system, y, u, w, s, lam, system.h, out.row, gy, gu)
         if damped:
@@ -201,39 +201,45 @@ def gather(part, y, u, w, s):
 
 
 @kernel
-def seed(free, part, corner, c):
-    """λ = the unit vector along axis c at one corner of each element, unless that is fixed; the gradients are 0."""
+def seed(part, corner, c):
+    """λ = the unit vector along axis c at one corner of each element; the gradients are 0."""
     for each in (part.lam, part.gy, part.gu):
         each[:] = 0.0
     for i in range(len(part.corners)):
-        j = part.corners[i, corner]
-        part.lam[j, c] = 1.0 if free[part.vertex[j]] else 0.0
+        part.lam[part.corners[i, corner], c] = 1.0
 
 
 @kernel
-def keep(part, corner, c, out):
-    """Add what a probe has found to row c of the blocks of one corner of each element."""
+def keep(part, corner, c, scale, out):
+    """Add what a probe has found, times `scale`, to row c of the blocks of one corner of each element."""
     for i in range(len(part.corners)):
         for other in range(part.corners.shape[1]):
             e, j = part.entry[i, corner, other], part.corners[i, other]
-            for d in range(3):
-                out.by_y[e, c, d] += part.gy[j, d]
-                out.by_u[e, c, d] += part.gu[j, d]
+            add_along(out.by_y[e], c, scale, load3(part.gy, j))
+            add_along(out.by_u[e], c, scale, load3(part.gu, j))
 
 
 @kernel
-def differentiate_globally(system, x, v, w, u, later, work, direction, out):
-    """out (n, 3) = C dp in an iteration for a change `direction` of elements that act everywhere."""
-    y, s, zero = work.y, work.s, work.gy
+def differentiate_globally(system, x, v, w, u, later, scratch, direction, place, q, right):
+    """Add C dp of an iteration for a change `direction` of elements that act everywhere to column q of `right`
+    (3 f, Q), which has the rows of vertex i from 3 place[i] on; `scratch` is four arrays (n, 3).
+    """
+    (y, s, zero, out), h = scratch, system.h
     zero[:] = 0.0
+    out[:] = 0.0
     at, to = u, w
     if system.method == IMPLICIT:
-        implicit.offset(system.h, x, w, u, later, y, s)
+        implicit.offset(h, x, w, u, later, y, s)
     else:
         copy(x, y)
         s[:] = 0.0
         at, to = v, v
-    out[:] = 0.0
-    total.add_pushforward(system, y, at, to, s, zero, zero, direction, system.h, out)
-    add_mass(direction.mass, 1.0, v, out)
-    add_mass(direction.mass, -1.0, w, out)
+    if len(direction.damping) > 0:
+        springs.add_pushforward(system.springs, y, at, to, s, zero, zero, direction, h, out)
+    if len(direction.drag) + len(direction.wind) > 0:
+        wind.add_pushforward(system.faces, y, at, to, s, zero, zero, direction, h, out)
+    total.add_pushforward_alone(system, y, at, to, s, zero, zero, direction, h, out)
+    for i in range(len(place)):
+        if place[i] >= 0:
+            for c in range(3):
+                right[3 * place[i] + c, q] += out[i, c]

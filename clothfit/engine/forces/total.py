@@ -78,6 +78,16 @@ def add_pullback_alone(system, y, u, w, s, lam, h, grad, gy, gu):
 
 
 @kernel
+def add_pushforward_alone(system, y, u, w, s, dy, du, direction, h, out):
+    """`add_pushforward` of these, and of a cloth's contact with itself, whose law is for all of it."""
+    vertex.add_pushforward(system.vertex, y, u, w, s, dy, du, direction, h, out)
+    spheres.add_pushforward(system.spheres, y, u, w, s, dy, du, direction, h, out)
+    colliders.add_pushforward(system.colliders, y, u, w, s, dy, du, direction, h, out)
+    contact.add_pushforward(system.contact, y, u, w, s, dy, du, direction, h, out)
+    applied.add_pushforward(system.applied, y, u, w, s, dy, du, direction, h, out)
+
+
+@kernel
 def add_damping_alone(system, y, u, scale, q, out):
     """`add_damping` of these."""
     vertex.add_damping(system.vertex, y, u, scale, q, out)
