@@ -90,7 +90,7 @@ class Jacobian(NamedTuple):
     row: Elements  # scratch: C of one probe
     springs: Apart
     faces: Apart
-    own: Indices  # (n,), entry of each vertex with itself
+    vertices: Apart  # elements of one corner
 
 
 def jacobian(system: System, near: Stencil, rest: bool = False) -> Jacobian:
@@ -105,7 +105,7 @@ def jacobian(system: System, near: Stencil, rest: bool = False) -> Jacobian:
         zeros(system, ["rest"] if rest else []),
         apart(system.springs.ends, near),
         apart(system.faces.corners, near),
-        near.entries(np.arange(n), np.arange(n)),
+        apart(np.arange(n, dtype=np.int32)[:, None], near),
     )
 
 
@@ -115,22 +115,32 @@ def differentiate(system, x, v, w, u, later, work, out):
     matrix.
     """
     y, s = work.y, work.s
-    at, to = u, w  # what the forces are linearised at, and the velocity their model is for
+    at, to = offset(system, x, v, w, u, later, y, s)
     if system.method == IMPLICIT:
-        implicit.linearise(system, x, w, u, later, work.A, work.b, y, s)
+        implicit.assemble(system, y, u, later, work.A, work.b)
     else:
-        copy(x, y)
-        s[:] = 0.0
-        at, to = v, v
         sparse.reset(work.A, system.vertex.mass)
     out.by_y[:] = 0.0
     out.by_u[:] = 0.0
     damped = later or system.method != IMPLICIT
     probe_springs(system, y, at, to, s, damped, out)
     probe_faces(system, y, at, to, s, damped, out)
-    probe_vertices(system, y, at, to, s, damped, work, out)
+    probe_vertices(system, y, at, to, s, damped, out)
     add(1.0, v, out.by_mass)
     add(-1.0, w, out.by_mass)
+
+
+@kernel
+def offset(system, x, v, w, u, later, y, s):
+    """Write where an iteration or an explicit step is linearised to y and s; returns the velocity there, and the one
+    that the forces' model is for.
+    """
+    if system.method == IMPLICIT:
+        implicit.offset(system.h, x, w, u, later, y, s)
+        return u, w
+    copy(x, y)
+    s[:] = 0.0
+    return v, v
 
 
 @kernel
@@ -170,34 +180,27 @@ def probe_faces(system, y, u, w, s, damped, out):
 
 
 @kernel
-def probe_vertices(system, y, u, w, s, damped, work, out):
+def probe_vertices(system, y, u, w, s, damped, out):
     """The same for the forces that act on each vertex for itself."""
-    lam, gy, gu = work.solution, work.gy, work.gu
+    part, h = out.vertices, system.h
+    gather(part, y, u, w, s)
     for c in range(3):
-        for each in (lam, gy, gu):
-            each[:] = 0.0
-        for i in range(len(lam)):
-            lam[i, c] = 1.0
+        seed(part, 0, c)
         out.row.mass[:] = 0.0
-        total.add_pullback_alone(system, y, u, w, s, lam, system.h, out.row, gy, gu)
+        total.add_pullback_alone(system, part.y, part.u, part.w, part.s, part.lam, h, out.row, part.gy, part.gu)
         if damped:
-            total.add_damping_alone(system, y, u, system.h, lam, gu)
-        for i in range(len(lam)):
+            total.add_damping_alone(system, part.y, part.u, h, part.lam, part.gu)
+        keep(part, 0, c, 1.0, out)
+        for i in range(len(out.by_mass)):
             out.by_mass[i, c] = out.row.mass[i]
-            for d in range(3):
-                out.by_y[out.own[i], c, d] += gy[i, d]
-                out.by_u[out.own[i], c, d] += gu[i, d]
 
 
 @kernel
 def gather(part, y, u, w, s):
     """Give the corners of elements what their vertices have."""
     for i in range(len(part.vertex)):
-        j = part.vertex[i]
-        store3(load3(y, j), part.y, i)
-        store3(load3(u, j), part.u, i)
-        store3(load3(w, j), part.w, i)
-        store3(load3(s, j), part.s, i)
+        for a, own in ((y, part.y), (u, part.u), (w, part.w), (s, part.s)):
+            store3(load3(a, part.vertex[i]), own, i)
 
 
 @kernel
@@ -227,13 +230,7 @@ def differentiate_globally(system, x, v, w, u, later, scratch, direction, place,
     (y, s, zero, out), h = scratch, system.h
     zero[:] = 0.0
     out[:] = 0.0
-    at, to = u, w
-    if system.method == IMPLICIT:
-        implicit.offset(h, x, w, u, later, y, s)
-    else:
-        copy(x, y)
-        s[:] = 0.0
-        at, to = v, v
+    at, to = offset(system, x, v, w, u, later, y, s)
     if len(direction.damping) > 0:
         springs.add_pushforward(system.springs, y, at, to, s, zero, zero, direction, h, out)
     if len(direction.drag) + len(direction.wind) > 0:
