@@ -25,7 +25,8 @@ from clothfit.kernels.lanes.operations import column, fma, load, mul, splat, sto
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
-PANEL, LANES = 8, 4
+PANEL = 8
+"""Rows of a panel."""
 
 
 class Envelope(NamedTuple):
@@ -71,10 +72,9 @@ def factorise(envelope: Envelope, numbers: Array) -> Array | None:
 def solve(envelope: Envelope, L: Array, right: Array) -> Array:
     """The solution (N, Q) for right-hand sides (N, Q)."""
     size, columns = right.shape
-    x = np.zeros((PANEL * len(envelope.first), -(-columns // LANES) * LANES))
+    x = np.zeros((PANEL * len(envelope.first), columns + -columns % 4))
     x[:size, :columns] = right[envelope.order]
-    forward(envelope.first, envelope.start, L, x)
-    backward(envelope.first, envelope.start, L, x)
+    substitute(envelope.first, envelope.start, L, x)
     return x[envelope.back, :columns]
 
 
@@ -86,21 +86,18 @@ def fill(first, start, L):
             own, other = start[p] + PANEL * (m - first[p]), start[m] + PANEL * (m - first[m])
             subtract_products(L, own, other, PANEL * (m - max(first[p], first[m])))
             for c in range(PANEL):
-                low, high = column(L, own + c, 0), column(L, own + c, 4)
-                for e in range(c):
-                    less = splat(-L[other + e, c])
-                    low, high = fma(less, column(L, own + e, 0), low), fma(less, column(L, own + e, 4), high)
-                if m == p:
-                    store_column(low, L, own + c, 0)
-                    store_column(high, L, own + c, 4)
-                    if not L[own + c, c] > 0.0:
-                        return False
-                    L[own + c, c] = 1.0 / np.sqrt(L[own + c, c])
-                inverse = L[other + c, c]
-                store_column(mul(splat(inverse), low), L, own + c, 0)
-                store_column(mul(splat(inverse), high), L, own + c, 4)
-                if m == p:
-                    L[own + c, c] = inverse
+                pivot = L[own + c, c]
+                for e in range(c if m == p else 0):
+                    pivot -= L[own + e, c] * L[own + e, c]
+                if m == p and not pivot > 0.0:
+                    return False
+                inverse = 1.0 / np.sqrt(pivot) if m == p else L[other + c, c]
+                for half in range(0, PANEL, 4):
+                    left = column(L, own + c, half)
+                    for e in range(c):
+                        left = fma(splat(-L[other + e, c]), column(L, own + e, half), left)
+                    store_column(mul(splat(inverse), left), L, own + c, half)
+                L[other + c, c] = inverse
     return True
 
 
@@ -122,8 +119,8 @@ def subtract_products(L, own, other, count):
 
 
 @kernel(nogil=True)
-def forward(first, start, L, x):
-    """x = L⁻¹ x."""
+def substitute(first, start, L, x):
+    """x = L⁻ᵀ L⁻¹ x, for columns that are a multiple of four."""
     for p in range(len(first)):
         own, diagonal = PANEL * p, start[p + 1] - PANEL
         for q in range(0, x.shape[1], 4):
@@ -138,11 +135,6 @@ def forward(first, start, L, x):
                 for e in range(c):
                     left = fma(splat(-L[diagonal + e, c]), load(x, own + e, q), left)
                 store(mul(splat(L[diagonal + c, c]), left), x, own + c, q)
-
-
-@kernel(nogil=True)
-def backward(first, start, L, x):
-    """x = L⁻ᵀ x."""
     for p in range(len(first) - 1, -1, -1):
         own, diagonal = PANEL * p, start[p + 1] - PANEL
         for q in range(0, x.shape[1], 4):

@@ -370,19 +370,11 @@ def tangents(
 def carried(
     system: System, memory: TrajectoryMemory, columns: Columns, tolerance: float, observe: Observer | None = None
 ) -> Iterator[Array]:
-    """The same by the faster one of both."""
-    if one_by_one(system, columns, memory.steps):
+    """The same by the faster one of both, or the only way."""
+    unknowns = max(3.0 * float(system.vertex.free.sum()), 1.0)
+    if columns.width <= CALLS / unknowns + FACTOR * unknowns or not is_dense(system):
         return tangents(system, memory, columns, tolerance, observe)
     return sweep(system, memory, columns, observe)
-
-
-def one_by_one(system: System, columns: Columns, steps: int) -> bool:
-    """Whether one sweep per column is faster over so many steps, of which a column may need but the last ones; or the
-    only way.
-    """
-    unknowns = max(3.0 * system.vertex.free.sum(), 1.0)
-    late = sum(min(adjoint.first_step(system, direction), steps) for _, direction in columns.everywhere)
-    return columns.width - late / max(steps, 1) <= CALLS / unknowns + FACTOR * unknowns or not is_dense(system)
 
 
 def along(system: System, columns: Columns, q: int) -> Elements:
@@ -413,9 +405,8 @@ class Solver:
         else:
             numbers = np.concatenate([A.diagonal, A.upper]).reshape(-1)
             if self.envelope is None:  # by the places of the numbers in the arrays of A
-                places, size = np.arange(float(len(numbers))), A.diagonal.size
-                numbered = A._replace(diagonal=places[:size].reshape(-1, 8), upper=places[size:].reshape(-1, 8))
-                matrix = sparse.to_scipy(*numbered)
+                places, n = np.arange(float(len(numbers))).reshape(-1, 8), len(A.diagonal)
+                matrix = sparse.to_scipy(*A._replace(diagonal=places[:n], upper=places[n:]))
                 self.envelope = envelope(matrix, matrix.data.astype(np.intp))
         L = factorise(self.envelope, numbers)
         return solve_whole(sparse.to_scipy(*A), right) if L is None else solve(self.envelope, L, right)
