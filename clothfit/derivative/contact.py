@@ -2,7 +2,7 @@
 own pairs; what zones join at the end of a step stands between the step and the state after it.
 
 In a step of `sensitivity` pairs are added one by one, in all columns together. A pair joins four vertices that no
-spring may join, so the probes of `step_jacobian` would mix up what they find: those find the derivative without pairs,
+spring may join, and which are others in each step: `step_jacobian` finds the derivative without pairs,
 and each pair is probed for itself, for 12 × 12 numbers by its positions and as many by its velocities.
 """
 
@@ -16,17 +16,12 @@ import numpy as np
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine import touching
 from clothfit.engine.forces.selfcontact import force, pairs, zones
-from clothfit.engine.forces.selfcontact.nearest import mixed, spread
 from clothfit.engine.forces.selfcontact.zones import centre, masses
 from clothfit.engine.rollout import Rollout, Taken, forms
 from clothfit.engine.step import implicit
 from clothfit.engine.system import IMPLICIT, System
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import mul, splat
-from clothfit.kernels.vectors import add, copy, dot
-
-FIRST, LATER, EXPLICIT = 0, 1, 2
-"""What is linearised: the first or a later iteration of an implicit step, or an explicit step."""
+from clothfit.kernels.vectors import add, copy
 
 
 class Local(NamedTuple):
@@ -77,13 +72,13 @@ class Columns:
         one = self.local.contact._replace(stiffness=law.stiffness, friction=law.friction)
         if system.method == IMPLICIT:
             implicit.assemble(system, work.y, u, later, work.A, work.nothing)
-        kind = (LATER if later else FIRST) if system.method == IMPLICIT else EXPLICIT
+        damped = later or system.method != IMPLICIT
         at = work.y, u, w, work.s
-        add_pairs(law, at, system.h, kind, self.local._replace(contact=one), self.row, self.place, (dy, du, right))
+        add_pairs(law, at, system.h, damped, self.local._replace(contact=one), self.row, self.place, (dy, du, right))
 
 
 @kernel
-def add_pairs(contact, at, h, kind, local, row, place, columns):
+def add_pairs(contact, at, h, damped, local, row, place, columns):
     """out += h (∂F/∂y dy + ∂F/∂u du) of all pairs, with y, u, w, s `at` (n, 3), and dy, du, out the `columns`
     (3 f, Q).
     """
@@ -91,7 +86,7 @@ def add_pairs(contact, at, h, kind, local, row, place, columns):
     for k in range(len(contact.kind)):
         own = contact.vertices[k]
         gather(contact, k, at, local)
-        differentiate(h, kind, local, row)
+        differentiate(h, damped, local, row)
         for e in range(12):
             to = place[own[e // 3]]
             if to < 0:
@@ -126,20 +121,16 @@ def gather(contact, k, at, local):
 
 
 @kernel
-def differentiate(h, kind, local, row):
-    """Fill by_y and by_u of the pair; of a later iteration with −h² K as well, as s = h (w − u)."""
+def differentiate(h, damped, local, row):
+    """Fill by_y and by_u of the pair, where `damped` with h D in by_u."""
     one, y, u, w, s, lam, gy, gu, by_y, by_u = local
-    own = one.vertices[0]
-    c, _, _, n, _, part = force.touch(one, y, 0)
     for e in range(12):
         lam[:] = 0.0
         lam[e // 3, e % 3] = 1.0
         gy[:] = 0.0
         gu[:] = 0.0
         force.add_pullback(one, y, u, w, s, lam, h, row, gy, gu)
-        if kind == LATER:
-            spread(c, own, mul(splat(h * h * one.stiffness * part * dot(n, mixed(c, own, lam))), n), gu)
-        elif kind == EXPLICIT:
+        if damped:
             force.add_damping(one, y, u, h, lam, gu)
         for g in range(12):
             by_y[e, g], by_u[e, g] = gy[g // 3, g % 3], gu[g // 3, g % 3]

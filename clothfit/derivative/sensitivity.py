@@ -7,21 +7,22 @@ parameters can move
     A dW = Y dX + U dV + M dV + C,     dX⁺ = dX + h dW,     dX, dV, dW (3 f, Q)
 
 for those that are free; pins whose paths are fitted go along with these (`inputs.tables`).
-A is factorised in blocks (`block_cholesky`); one that is not positive definite is inverted whole. What a cloth that
-touches itself adds is in `contact`.
+A is factorised within its envelope (`envelope_cholesky`); one that is not positive definite, by sparse LU. What a
+cloth that touches itself adds is in `contact`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
-from clothfit.derivative import adjoint, block_cholesky
+from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
+from clothfit.derivative.envelope_cholesky import Envelope, envelope, factorise, solve
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian, stencil
 from clothfit.engine.forces import meeting, springs
 from clothfit.engine.inputs.tables import led, moves_of, set_direction, set_inputs, with_constant
@@ -32,7 +33,7 @@ from clothfit.engine.solve.joined import is_there
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile, zeros
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import load3, store3
+from clothfit.kernels.lanes.operations import add, fma, load, load3, mul, splat, store, store3
 from clothfit.scene.block import Block
 
 if TYPE_CHECKING:
@@ -41,13 +42,11 @@ if TYPE_CHECKING:
     from clothfit.derivative import contact
 
 
-FEW_COLUMNS, FEW_OF_LARGE = 16, 32
-"""Columns up to which one sweep for each is faster than one for all together: of cloths of up to `DENSE_UNKNOWNS`, and
-of larger ones, whose factors cost more.
+CALLS, FACTOR = 1000.0, 1.0 / 3000.0
+"""A step of all columns together takes, besides their own time, as long as CALLS/N + FACTOR N sweeps of one column of N
+unknowns: what is called from Python counts on small cloths, the factor on large ones. Measured with 9 to 10,000
+vertices.
 """
-
-DENSE_UNKNOWNS = 1500
-"""Unknowns up to which A is inverted as a dense matrix."""
 
 
 LOCAL = ("mass", "stiffness", "rest")
@@ -237,11 +236,13 @@ class Carried:
         """At the start of the motion."""
         self.system, self.taken, self.columns, free = system, Taken(system), columns, mobile(system)
         self.place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
+        self.vertices = np.arange(len(free), dtype=np.int32)[:, None]
         self.pins, self.free = Pins(system, columns.led, self.place), np.repeat(system.vertex.free[free], 3)
-        self.solve = Solver(columns.width)
+        self.solve = Solver()
         self.everywhere = [(column, with_constant(direction)) for column, direction in columns.everywhere]
-        self.near, self.work = stencil(system, 2), implicit.workspace(system)
-        self.by, self.change = jacobian(system, self.near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
+        self.near, self.work = stencil(system), implicit.workspace(system)
+        self.by = jacobian(system, self.near, rest=len(columns.rest.column) > 0)
+        self.scratch = tuple(np.zeros_like(system.x0) for _ in range(4))
         self.mass = np.repeat(system.vertex.mass[free], 3)[:, None]
         size = (3 * int(free.sum()), columns.width)
         self.dx, self.dv, self.dx_before, self.dv_before, self.dy = (np.zeros(size) for _ in range(5))
@@ -289,17 +290,17 @@ class Carried:
 
     def solved(self, at: Point, w: Array, du: Array, step: int) -> Array:
         """The change of the velocity w of an iteration, for that of the one before, du (3 f, Q)."""
-        right = self.right(at, w, du)
+        right, before = self.right(at, w, du), du if at.later else np.zeros_like(du)
         if self.free.all():
-            return np.ascontiguousarray(self.solve(at.work.A, right))
-        dw = np.empty_like(right)
-        dw[~self.free] = self.pins.velocity(step, at.system, self.dx[~self.free])
+            return self.solve(at.work.A, right) + before
+        dw = -before
+        dw[~self.free] += self.pins.velocity(step, at.system, self.dx[~self.free])
         if at.system.method == IMPLICIT:
-            self.pins.couple(at.system, at.work.y, dw - du if at.later else dw, right)
+            self.pins.couple(at.system, at.work.y, dw, right)
         dw[self.free] = self.solve(at.work.A, right[self.free])
         if at.system.method == EXPLICIT:
             dw[~self.free] = self.pins.sent(step, at.system, du.shape[1])
-        return dw
+        return dw + before
 
     def start(self, at: Point) -> Array:
         """Make dx and dv those of the point, and return that of the velocity which the first iteration starts from."""
@@ -315,24 +316,24 @@ class Carried:
         return du
 
     def right(self, at: Point, w: Array, du: Array) -> Array:
-        """The right-hand side of an iteration to w; its matrix is left in the workspace."""
+        """The right-hand side of an iteration to w, in a later one for dw − du; its matrix is left in the workspace."""
         system, near, place, by = at.system, self.near, self.place, self.by
         bare = self.touching.bare(system) if self.touching else system
-        differentiate(bare, near, at.x, at.v, w, at.u, at.later, self.work, by)
+        differentiate(bare, at.x, at.v, w, at.u, at.later, self.work, by)
         dy = np.add(self.dx, system.h * du, out=self.dy) if at.later else self.dx
-        right = self.mass * self.dv
+        right = self.mass * (self.dv - du if at.later else self.dv)
         add_product(near, place, by.by_y, dy, right)
         if np.any(by.by_u):
             add_product(near, place, by.by_u, du, right)
         if self.touching:
             to = w if system.method == IMPLICIT else at.v
             self.touching.add(system, at.work, (at.u, to, at.later), dy, du, right)
-        add_vertex_columns(place, by.by_mass, self.columns.mass, right)
-        add_spring_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
-        add_spring_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
+        add_columns(place, self.vertices, by.by_mass[:, None], self.columns.mass, right)
+        add_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
+        add_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
         for column, direction in self.everywhere:
-            differentiate_globally(system, at.x, at.v, w, at.u, at.later, at.work, direction, self.change)
-            right[:, column] += self.change[place >= 0].reshape(-1)
+            given = self.scratch, direction, place, column, right
+            differentiate_globally(system, at.x, at.v, w, at.u, at.later, *given)
         return right
 
 
@@ -369,19 +370,11 @@ def tangents(
 def carried(
     system: System, memory: TrajectoryMemory, columns: Columns, tolerance: float, observe: Observer | None = None
 ) -> Iterator[Array]:
-    """The same by the faster one of both."""
-    if one_by_one(system, columns, memory.steps):
+    """The same by the faster one of both, or the only way."""
+    unknowns = max(3.0 * float(system.vertex.free.sum()), 1.0)
+    if columns.width <= CALLS / unknowns + FACTOR * unknowns or not is_dense(system):
         return tangents(system, memory, columns, tolerance, observe)
     return sweep(system, memory, columns, observe)
-
-
-def one_by_one(system: System, columns: Columns, steps: int) -> bool:
-    """Whether one sweep per column is faster over so many steps, of which a column may need but the last ones; or the
-    only way.
-    """
-    few = FEW_COLUMNS if 3 * int(system.vertex.free.sum()) <= DENSE_UNKNOWNS else FEW_OF_LARGE
-    late = sum(min(adjoint.first_step(system, direction), steps) for _, direction in columns.everywhere)
-    return columns.width - late / max(steps, 1) <= few or not is_dense(system)
 
 
 def along(system: System, columns: Columns, q: int) -> Elements:
@@ -397,121 +390,73 @@ def along(system: System, columns: Columns, q: int) -> Elements:
 
 
 class Solver:
-    """Solves A dW = B on the free vertices for A of one pattern, factorised in blocks where that is cheaper."""
+    """Solves A dW = B on the free vertices for A of one pattern."""
 
-    def __init__(self, columns: int) -> None:
-        """`columns`: of each B."""
-        self.columns = columns
-        self.blocks: block_cholesky.Blocks | None = None
-        self.cut: block_cholesky.Cut | None = None
+    def __init__(self) -> None:
+        self.envelope: Envelope | None = None
 
     def __call__(self, A: sparse.BlockMatrix, right: Array) -> Array:
         """dW for B = `right` (3 f, Q), which stays as it is."""
         if not len(right):  # nothing is free
             return right.copy()
-        if self.blocks is None or is_there(A.joined):  # whose pattern is another one at each step
-            self.blocks = block_cholesky.blocks_of(sparse.to_scipy(*A))
-            self.cut = None
-        if block_cholesky.is_cheaper(self.blocks, self.columns):
-            factor = block_cholesky.factorise(*self.parts(A, self.blocks))
-            if factor is not None:
-                return block_cholesky.solve(*factor, self.blocks, right)
-        return whole_solver(sparse.to_scipy(*A))(right)
-
-    def parts(self, A: sparse.BlockMatrix, blocks: block_cholesky.Blocks) -> tuple[list[Array], list[Array]]:
-        """The blocks of A."""
-        if is_there(A.joined):
+        if is_there(A.joined):  # whose pattern is another one at each step
             matrix = sparse.to_scipy(*A)
-            return block_cholesky.Cut(matrix, blocks)(matrix.data)
-        if self.cut is None:  # by the places of the numbers in the arrays of A
-            size = A.diagonal.size
-            places = np.arange(float(size + A.upper.size))
-            numbered = A._replace(diagonal=places[:size].reshape(-1, 8), upper=places[size:].reshape(-1, 8))
-            matrix = sparse.to_scipy(*numbered)
-            self.cut = block_cholesky.Cut(matrix, blocks, matrix.data.astype(np.intp))
-        return self.cut(np.concatenate([A.diagonal, A.upper]).reshape(-1))
+            self.envelope, numbers = envelope(matrix), matrix.data
+        else:
+            numbers = np.concatenate([A.diagonal, A.upper]).reshape(-1)
+            if self.envelope is None:  # by the places of the numbers in the arrays of A
+                places, n = np.arange(float(len(numbers))).reshape(-1, 8), len(A.diagonal)
+                matrix = sparse.to_scipy(*A._replace(diagonal=places[:n], upper=places[n:]))
+                self.envelope = envelope(matrix, matrix.data.astype(np.intp))
+        L = factorise(self.envelope, numbers)
+        return solve_whole(sparse.to_scipy(*A), right) if L is None else solve(self.envelope, L, right)
 
 
-def whole_solver(matrix: csc_array) -> Callable[[Array], Array]:
-    """A function that solves for B (3 f, Q): of any symmetric matrix, dense where it is small. Raises LinAlgError."""
-    from scipy.linalg import blas, lapack
+def solve_whole(matrix: csc_array, right: Array) -> Array:
+    """The solution for B = `right` (3 f, Q) and any matrix. Raises LinAlgError."""
     from scipy.sparse.linalg import splu
 
-    if matrix.shape[0] > DENSE_UNKNOWNS:
-        try:
-            factor = splu(matrix)
-        except RuntimeError as error:
-            raise np.linalg.LinAlgError(str(error)) from None
-        return lambda right: np.asarray(factor.solve(right))
-    if not matrix.shape[0]:  # LAPACK writes about these to standard output
-        return lambda right: right
-    dense = matrix.toarray(order="F")
-    lower, fault = lapack.dpotrf(dense, lower=1)
-    inverse = np.asfortranarray(np.linalg.inv(dense)) if fault else lapack.dpotri(lower, lower=1, overwrite_c=1)[0]
-    return lambda right: blas.dsymm(1.0, inverse, right.T, side=1, lower=1).T
+    try:
+        return np.asarray(splu(matrix).solve(right))
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(str(error)) from None
 
 
 @kernel(nogil=True)
 def add_product(near, place, blocks, x, out):
     """out += B x for the block matrix B on the stencil, x and out (3 f, Q) with row 3 place[i] + c for vertex i."""
     for i in range(len(place)):
-        if place[i] < 0:
+        r, whole = 3 * place[i], out.shape[1] - out.shape[1] % 4
+        if r < 0:
             continue
-        o0, o1, o2 = out[3 * place[i]], out[3 * place[i] + 1], out[3 * place[i] + 2]
-        e, end = following(near, place, near.start[i] - 1, i), near.start[i + 1]
-        while e < end:  # two blocks at a time: a row of `out` is read and written half as often
-            a, j = blocks[e], place[near.neighbour[e]]
-            x0, x1, x2 = x[3 * j], x[3 * j + 1], x[3 * j + 2]
-            e = following(near, place, e, i)
-            if e == end:
-                for q in range(len(o0)):
-                    y0, y1, y2 = x0[q], x1[q], x2[q]
-                    o0[q] += a[0, 0] * y0 + a[0, 1] * y1 + a[0, 2] * y2
-                    o1[q] += a[1, 0] * y0 + a[1, 1] * y1 + a[1, 2] * y2
-                    o2[q] += a[2, 0] * y0 + a[2, 1] * y1 + a[2, 2] * y2
-                break
-            b, k = blocks[e], place[near.neighbour[e]]
-            z0, z1, z2 = x[3 * k], x[3 * k + 1], x[3 * k + 2]
-            for q in range(len(o0)):
-                y0, y1, y2, w0, w1, w2 = x0[q], x1[q], x2[q], z0[q], z1[q], z2[q]
-                o0[q] += a[0, 0] * y0 + a[0, 1] * y1 + a[0, 2] * y2 + (b[0, 0] * w0 + b[0, 1] * w1 + b[0, 2] * w2)
-                o1[q] += a[1, 0] * y0 + a[1, 1] * y1 + a[1, 2] * y2 + (b[1, 0] * w0 + b[1, 1] * w1 + b[1, 2] * w2)
-                o2[q] += a[2, 0] * y0 + a[2, 1] * y1 + a[2, 2] * y2 + (b[2, 0] * w0 + b[2, 1] * w1 + b[2, 2] * w2)
-            e = following(near, place, e, i)
-
-
-@kernel
-def following(near, place, e, i):
-    """The next entry after e of vertex i whose neighbour moves; the end of its entries where there is none."""
-    e += 1
-    while e < near.start[i + 1] and place[near.neighbour[e]] < 0:
-        e += 1
-    return e
-
-
-@kernel(nogil=True)
-def add_vertex_columns(place, by_element, share, out):
-    """out += C for a kind that acts on its own vertex, `by_element` (n, 3)."""
-    for i in range(len(share.start) - 1):
-        for e in range(share.start[i], share.start[i + 1]):
-            q = share.column[e]
-            if q >= 0 and place[i] >= 0:
+        for q in range(0, whole, 4):
+            s0, s1, s2 = load(out, r, q), load(out, r + 1, q), load(out, r + 2, q)
+            for e in range(near.start[i], near.start[i + 1]):
+                a, j = blocks[e], 3 * place[near.neighbour[e]]
+                if j >= 0:
+                    x0, x1, x2 = load(x, j, q), load(x, j + 1, q), load(x, j + 2, q)
+                    s0 = add(s0, fma(splat(a[0, 0]), x0, fma(splat(a[0, 1]), x1, mul(splat(a[0, 2]), x2))))
+                    s1 = add(s1, fma(splat(a[1, 0]), x0, fma(splat(a[1, 1]), x1, mul(splat(a[1, 2]), x2))))
+                    s2 = add(s2, fma(splat(a[2, 0]), x0, fma(splat(a[2, 1]), x1, mul(splat(a[2, 2]), x2))))
+            for c, total in enumerate((s0, s1, s2)):
+                store(total, out, r + c, q)
+        for e in range(near.start[i], near.start[i + 1]):
+            a, j = blocks[e], 3 * place[near.neighbour[e]]
+            for q in range(whole if j >= 0 else out.shape[1], out.shape[1]):
                 for c in range(3):
-                    out[3 * place[i] + c, q] += share.factor[e] * by_element[i, c]
+                    out[r + c, q] += a[c, 0] * x[j, q] + a[c, 1] * x[j + 1, q] + a[c, 2] * x[j + 2, q]
 
 
 @kernel(nogil=True)
-def add_spring_columns(place, ends, by_element, share, out):
-    """out += C for a kind that acts on the two ends of its spring, `by_element` (S, 2, 3)."""
+def add_columns(place, vertices, by_element, share, out):
+    """out += C for a kind that acts on the k `vertices` (N, k) of each of its elements, `by_element` (N, k, 3)."""
     for i in range(len(share.start) - 1):
         for e in range(share.start[i], share.start[i + 1]):
             q = share.column[e]
-            if q >= 0:
-                for end in range(2):
-                    j = place[ends[i, end]]
-                    if j >= 0:
-                        for c in range(3):
-                            out[3 * j + c, q] += share.factor[e] * by_element[i, end, c]
+            for k in range(vertices.shape[1] if q >= 0 else 0):
+                r = 3 * place[vertices[i, k]]
+                for c in range(3 if r >= 0 else 0):
+                    out[r + c, q] += share.factor[e] * by_element[i, k, c]
 
 
 @kernel

@@ -2,16 +2,15 @@
 
 An iteration of a step that goes from u to w (`implicit`) changes its velocity by
 
-    A dw = Y dy + U du + M dv + C dp,      dy = dx + h du and du = dw of the iteration before; at first dx and dv,
+    A dw = Y dy + U du + M dv + C dp,      dy = dx and du = dv,
 
-and so do the explicit steps, with A = M. Row i of Y, U and C is the pullback of the unit vector along one axis at
-vertex i; all vertices of a colour are probed together, three probes a colour, whatever the forces are. Fixed vertices
-have no rows.
+and so do the explicit steps, with A = M. In later iterations, whose point of linearisation moves with u, dy = dx + h du
+and du = dw of the iteration before, and the solution is dw − du, with M (dv − du) for M dv.
 
-A vertex feels itself and the vertices that a spring or a face joins it to. Two rows can be probed together where both
-feel no common vertex: a colouring of the graph at distance 2. For the derivative by the masses and stiffnesses alone it
-suffices that no spring joins the two: distance 1. Reference: A. R. Curtis, M. J. D. Powell, J. K. Reid, On the
-estimation of sparse Jacobian matrices, IMA Journal of Applied Mathematics 13, 1974.
+Rows of Y, U and C are pullbacks of unit vectors. Springs and faces are taken apart, each with vertices of its own, so
+that one pullback gives a row of the block of every one of them: that of the unit vector along one axis at one corner
+each. Three such probes are enough for springs, whose ends feel opposite forces, nine for faces, and three for the
+forces that act on each vertex for itself.
 """
 
 from __future__ import annotations
@@ -19,27 +18,35 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Elements, Indices
-from clothfit.engine.forces import total
+from clothfit.engine.forces import springs, total, wind
+from clothfit.engine.forces.faces import Faces, add_along
+from clothfit.engine.forces.springs import Springs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import IMPLICIT, System, zeros
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.vectors import add_mass, add_rows_dot, combine, copy
+from clothfit.kernels.lanes.operations import load3, store3
+from clothfit.kernels.vectors import add, copy
 
 
 class Stencil(NamedTuple):
-    """Neighbours and colours of the n vertices of a cloth; E neighbours in all."""
+    """Neighbours of the n vertices of a cloth; E neighbours in all."""
 
     start: Indices  # (n + 1,), vertex i has the neighbours start[i] … start[i + 1] − 1
     neighbour: Indices  # (E,), vertices, ascending for each vertex, itself included
-    color: Indices  # (n,)
-    colors: int
+
+    def entries(self, first: NDArray[np.integer], second: NDArray[np.integer]) -> Indices:
+        """Where the vertices `second` are among the neighbours of the vertices `first`."""
+        count = len(self.start) - 1
+        keys = np.repeat(np.arange(count), np.diff(self.start)) * count + self.neighbour
+        return np.searchsorted(keys, first * np.int64(count) + second).astype(np.int32)
 
 
-def stencil(system: System, distance: int) -> Stencil:
-    """The neighbours of all vertices, coloured so that two of one colour are more than `distance` apart."""
+def stencil(system: System) -> Stencil:
+    """The neighbours of all vertices: those that a spring or a face joins to them."""
     from scipy.sparse import csr_array
 
     n, faces = len(system.x0), system.faces.corners
@@ -47,20 +54,29 @@ def stencil(system: System, distance: int) -> Stencil:
     ends = np.concatenate([pairs, pairs[:, ::-1], np.repeat(np.arange(n)[:, None], 2, axis=1)])
     graph = csr_array((np.ones(len(ends), np.int32), (ends[:, 0], ends[:, 1])), shape=(n, n))
     graph.sum_duplicates()
-    near = graph if distance == 1 else csr_array(graph @ graph)
-    color = colouring(near.indptr, near.indices)
-    return Stencil(
-        graph.indptr.astype(np.int32), graph.indices.astype(np.int32), color, int(color.max(initial=-1)) + 1
-    )
+    return Stencil(graph.indptr.astype(np.int32), graph.indices.astype(np.int32))
 
 
-def colouring(start: Indices, neighbour: Indices) -> Indices:
-    """Greedy colours (n,): each vertex takes the first colour that no neighbour has."""
-    color = np.full(len(start) - 1, -1, np.int32)
-    for i in range(len(color)):
-        taken = set(color[neighbour[start[i] : start[i + 1]]].tolist())
-        color[i] = next(c for c in range(len(taken) + 1) if c not in taken)
-    return color
+class Apart(NamedTuple):
+    """N elements of k corners each that share no vertex: N k vertices in all, and memory for probes, (N k, 3) each."""
+
+    corners: Indices  # (N, k), from 0 to N k − 1
+    vertex: Indices  # (N k,), which one of the cloth each of them is
+    entry: Indices  # (N, k, k), of a corner's vertex and another's in the stencil
+    y: Array
+    u: Array
+    w: Array
+    s: Array
+    lam: Array
+    gy: Array
+    gu: Array
+
+
+def apart(corners: Indices, near: Stencil) -> Apart:
+    """Elements with these corners (N, k), taken apart."""
+    own = np.arange(corners.size, dtype=np.int32).reshape(corners.shape)
+    entry = near.entries(corners[:, :, None], corners[:, None, :])
+    return Apart(own, corners.reshape(-1), entry, *(np.zeros((corners.size, 3)) for _ in range(7)))
 
 
 class Jacobian(NamedTuple):
@@ -72,102 +88,155 @@ class Jacobian(NamedTuple):
     by_stiffness: Array  # C of each stiffness, (S, 2, 3): on the two ends of its spring
     by_rest: Array  # C of each rest length, (S, 2, 3); (0, 2, 3) where it is not asked for
     row: Elements  # scratch: C of one probe
+    springs: Apart
+    faces: Apart
+    vertices: Apart  # elements of one corner
 
 
-def jacobian(system: System, stencil: Stencil, rest: bool = False) -> Jacobian:
+def jacobian(system: System, near: Stencil, rest: bool = False) -> Jacobian:
     """Memory for the derivative of a step of `system`; with `rest` by the rest lengths as well."""
-    n, springs, blocks = len(system.x0), len(system.springs.rest), len(stencil.neighbour)
+    n, count, blocks = len(system.x0), len(system.springs.rest), len(near.neighbour)
     return Jacobian(
         np.zeros((blocks, 3, 3)),
         np.zeros((blocks, 3, 3)),
         np.zeros((n, 3)),
-        np.zeros((springs, 2, 3)),
-        np.zeros((springs if rest else 0, 2, 3)),
+        np.zeros((count, 2, 3)),
+        np.zeros((count if rest else 0, 2, 3)),
         zeros(system, ["rest"] if rest else []),
+        apart(system.springs.ends, near),
+        apart(system.faces.corners, near),
+        apart(np.arange(n, dtype=np.int32)[:, None], near),
     )
 
 
 @kernel(nogil=True)
-def differentiate(system, stencil, x, v, w, u, later, work, out):
+def differentiate(system, x, v, w, u, later, work, out):
     """Fill `out` with the derivative of an iteration from u to w, the first or a `later` one, and work.A with its
     matrix.
     """
-    A, y, s, lam, gy, gu, row = work.A, work.y, work.s, work.solution, work.gy, work.gu, out.row
-    at, to = u, w  # what the forces are linearised at, and the velocity their model is for
+    y, s = work.y, work.s
+    at, to = offset(system, x, v, w, u, later, y, s)
     if system.method == IMPLICIT:
-        implicit.linearise(system, x, w, u, later, A, work.b, y, s)
+        implicit.assemble(system, y, u, later, work.A, work.b)
     else:
-        copy(x, y)
-        s[:] = 0.0
-        at, to = v, v
-        sparse.reset(A, system.vertex.mass)
-    for color in range(stencil.colors):
-        for c in range(3):
-            seed(system.vertex.free, stencil.color, color, c, lam)
-            for each in (gy, gu):
-                each[:] = 0.0
-            for each in (row.mass, row.stiffness, row.rest):
-                each[:] = 0.0
-            total.add_pullback(system, y, at, to, s, lam, system.h, row, gy, gu)
-            add_rows_dot(-1.0, lam, w, row.mass)
-            add_rows_dot(1.0, lam, v, row.mass)
-            if system.method != IMPLICIT:
-                total.add_damping(system, y, v, system.h, lam, gu)
-            elif later:
-                add_newton(system, A, y, u, lam, work.b, gu)
-            keep(system, stencil, color, c, gy, gu, out)
+        sparse.reset(work.A, system.vertex.mass)
+    out.by_y[:] = 0.0
+    out.by_u[:] = 0.0
+    damped = later or system.method != IMPLICIT
+    probe_springs(system, y, at, to, s, damped, out)
+    probe_faces(system, y, at, to, s, damped, out)
+    probe_vertices(system, y, at, to, s, damped, out)
+    add(1.0, v, out.by_mass)
+    add(-1.0, w, out.by_mass)
 
 
 @kernel
-def seed(free, colors, color, c, lam):
-    """lam = the unit vector along axis c at all free vertices of one colour."""
-    for i in range(len(lam)):
-        lam[i, 0], lam[i, 1], lam[i, 2] = 0.0, 0.0, 0.0
-        if free[i] and colors[i] == color:
-            lam[i, c] = 1.0
-
-
-@kernel
-def add_newton(system, A, y, u, lam, scratch, gu):
-    """gu += −h² K λ = (A − M + h D) λ: how the point of linearisation of a later iteration moves with u."""
-    sparse.multiply(A, lam, scratch)
-    add_mass(system.vertex.mass, -1.0, lam, scratch)
-    total.add_damping(system, y, u, system.h, lam, scratch)
-    combine(1.0, gu, 1.0, scratch, gu)
-
-
-@kernel
-def keep(system, stencil, color, c, gy, gu, out):
-    """Sort the result of probing one colour along axis c into rows."""
-    for i in range(len(gy)):
-        if stencil.color[i] == color:
-            out.by_mass[i, c] = out.row.mass[i]
-            for e in range(stencil.start[i], stencil.start[i + 1]):
-                j = stencil.neighbour[e]
-                for d in range(3):
-                    out.by_y[e, c, d] = gy[j, d]
-                    out.by_u[e, c, d] = gu[j, d]
-    for i in range(len(out.by_stiffness)):
-        for end in range(2):
-            if stencil.color[system.springs.ends[i, end]] == color:
-                out.by_stiffness[i, end, c] = out.row.stiffness[i]
-                if len(out.by_rest) > 0:
-                    out.by_rest[i, end, c] = out.row.rest[i]
-
-
-@kernel
-def differentiate_globally(system, x, v, w, u, later, work, direction, out):
-    """out (n, 3) = C dp in an iteration for a change `direction` of elements that act everywhere."""
-    y, s, zero = work.y, work.s, work.gy
-    zero[:] = 0.0
-    at, to = u, w
+def offset(system, x, v, w, u, later, y, s):
+    """Write where an iteration or an explicit step is linearised to y and s; returns the velocity there, and the one
+    that the forces' model is for.
+    """
     if system.method == IMPLICIT:
         implicit.offset(system.h, x, w, u, later, y, s)
-    else:
-        copy(x, y)
-        s[:] = 0.0
-        at, to = v, v
+        return u, w
+    copy(x, y)
+    s[:] = 0.0
+    return v, v
+
+
+@kernel
+def probe_springs(system, y, u, w, s, damped, out):
+    """Add to `out` what springs have in it, where `damped` with h D in U."""
+    own, part, row, h = system.springs, out.springs, out.row, system.h
+    alone = Springs(part.corners, own.rest, own.stiffness, own.damping, own.slot, own.cap, own.bend)
+    gather(part, y, u, w, s)
+    for c in range(3):
+        seed(part, 0, c)
+        row.stiffness[:] = 0.0
+        row.rest[:] = 0.0
+        springs.add_pullback(alone, part.y, part.u, part.w, part.s, part.lam, h, row, part.gy, part.gu)
+        if damped:
+            springs.add_damping(alone, part.y, part.u, h, part.lam, part.gu)
+        keep(part, 0, c, 1.0, out)
+        keep(part, 1, c, -1.0, out)
+        for i in range(len(out.by_stiffness)):
+            out.by_stiffness[i, 0, c], out.by_stiffness[i, 1, c] = row.stiffness[i], -row.stiffness[i]
+        for i in range(len(out.by_rest)):
+            out.by_rest[i, 0, c], out.by_rest[i, 1, c] = row.rest[i], -row.rest[i]
+
+
+@kernel
+def probe_faces(system, y, u, w, s, damped, out):
+    """The same for the faces."""
+    own, part, h = system.faces, out.faces, system.h
+    alone = Faces(part.corners, own.drag, own.wind, own.quadratic)
+    gather(part, y, u, w, s)
+    for corner in range(3):
+        for c in range(3):
+            seed(part, corner, c)
+            wind.add_pullback(alone, part.y, part.u, part.w, part.s, part.lam, h, out.row, part.gy, part.gu)
+            if damped:
+                wind.add_damping(alone, part.y, part.u, h, part.lam, part.gu)
+            keep(part, corner, c, 1.0, out)
+
+
+@kernel
+def probe_vertices(system, y, u, w, s, damped, out):
+    """The same for the forces that act on each vertex for itself."""
+    part, h = out.vertices, system.h
+    gather(part, y, u, w, s)
+    for c in range(3):
+        seed(part, 0, c)
+        out.row.mass[:] = 0.0
+        total.add_pullback_alone(system, part.y, part.u, part.w, part.s, part.lam, h, out.row, part.gy, part.gu)
+        if damped:
+            total.add_damping_alone(system, part.y, part.u, h, part.lam, part.gu)
+        keep(part, 0, c, 1.0, out)
+        for i in range(len(out.by_mass)):
+            out.by_mass[i, c] = out.row.mass[i]
+
+
+@kernel
+def gather(part, y, u, w, s):
+    """Give the corners of elements what their vertices have."""
+    for i in range(len(part.vertex)):
+        for a, own in ((y, part.y), (u, part.u), (w, part.w), (s, part.s)):
+            store3(load3(a, part.vertex[i]), own, i)
+
+
+@kernel
+def seed(part, corner, c):
+    """λ = the unit vector along axis c at one corner of each element; the gradients are 0."""
+    for each in (part.lam, part.gy, part.gu):
+        each[:] = 0.0
+    for i in range(len(part.corners)):
+        part.lam[part.corners[i, corner], c] = 1.0
+
+
+@kernel
+def keep(part, corner, c, scale, out):
+    """Add what a probe has found, times `scale`, to row c of the blocks of one corner of each element."""
+    for i in range(len(part.corners)):
+        for other in range(part.corners.shape[1]):
+            e, j = part.entry[i, corner, other], part.corners[i, other]
+            add_along(out.by_y[e], c, scale, load3(part.gy, j))
+            add_along(out.by_u[e], c, scale, load3(part.gu, j))
+
+
+@kernel
+def differentiate_globally(system, x, v, w, u, later, scratch, direction, place, q, right):
+    """Add C dp of an iteration for a change `direction` of elements that act everywhere to column q of `right`
+    (3 f, Q), which has the rows of vertex i from 3 place[i] on; `scratch` is four arrays (n, 3).
+    """
+    (y, s, zero, out), h = scratch, system.h
+    zero[:] = 0.0
     out[:] = 0.0
-    total.add_pushforward(system, y, at, to, s, zero, zero, direction, system.h, out)
-    add_mass(direction.mass, 1.0, v, out)
-    add_mass(direction.mass, -1.0, w, out)
+    at, to = offset(system, x, v, w, u, later, y, s)
+    if len(direction.damping) > 0:
+        springs.add_pushforward(system.springs, y, at, to, s, zero, zero, direction, h, out)
+    if len(direction.drag) + len(direction.wind) > 0:
+        wind.add_pushforward(system.faces, y, at, to, s, zero, zero, direction, h, out)
+    total.add_pushforward_alone(system, y, at, to, s, zero, zero, direction, h, out)
+    for i in range(len(place)):
+        if place[i] >= 0:
+            for c in range(3):
+                right[3 * place[i] + c, q] += out[i, c]

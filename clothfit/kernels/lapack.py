@@ -1,8 +1,8 @@
 """Dense linear algebra that lets other threads of Python run meanwhile: SciPy's own functions keep the interpreter's
 lock while they compute.
 
-Called are the same routines of LAPACK and BLAS, by the addresses that SciPy hands to compiled code. Matrices are those
-of Fortran, column by column, and the triangles are the lower ones.
+Called are the same routines of LAPACK, by the addresses that SciPy hands to compiled code. Matrices are those of
+Fortran, column by column, and the triangles are the lower ones.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from functools import cache
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array
 
 
 @cache
 def routine(name: str) -> Callable[..., None]:
-    """A routine of LAPACK or BLAS, all of whose arguments are addresses."""
-    from scipy.linalg import cython_blas, cython_lapack
+    """A routine of LAPACK, all of whose arguments are addresses."""
+    from scipy.linalg import cython_lapack
 
-    capsule = {**cython_blas.__pyx_capi__, **cython_lapack.__pyx_capi__}[name]
+    capsule = {**cython_lapack.__pyx_capi__}[name]
     name_of, address_of = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
     name_of.restype, name_of.argtypes = ctypes.c_char_p, [ctypes.py_object]
     address_of.restype, address_of.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
@@ -30,55 +30,24 @@ def routine(name: str) -> Callable[..., None]:
     return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * count)(address_of(capsule, signature))  # lets the lock go
 
 
-def call(name: str, *arguments: str | int | float | Array | Indices) -> None:
-    """Call a routine with letters, sizes, numbers and arrays, which it may write into."""
-    given: list[object] = []
-    for each in arguments:
-        if isinstance(each, np.ndarray):
-            given.append(each.ctypes.data)
-        elif isinstance(each, str):
-            given.append(each.encode())
-        else:
-            given.append(ctypes.byref(ctypes.c_int(each) if isinstance(each, int) else ctypes.c_double(each)))
-    routine(name)(*given)
+def call(name: str, A: Array) -> int:
+    """Call a routine that replaces the lower triangle of A (n, n); what it says of a fault."""
+    size, fault = ctypes.byref(ctypes.c_int(len(A))), ctypes.c_int(0)
+    if len(A):
+        routine(name)(b"L", size, laid_out(A).ctypes.data, size, ctypes.byref(fault))
+    return fault.value
 
 
 def factorise(A: Array) -> bool:
     """Write the Cholesky factor of A (n, n), of finite numbers, into its lower triangle; False where A is not positive
     definite. Raises ValueError for other arrays than those of Fortran.
     """
-    fault = np.zeros(1, np.int32)
-    if len(A):
-        call("dpotrf", "L", len(A), laid_out(A), len(A), fault)
-    return not fault[0]
+    return not call("dpotrf", A)
 
 
 def invert(L: Array) -> None:
     """Write the inverse of A (n, n) over the lower triangle of its Cholesky factor."""
-    if len(L):
-        call("dpotri", "L", len(L), laid_out(L), len(L), np.zeros(1, np.int32))
-
-
-def solve_right(L: Array, B: Array, transposed: bool) -> None:
-    """Write B L⁻¹, or B L⁻ᵀ, over B (m, n) for a lower triangle L (n, n)."""
-    if B.size:
-        form = "R", "L", "T" if transposed else "N", "N"
-        call("dtrsm", *form, *B.shape, 1.0, laid_out(L), len(L), laid_out(B), len(B))
-
-
-def subtract_product(A: Array, B: Array, C: Array, transposed: bool) -> None:
-    """C −= A B, or A Bᵀ, for C (m, n)."""
-    if C.size and A.size:
-        call(
-            "dgemm", "N", "T" if transposed else "N", *C.shape, A.shape[1], -1.0, laid_out(A), len(A),
-            laid_out(B), len(B), 1.0, laid_out(C), len(C),
-        )  # fmt: skip
-
-
-def subtract_square(A: Array, C: Array) -> None:
-    """C −= A Aᵀ in the lower triangle of C (m, m)."""
-    if A.size:
-        call("dsyrk", "L", "N", *A.shape, -1.0, laid_out(A), len(A), 1.0, laid_out(C), len(C))
+    call("dpotri", L)
 
 
 def laid_out(A: Array) -> Array:

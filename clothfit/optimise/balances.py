@@ -115,24 +115,23 @@ def balances(system: System, track: Track, form: Form = AS_GIVEN, only: Places |
     """The balances of momentum along a track, with the system's masses and stiffnesses as p₀, of steps of one form; of
     all T steps, or of some `only`.
     """
-    near = stencil(system, 1)
+    near = stencil(system)
     steps = len(track.x) - (2 if system.method == EXPLICIT else 1)
     n, springs = len(system.x0), len(system.springs.rest)
     wanted = np.arange(steps) if only is None else only
     r, mass, stiffness = (np.zeros((len(wanted), *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
     out = Balances(r, mass, stiffness, valid_rows(system, near, track, steps)[wanted])
-    alone = near._replace(start=np.zeros(n + 1, np.int32), neighbour=np.zeros(0, np.int32))
     x, v = np.ascontiguousarray(track.x), velocities(system, track.x)
     system = clamped(system) if form.clamped else system
     two = system.method == BDF2
     pair = bdf2.forms(system) if two else (system, system)
-    memory = implicit.workspace(system), jacobian(system, alone)
+    memory = implicit.workspace(system), jacobian(system, near)
     meeting.clear(system.colliders)
     length = max(CHUNK // max(6 * (n + springs), 1), 1)
     for first in range(0, len(wanted), length):
         own = wanted[first : first + length]
         w = v[own + 1] / form.theta
-        fill(*pair, two, alone, x, v, w, own, *memory, out.of(slice(first, first + len(own))))
+        fill(*pair, two, x, v, w, own, *memory, out.of(slice(first, first + len(own))))
         interrupts.check()
     return out
 
@@ -192,7 +191,7 @@ def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
 
 
 @kernel(nogil=True)
-def fill(system, inner, two, near, x, v, after, steps, work, step, out):
+def fill(system, inner, two, x, v, after, steps, work, step, out):
     """Write the rows of K steps (K,) to the velocities `after` (K, n, 3): with `two` of BDF2's `forms`, all but the
     first step of the inner one.
     """
@@ -203,17 +202,17 @@ def fill(system, inner, two, near, x, v, after, steps, work, step, out):
         now = (out.residual[k], out.mass[k], out.stiffness[k])
         if two and t > 0:
             bdf2.extrapolate(inner.h, x[t], v[t], x[t - 1], v[t - 1], work)
-            write(inner, near, work.x_base, work.v_base, w if late else work.u, w, True, work, step, now)
+            write(inner, work.x_base, work.v_base, w if late else work.u, w, True, work, step, now)
         else:
-            write(system, near, x[t], v[t], w if late else v[t], w, late, work, step, now)
+            write(system, x[t], v[t], w if late else v[t], w, late, work, step, now)
 
 
 @kernel
-def write(system, near, x, v, u, w, later, work, step, row):
+def write(system, x, v, u, w, later, work, step, row):
     """Write the row of a step to w that is linearised with u, at (x, u) or at a `later` point, (x + h u, u)."""
     A, b, mass = work.A, work.b, system.vertex.mass
     r, by_mass, by_stiffness = row
-    differentiate(system, near, x, v, w, u, later, work, step)
+    differentiate(system, x, v, w, u, later, work, step)
     copy(step.by_mass, by_mass)
     for i in range(len(by_stiffness)):
         copy(step.by_stiffness[i], by_stiffness[i])

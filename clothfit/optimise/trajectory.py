@@ -20,7 +20,7 @@ from functools import partial
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, at_start, carried, columns
+from clothfit.derivative.sensitivity import at_start, carried, columns
 from clothfit.engine.system import mobile
 from clothfit.kernels.parallel import together
 from clothfit.motion.divergence import Diverged
@@ -247,7 +247,7 @@ class Trajectory:
         total = 0.0
         for run in self.objective.runs:
             rows, count = 3.0 * mobile(run.system).sum(), float((self.acts(run) & self.fitted).sum())
-            solve = rows * (rows if rows <= DENSE_UNKNOWNS else 40.0 * np.sqrt(rows)) * count
+            solve = rows * min(rows, 40.0 * np.sqrt(rows)) * count
             total += run.steps * (2.0 * solve + rows * count**2)
         return total
 

@@ -20,10 +20,9 @@ def add_force(system, y, u, f):
 
 @kernel
 def add_damping(system, y, u, scale, q, out):
-    vertex.add_damping(system.vertex, y, u, scale, q, out)
+    add_damping_alone(system, y, u, scale, q, out)
     springs.add_damping(system.springs, y, u, scale, q, out)
     wind.add_damping(system.faces, y, u, scale, q, out)
-    colliders.add_damping(system.colliders, y, u, scale, q, out)
     contact.add_damping(system.contact, y, u, scale, q, out)
 
 
@@ -47,21 +46,40 @@ def stored_energy(system, y, x):
 
 
 @kernel
+def add_damping_alone(system, y, u, scale, q, out):
+    """`add_damping` of the forces that act on each vertex for itself."""
+    vertex.add_damping(system.vertex, y, u, scale, q, out)
+    colliders.add_damping(system.colliders, y, u, scale, q, out)
+
+
+@kernel
 def add_pullback(system, y, u, w, s, lam, h, grad, gy, gu):
-    vertex.add_pullback(system.vertex, y, u, w, s, lam, h, grad, gy, gu)
+    add_pullback_alone(system, y, u, w, s, lam, h, grad, gy, gu)
     springs.add_pullback(system.springs, y, u, w, s, lam, h, grad, gy, gu)
     wind.add_pullback(system.faces, y, u, w, s, lam, h, grad, gy, gu)
+    contact.add_pullback(system.contact, y, u, w, s, lam, h, grad, gy, gu)
+
+
+@kernel
+def add_pullback_alone(system, y, u, w, s, lam, h, grad, gy, gu):
+    """`add_pullback` of these."""
+    vertex.add_pullback(system.vertex, y, u, w, s, lam, h, grad, gy, gu)
     spheres.add_pullback(system.spheres, y, u, w, s, lam, h, grad, gy, gu)
     colliders.add_pullback(system.colliders, y, u, w, s, lam, h, grad, gy, gu)
-    contact.add_pullback(system.contact, y, u, w, s, lam, h, grad, gy, gu)
     applied.add_pullback(system.applied, y, u, w, s, lam, h, grad, gy, gu)
 
 
 @kernel
 def add_pushforward(system, y, u, w, s, dy, du, direction, h, out):
-    vertex.add_pushforward(system.vertex, y, u, w, s, dy, du, direction, h, out)
+    add_pushforward_alone(system, y, u, w, s, dy, du, direction, h, out)
     springs.add_pushforward(system.springs, y, u, w, s, dy, du, direction, h, out)
     wind.add_pushforward(system.faces, y, u, w, s, dy, du, direction, h, out)
+
+
+@kernel
+def add_pushforward_alone(system, y, u, w, s, dy, du, direction, h, out):
+    """`add_pushforward` of these, and of the contact of a cloth with itself, whose law is one for all of it."""
+    vertex.add_pushforward(system.vertex, y, u, w, s, dy, du, direction, h, out)
     spheres.add_pushforward(system.spheres, y, u, w, s, dy, du, direction, h, out)
     colliders.add_pushforward(system.colliders, y, u, w, s, dy, du, direction, h, out)
     contact.add_pushforward(system.contact, y, u, w, s, dy, du, direction, h, out)

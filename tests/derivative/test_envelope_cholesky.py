@@ -1,10 +1,12 @@
-"""The Cholesky factor in blocks: against dense algebra, on matrices of grids, of random graphs and of pieces apart."""
+"""The Cholesky factor within an envelope: against dense algebra, on matrices of grids, of a random graph and of pieces
+apart.
+"""
 
 import numpy as np
 import pytest
 from scipy.sparse import block_diag, csr_array, random_array
 
-from clothfit.derivative.block_cholesky import Cut, blocks_of, factorise, is_cheaper, solve
+from clothfit.derivative.envelope_cholesky import PANEL, envelope, factorise, solve
 
 ROUNDING = 1e-12
 """Relative; the matrices' conditions are below 100."""
@@ -40,36 +42,33 @@ MATRICES = {
 }
 
 
-def factor_of(A):
-    """The factor of a matrix in the blocks of its pattern."""
-    return factorise(*Cut(A, blocks_of(A))(A.data))
+@pytest.mark.parametrize("columns", [1, 7, 8])
+@pytest.mark.parametrize("name", MATRICES)
+def test_the_solution_is_that_of_dense_algebra(name, columns):
+    A = MATRICES[name]
+    own, right = envelope(A), np.random.default_rng(2).normal(size=(A.shape[0], columns))
+    L, kept = factorise(own, A.data), right.copy()
+    found = solve(own, L, right)
+    np.testing.assert_allclose(found, np.linalg.solve(A.toarray(), right), rtol=0, atol=ROUNDING * np.abs(found).max())
+    np.testing.assert_array_equal(right, kept)
 
 
 @pytest.mark.parametrize("name", MATRICES)
-def test_factor_and_solution_are_those_of_dense_algebra(name):
+def test_the_factor_is_that_of_dense_algebra(name):
     A = MATRICES[name]
-    blocks, right = blocks_of(A), np.random.default_rng(2).normal(size=(A.shape[0], 7))
-    (diagonal, below), kept = factor_of(A), right.copy()
-    L = np.zeros(A.shape)  # the lower triangle in the order of the blocks
-    for k, (begin, end) in enumerate(zip(blocks.ends[:-1], blocks.ends[1:], strict=True)):
-        L[begin:end, begin:end] = np.tril(diagonal[k])
-        L[begin:end, blocks.ends[k - 1] if k else 0 : begin] = below[k]
-    ordered = A.toarray()[np.ix_(blocks.order, blocks.order)]
-    np.testing.assert_allclose(L @ L.T, ordered, rtol=0, atol=ROUNDING * np.abs(ordered).max())
-    found = solve(diagonal, below, blocks, right)
-    np.testing.assert_allclose(found, np.linalg.solve(A.toarray(), right), rtol=0, atol=ROUNDING * np.abs(found).max())
-    np.testing.assert_array_equal(right, kept)
+    own = envelope(A)
+    panels, expected = factorise(own, A.data), np.linalg.cholesky(A.toarray()[np.ix_(own.order, own.order)])
+    for i, row in enumerate(expected):
+        p, r = divmod(i, PANEL)
+        begin = PANEL * own.first[p]
+        assert not row[:begin].any()
+        found = panels[own.start[p] : own.start[p] + i - begin + 1, r]
+        np.testing.assert_allclose(found[:-1], row[begin:i], rtol=0, atol=ROUNDING * np.abs(row).max())
+        np.testing.assert_allclose(1.0 / found[-1], row[i], rtol=ROUNDING)
 
 
 def test_a_matrix_that_is_not_positive_definite_has_no_factor():
     A = grid(5, 9).toarray()
     A[20, 20] = -1.0
     A = csr_array(A)
-    assert factor_of(A) is None
-
-
-def test_of_a_grid_blocks_take_fewer_operations_and_of_a_full_matrix_they_do_not():
-    A = grid(20, 20)
-    assert is_cheaper(blocks_of(A), 100)
-    full = csr_array(np.ones((60, 60)) + 60 * np.eye(60))
-    assert not is_cheaper(blocks_of(full), 1)
+    assert factorise(envelope(A), A.data) is None
