@@ -9,14 +9,14 @@ from importlib import import_module
 from clothfit.base.version import __version__ as __version__
 
 with open(f"{__file__}i", encoding="utf-8") as _stub:
-    _HOME = {name: module for _, module, _, _, _, name in (line.split() for line in _stub if line.startswith("from "))}
+    _HOME = {name: module for _, module, _, _, _, name in (line.split() for line in _stub if " as " in line)}
 """The modules of the public names."""
 
 _MODULES = {  # for users as well, by their own names: clothfit.verify.check(…)
     "mesh": "meshes.mesh", "mesh_problems": "meshes.problems", "verify": "derivative.verify", "weld": "meshes.problems",
 }  # fmt: skip
 
-__all__ = sorted(name for name in _HOME if name not in globals())
+__all__ = sorted({*_HOME, *_MODULES} - globals().keys())
 
 
 def __getattr__(name: str) -> object:

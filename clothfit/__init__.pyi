@@ -28,8 +28,7 @@ from clothfit.live.client import connect as connect
 from clothfit.live.engine import Engine as Engine
 from clothfit.many.estimate_many import estimate_many as estimate_many
 from clothfit.meshes import mesh as mesh
-from clothfit.meshes import problems as mesh_problems
-from clothfit.meshes import problems as weld
+from clothfit.meshes import problems
 from clothfit.meshes.mesh import read_mesh as read_mesh
 from clothfit.meshes.new_scene import new_scene as new_scene
 from clothfit.motion.degrade import degrade as degrade
@@ -54,5 +53,7 @@ from clothfit.scene.forces import save_forces as save_forces
 from clothfit.scene.scene import Scene as Scene
 from clothfit.scene.scene import load as load
 from clothfit.scene.scene import save as save
+
+mesh_problems = weld = problems
 
 __all__: list[str]

@@ -77,11 +77,6 @@ class Moves:
         return self.actuate is not None or not self.others
 
     @property
-    def follows(self) -> bool:
-        """Whether forces of every vertex and step are, and nothing else."""
-        return not (self.others or self.every or self.modes)
-
-    @property
     def others(self) -> bool:
         """Whether anything else than forces may move."""
         return bool(self.handles or self.wind or self.velocity)
