@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.checkpoint import Checkpoint
@@ -25,17 +26,15 @@ from clothfit.cli.common.output import STREAM, Output, attributes, beside, outpu
 from clothfit.cli.common.progress import now_and_then
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 from clothfit.cli.parts import checkpoints
-from clothfit.formats.axes import Convention, positive
+from clothfit.formats.axes import Convention, Reading, positive
 from clothfit.many.job import INTERRUPTED
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags
-    from clothfit.cli.common.pictures import Pictures
     from clothfit.control.control import Control
     from clothfit.control.controls import Controls, Handle
     from clothfit.control.keyframes import Key
-    from clothfit.formats.axes import Reading
     from clothfit.scene.cloth import Cloth
     from clothfit.scene.scene import Scene
 
@@ -75,11 +74,6 @@ class Moves:
     def pushes(self) -> bool:
         """Whether forces are asked for."""
         return self.actuate is not None or not self.others
-
-    @property
-    def follows(self) -> bool:
-        """Whether forces of every vertex and step are, and nothing else."""
-        return not (self.others or self.every or self.modes)
 
     @property
     def others(self) -> bool:
@@ -268,7 +262,7 @@ def summary(found: Control, kept: Output | None, saved: Output | None, out: Outp
 
 
 def draw(
-    scene: Scene, keys: Sequence[Key], found: Control, page: Output | None, pictures: Pictures,
+    scene: Scene, keys: Sequence[Key], found: Control, page: Output | None, pictures: pictures.Pictures,
     written: tuple[Output | None, Output | None], keys_path: str, console: Console,
 ) -> None:
     """Write page and pictures; nobody waits for them who has asked for the end. `written` is where forces and scene
@@ -304,8 +298,6 @@ def ended(found: Control) -> str:
 
 def actuated(text: str, cloth: int, scene: Scene) -> list[Flags]:
     """Of each object the vertices on which forces act. Raises InvalidInput."""
-    import numpy as np
-
     flags = [np.ones(count, bool) for count in scene.vertex_counts]
     if text != "all":
         flags[cloth] = named("--actuate", text, scene.cloths[cloth])
@@ -316,8 +308,6 @@ def actuated(text: str, cloth: int, scene: Scene) -> list[Flags]:
 
 def named(option: str, text: str, own: Cloth) -> Flags:
     """The vertices of a region, or of a list of numbers. Raises InvalidInput."""
-    import numpy as np
-
     from clothfit.cli.new import ranges
     from clothfit.meshes.new_scene import listed
 
@@ -329,8 +319,6 @@ def named(option: str, text: str, own: Cloth) -> Flags:
 
 def handles_of(text: str, cloth: int, scene: Scene) -> tuple[Handle, ...]:
     """The handles, with commas between them. Raises InvalidInput."""
-    import numpy as np
-
     from clothfit.control.controls import Handle
     from clothfit.scene.keys import Pin
 

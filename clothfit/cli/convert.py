@@ -15,12 +15,11 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import option, section, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import one_stream, read_scene
-from clothfit.formats.axes import SCENE, Convention, Reading
+from clothfit.formats.axes import SCENE, Axes, Convention, Reading
 from clothfit.formats.registry import foreign, format_of
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Indices
-    from clothfit.formats.axes import Axes
     from clothfit.motion.foreign import Loaded
     from clothfit.scene.scene import Scene
 

@@ -16,13 +16,12 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, refuse, section, standard_command
 from clothfit.cli.common.output import Output, attributes, beside, print_json, uninterrupted
 from clothfit.cli.common.progress import now_and_then
-from clothfit.formats.axes import positive
+from clothfit.formats.axes import Reading, positive
 from clothfit.formats.registry import SUBSPACE, kind_of
 
 if TYPE_CHECKING:
     from clothfit.evaluation.evaluate import Evaluation
     from clothfit.evaluation.work_precision import Row, WorkPrecision
-    from clothfit.formats.axes import Reading
     from clothfit.scene.scene import Scene
     from clothfit.subspace.judge import Compared, Judgement
 

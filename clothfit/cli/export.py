@@ -14,7 +14,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import option, section, standard_command
 from clothfit.cli.common.output import STREAM, print_json, write_into
 from clothfit.cli.common.scenes import read_scene
-from clothfit.export.tools import TOOLS
+from clothfit.export.tools import TOOLS, exported, own_step
 
 if TYPE_CHECKING:
     from clothfit.scene.cloth import Cloth
@@ -53,8 +53,6 @@ def command(fitted_path: str, tool: str, path: str | None, console: Console) -> 
         return
     scene = read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)
-    from clothfit.export.tools import exported, own_step
-
     if warning := own_step(scene, tool):
         console.warn(f"{scene.name}: {warning}")
     made = exported(scene, tool)

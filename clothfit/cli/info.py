@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.memory import free, human
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import Printed, attributes, print_json
 from clothfit.cli.common.scenes import read_scene, vector
 from clothfit.formats.registry import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, kind_of
-from clothfit.scene.kinds import EDITORS
+from clothfit.scene.kinds import EDITORS, INTEGRATORS, OF_THE_EDITOR
 
 if TYPE_CHECKING:
     from clothfit.evaluation.forecast import Forecast
@@ -78,7 +79,6 @@ def show_record(path: str, kind: str, console: Console) -> None:
 def of_scene(scene_path: str, console: Console) -> None:
     """Print what a scene holds."""
     scene = read_scene(scene_path, console)
-    from clothfit.base.memory import free
     from clothfit.evaluation import overview
     from clothfit.evaluation.forecast import forecast, inputs_of
     from clothfit.fit.flags import auto_flags
@@ -131,8 +131,6 @@ def of_scene(scene_path: str, console: Console) -> None:
 
 def whole(scene: Scene) -> dict[str, Any]:
     """What --json prints of the scene as a whole."""
-    from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
-
     return {
         "kind": "scene",
         "scene": scene.name,
@@ -229,7 +227,6 @@ def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
 
 def show_rest(scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Sequence[str], console: Console) -> None:
     """Stability, what to fit of the scene as a whole, memory, what a subspace would take, and what nobody knows."""
-    from clothfit.base.memory import free, human
     from clothfit.subspace.worth import sentence, worth
 
     rows = [("integrator", "longest stable step", f"with {scene.delta:.4g} s")]

@@ -17,7 +17,7 @@ from clothfit.cli.common.options import gathered, given, option, standard_comman
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
 from clothfit.formats.axes import positive
-from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS
+from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS, INTEGRATORS
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags, Indices
@@ -292,7 +292,6 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     import numpy as np
 
     from clothfit.evaluation.overview import beyond_bounds, doubts, extent
-    from clothfit.scene.kinds import INTEGRATORS
 
     console.warn(*beyond_bounds(scene), of=out.name)
     if INTEGRATORS[scene.method] not in UNLIMITED:  # to know what limits it takes the numerical libraries

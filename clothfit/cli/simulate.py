@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import clothfit
 from clothfit.cli.common import motions, pictures, running, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, section, standard_command
@@ -69,8 +70,6 @@ def command(
     dump = beside("--dump", dump_path, (scene_path, out.path))
     pictures.check(scene_path, out.path, dump_path)
     scenes.warn_of_steps(scene, frames, console)
-    import clothfit
-
     console.announce_compilation()
     from clothfit.kernels.clock import passing
 
@@ -96,7 +95,6 @@ def command(
 
 def moved(scene: Scene, frames: int, tolerance: float | None) -> tuple[Motion, Diverged | None]:
     """The motion; where it diverges, the frames before that, and the error."""
-    import clothfit
     from clothfit.motion.divergence import Diverged
 
     try:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.base import interrupts
+from clothfit.base import interrupts, threads
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
@@ -240,7 +240,6 @@ def play(model_path: str, path: str | None, given: dict[str, Any], console: Cons
     if given["instances"] is not None:
         alone = {"--push-out": given["push_out"], "--coordinates": given["coordinates"]}
         refuse(alone, "{} does not go with --instances")
-    from clothfit.base import threads
     from clothfit.subspace.model import load_model
 
     model = load_model(model_path)
@@ -352,7 +351,6 @@ def built(
     data: Data, options: Options, school: Schooling | None, out: Output, about: dict[str, Any], console: Console,
 ) -> int | None:  # fmt: skip
     """Build a model, write it, and say how good it is."""
-    from clothfit.base import threads
     from clothfit.subspace.build import build as build_model
     from clothfit.subspace.build import summary
     from clothfit.subspace.model import encoded

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import click
 
 from clothfit.base.limits import check_capture
@@ -12,9 +10,7 @@ from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, section, standard_command
 from clothfit.cli.common.output import output_for, print_json
-
-if TYPE_CHECKING:
-    from clothfit.formats.axes import Convention
+from clothfit.formats.axes import Convention
 
 
 @standard_command("target")

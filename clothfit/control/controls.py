@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.eigen import connected_components
 from clothfit.base.errors import InvalidInput
 from clothfit.control.keyframes import Key
 from clothfit.engine.inputs import knots
@@ -131,12 +132,9 @@ def immovable(scene: Scene, keys: Sequence[Key], controls: Controls) -> list[Fla
     """Of each key, which of its vertices (m,) no control can move: fixed ones that are no handles, and those that no
     springs join to a vertex that a control acts on.
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
     reach = []
     for cloth, own in enumerate(scene.cloths):
-        led, n = controls.led(scene, cloth), len(own.mass)
+        led = controls.led(scene, cloth)
         acts = led.copy()
         if controls.pushes:
             acts |= ~own.fixed & (True if controls.forces is None else controls.forces[cloth])
@@ -145,8 +143,6 @@ def immovable(scene: Scene, keys: Sequence[Key], controls: Controls) -> list[Fla
         if controls.wind and own.drag > 0:
             acts[own.triangles] = True
         moves = ~own.fixed | led
-        joined = own.springs[moves[own.springs].all(axis=1)]
-        graph = csr_array((np.ones(len(joined)), joined.T), shape=(n, n))
-        lot = connected_components(graph, directed=False)[1]
+        lot = connected_components(own.springs[moves[own.springs].all(axis=1)], len(own.mass))
         reach.append(moves & np.isin(lot, lot[acts & moves]))
     return [~reach[key.cloth][key.vertices] for key in keys]

@@ -17,7 +17,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import counted
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import Animation, check_finite
 from clothfit.formats.axes import Z_UP
 from clothfit.formats.files import check_room, content, name_of
 
@@ -39,8 +39,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
     corners = _text(data, name) if text else _binary(data, name)
     if not len(corners):
         raise InvalidMotion(f"{name}: there is no triangle in it")
-    if not np.isfinite(corners).all():
-        raise InvalidMotion(f"{name}: some of its positions are not finite numbers")
+    check_finite(name, corners)
     found, first, back = np.unique(corners + 0.0, axis=0, return_index=True, return_inverse=True)  # −0 is 0
     order = np.argsort(first)
     rank = np.empty(len(order), np.int32)

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from clothfit.base import interrupts
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.live import wire
 from clothfit.scene.scene import Scene
+from clothfit.scene.scene import load as load_scene
 
 # ---- A scene that is loaded: read, checked and tried in a process of its own.
 #
@@ -58,10 +60,6 @@ def check(message: Mapping[str, Any]) -> None:
 
 def read(message: Mapping[str, Any], folder: str) -> Any:
     """The scene of a message."""
-    from dataclasses import replace
-
-    from clothfit.scene.scene import load as load_scene
-
     given, name = message["scene"], message.get("name")
     made = load_scene(given if isinstance(given, dict) else io.StringIO(given), folder=folder)
     return replace(made, name=name[:MOST_NAME]) if isinstance(name, str) and name else made
@@ -69,8 +67,6 @@ def read(message: Mapping[str, Any], folder: str) -> Any:
 
 def rehearse(scene: Any) -> None:
     """Do once all that an engine does with a scene, so that its code is on disk."""
-    from dataclasses import replace
-
     from clothfit.engine.system import BDF2, IMPLICIT
     from clothfit.live.engine import diverged
     from clothfit.live.moving import Grip, Moving

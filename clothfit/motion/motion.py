@@ -68,18 +68,19 @@ class Motion:
 
     def of(self, cloth: int) -> Array:
         """Positions (frames, n, 3) of one object."""
-        return self.positions[:, self._part(cloth)]
+        return self.positions[:, self.part(cloth)]
 
     def seen(self, cloth: int | None = None) -> Flags:
         """Which positions (frames, n) of one object were observed (default: of all objects)."""
         observed = np.ones(self.positions.shape[:2], bool) if self.observed is None else self.observed
-        return observed if cloth is None else observed[:, self._part(cloth)]
+        return observed if cloth is None else observed[:, self.part(cloth)]
 
     def weights_of(self, cloth: int) -> Array | None:
         """How often each position (frames, n) of one object counts; None: all once."""
-        return None if self.weights is None else self.weights[:, self._part(cloth)]
+        return None if self.weights is None else self.weights[:, self.part(cloth)]
 
-    def _part(self, cloth: int) -> slice:
+    def part(self, cloth: int) -> slice:
+        """The vertices of an object."""
         start = sum(self.vertex_counts[:cloth])
         return slice(start, start + self.vertex_counts[cloth])
 

@@ -123,11 +123,6 @@ class Whole:
             self._last = (positions, *evaluated(self.cost, motion))
         return self._last[1:]
 
-    def part(self, cloth: int) -> slice:
-        """The vertices of an object."""
-        first = sum(self.motion.vertex_counts[:cloth])
-        return slice(first, first + self.motion.vertex_counts[cloth])
-
 
 class OwnComparison(Comparison):
     """One object in a cost of one's own. Its share in the cost is that of each other; its derivative is the whole one.
@@ -163,7 +158,7 @@ class OwnComparison(Comparison):
     def derivative_of(self, s: Array) -> Array:
         """∂G/∂s (F, n, 3)."""
         self.whole.place(self.cloth, s)
-        return np.ascontiguousarray(self.whole.evaluated()[1][:, self.whole.part(self.cloth)])
+        return np.ascontiguousarray(self.whole.evaluated()[1][:, self.whole.motion.part(self.cloth)])
 
     def residual_of(self, s: Array) -> Array:
         """r (R,) of the states s (F, n, 3)."""
@@ -172,7 +167,7 @@ class OwnComparison(Comparison):
     def jacobian_of(self, s: Array) -> csr_array:
         """J (R, 3 n (T + 1)), T = `last_step`; columns in the order of x."""
         columns = np.arange(self.whole.motion.positions.size).reshape(self.whole.motion.positions.shape)
-        own = columns[:, self.whole.part(self.cloth)].ravel()
+        own = columns[:, self.whole.motion.part(self.cloth)].ravel()
         return by_state(self.goal, self._linearised(s)[1].tocsc()[:, own].tocsr())
 
     def _linearised(self, s: Array) -> tuple[Array, csr_array]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -117,17 +117,6 @@ def thinned(points: list[Point]) -> list[Point]:
     """At most about `MOST_POINTS` of the points, evenly chosen, with the last one."""
     every = -(-len(points) // MOST_POINTS) or 1
     return [*points[:-1:every], *points[-1:]]
-
-
-def recorder(log: list[Point], show: Callable[[Any], None] | None) -> Callable[[Any], None]:
-    """What notes the progress of a fit (`progress.Progress`) and passes it on to `show`."""
-
-    def report(progress: Any) -> None:
-        log.append(Point(progress.evaluations, progress.cost, progress.rmse, progress.seconds))
-        if show:
-            show(progress)
-
-    return report
 
 
 def intervals(summary: Mapping[str, Any], place: int | None, name: str, mode: str, count: int) -> list[Any] | None:

@@ -119,10 +119,7 @@ def pushforward(model, seeds, t, s, x, v, many, work):
     """Take a substep, and turn the changes of the state before it into those after it."""
     h, multiplier, pressing = model.h / model.substeps, work.multiplier, work.pressing
     pushes = many.x.shape[2] > 0
-    if pushes:
-        push_predict(model, seeds, t, s, x, v, many, work)
-    else:
-        substep.predict(model, t, s, x, v, work)
+    push_predict(model, seeds, t, s, x, v, many, work)
     multiplier[:] = 0.0
     pressing[:] = 0.0
     many.multiplier[:] = 0.0
@@ -136,17 +133,14 @@ def pushforward(model, seeds, t, s, x, v, many, work):
                 multiplier[c] = substep.project(model, c, h, x, work.start, multiplier[c], work.local[0])
         for r in range(len(model.radius)):
             for i in range(len(x)):
-                if model.free[i] and pushes:
+                if model.free[i]:
                     pressing[r, i] = touch(model, seeds, stiff, r, i, x, pressing[r, i], many, work)
-                elif model.free[i]:
-                    pressing[r, i] = substep.touch(model, stiff, r, i, x, pressing[r, i], work)
     substep.finish(model, x, v, work)
-    if pushes:
-        for i in range(len(x)):
-            for j in range(3):
-                v_row, x_row, start = many.v[i, j], many.x[i, j], many.start[i, j]
-                for k in range(len(v_row)):
-                    v_row[k] = (x_row[k] - start[k]) / h
+    for i in range(len(x)):
+        for j in range(3):
+            v_row, x_row, start = many.v[i, j], many.x[i, j], many.start[i, j]
+            for k in range(len(v_row)):
+                v_row[k] = (x_row[k] - start[k]) / h
 
 
 @kernel

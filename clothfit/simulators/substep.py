@@ -224,17 +224,6 @@ def push_out(stiff, inverse, depth, multiplier):
     return -multiplier, False
 
 
-@kernel
-def touch(model, stiff, r, i, x, multiplier, work):
-    """Correct vertex i by its contact with sphere r; returns λ⁺."""
-    w, n = model.inverse[i], work.normal
-    depth, _ = gap(work.centre[r], model.radius[r], x, i, n)
-    change, _ = push_out(stiff, w, depth, multiplier)
-    for j in range(3):
-        x[i, j] += w * n[j] * change
-    return multiplier + change
-
-
 class Model(NamedTuple):
     """A cloth of n vertices and K constraints, as XPBD has it, in a world of R spheres over T steps."""
 

@@ -6,6 +6,7 @@ machine is faster or slower at both; where both were measured, the prediction is
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from math import exp, log
 from typing import NamedTuple
 
@@ -105,12 +106,9 @@ def vertices_from(
     """The least number of vertices of a cloth for which a frame takes less than a full step; the scales are those of
     what was measured to what is predicted.
     """
-    low, high = 1, MOST
-    while low < high:
-        middle = (low + high) // 2
-        own = frame_scale * frame(middle, 2 * middle, way, iterations, vectors)
-        if own < step_scale * full_step(middle, iterations):
-            high = middle
-        else:
-            low = middle + 1
-    return int(float(f"{low:.2g}"))
+
+    def pays(count: int) -> bool:
+        own = frame_scale * frame(count, 2 * count, way, iterations, vectors)
+        return own < step_scale * full_step(count, iterations)
+
+    return int(float(f"{1 + bisect_left(range(1, MOST), True, key=pays):.2g}"))

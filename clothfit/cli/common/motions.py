@@ -14,6 +14,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import Action, F, gathered, option
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.axes import HANDS, UPS, Convention, Reading
+from clothfit.formats.registry import foreign
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Indices
@@ -72,8 +73,6 @@ def read(
     path: str, scene: Scene, reading: Reading, console: Console, readings: list[dict[str, Any]] | None = None
 ) -> Motion:
     """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `readings`."""
-    from clothfit.formats.registry import foreign
-
     assumed = foreign(path) is not None or not reading.plain
     loaded = load(path, scene, reading, console, assumed)
     if assumed and readings is not None:
@@ -110,7 +109,6 @@ def check(
     `gaps`, and not over any of the `inputs`. Raises InvalidInput.
     """
     from clothfit.formats.obj import ANY, numbered
-    from clothfit.formats.registry import foreign
     from clothfit.motion.files import check_gaps, check_place, sources
 
     found = foreign(out.path)
@@ -134,7 +132,6 @@ def write(
     extra: Mapping[str, Array] | None = None,
 ) -> None:
     """Write a motion of the scene to its file or files, with other arrays beside it where they can hold any."""
-    from clothfit.formats.registry import foreign
     from clothfit.motion.files import for_tools
     from clothfit.motion.motion import archive
 
@@ -154,7 +151,6 @@ def write_foreign(
 ) -> Axes:
     """Write a motion as another program has it; says and returns which axes it got."""
     from clothfit.formats.markers import named
-    from clothfit.formats.registry import foreign
     from clothfit.motion import files as motion_files
 
     found = foreign(out.path)

@@ -7,12 +7,14 @@ once, and one that is broken costs a message.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import wraps
@@ -27,7 +29,8 @@ from clothfit.cli.common.options import Action
 from clothfit.cli.common.options import option as declared
 from clothfit.cli.common.output import STREAM
 
-Stamp = tuple[int, int] | None
+Stamp = tuple[int, int, int] | None
+"""What the system knows of a file: time, size and number; None where it is missing."""
 
 OPTION = "--watch"
 PATIENCE = 5.0
@@ -58,8 +61,6 @@ def watched(arguments: dict[str, Any], start: bool) -> int:
     scenes = arguments.get("scene_paths") or (arguments["scene_path"],)
     targets = [path.partition("@")[0] for path in arguments.get("target_paths", ())]
     check(scenes, targets, arguments)
-    from clothfit.live.watch import OFTEN, Watch
-
     console, files = arguments["console"], Watch([*scenes, *targets])
     result = result_of(scenes[0], arguments.get("path")) if start and not arguments.get("start") else None
     own, begun = [word for word in sys.argv[1:] if word != OPTION], False
@@ -100,15 +101,6 @@ def is_scene(path: str) -> bool:
     except ClothfitError:
         return False
     return True
-
-
-def stamp(path: str) -> Stamp:
-    """What changes when a file is written to; None without one."""
-    try:
-        found = os.stat(path)
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_size
 
 
 def start_from(result: str, folder: str) -> list[str]:
@@ -153,6 +145,72 @@ def ended(process: subprocess.Popen[bytes]) -> int:
         if process.poll() is None:
             process.kill()
     return process.wait()
+
+
+# ---- Doing something again when files are saved: the newest version counts, however many come at once.
+#
+# A version is what a file holds, not when it was written. An editor may write a file in several goes, or put another
+# one in its place; so a change counts when the file has been still for a moment, or after a while where it never is.
+# Files are looked at now and then, which works on all systems and shared folders.
+
+OFTEN = 0.1
+"""Seconds between two looks."""
+
+STILL, LONGEST = 0.3, 3.0
+"""Seconds for which a file that changes must be still, and after which a change counts anyhow."""
+
+
+def stamp(path: str) -> Stamp:
+    """The stamp of a file."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size, found.st_ino
+
+
+class Watch:
+    """Some files, and what they held when `next` gave them last."""
+
+    def __init__(self, paths: Sequence[str]) -> None:
+        self.paths = list(paths)
+        self._known = b""
+        self._looked: tuple[Stamp, ...] = ()
+        self._since = self._first = 0.0  # when they changed last, and first since they were given
+
+    def changed(self) -> bool:
+        """Whether the files hold something else than what was given last, and are still; to be asked often."""
+        now, stamp = time.monotonic(), self._stamp()
+        if stamp != self._looked:
+            self._first = self._first or now
+            self._looked, self._since = stamp, now
+        if not self._first or (now < self._since + STILL and now < self._first + LONGEST):
+            return False
+        self._first = 0.0
+        return self._content() != self._known
+
+    def given(self) -> None:
+        """Count what the files hold now as given."""
+        self._looked, self._known, self._first = self._stamp(), self._content(), 0.0
+
+    def next(self, look: Callable[[], None] = lambda: None) -> None:
+        """Wait until the files have changed; `look` is called now and then, and may raise."""
+        while not self.changed():
+            look()
+            time.sleep(OFTEN)
+
+    def _stamp(self) -> tuple[Stamp, ...]:
+        return tuple(map(stamp, self.paths))
+
+    def _content(self) -> bytes:
+        """A digest of what the files hold; of one that cannot be read, of nothing."""
+        digest = hashlib.sha256()
+        for path in self.paths:
+            try:
+                digest.update(hashlib.sha256(Path(path).read_bytes()).digest())
+            except OSError:
+                digest.update(b"missing")
+        return digest.digest()
 
 
 # ---- `--end-with-input`: a command that ends when its standard input does.
