@@ -7,33 +7,31 @@ iterations the residual of the converged step is used.
 A BDF2 step (`step.bdf2`) gives v⁺ = (x⁺ − x̃)/h' from three positions, and its balance needs two velocities before it:
 five positions in all. Its first step is an implicit Euler step; others that the guard made so are not in balance.
 
-Steps may have been taken otherwise than as the scene says (`step.guard`): with the clamped matrix, or only a part of
-them, v⁺ = θ w. Their balances are as linear as the others', in another `Form`; which steps these are is not known
-before the parameters are (`momentum`).
+Steps that were taken otherwise than as the scene says (`step.guard`), with the clamped matrix or only a part of them,
+are not in balance; which these are is not known before the parameters are (`momentum`).
 
 The rows of the balances as linear equations C q = r in Q parameters, weighted by one over each vertex' mass.
 
-C is never formed: the entries of a row are those of its vertex' mass and springs, the same ones in every step, and what
-the parameters make of these is one sparse matrix. The normal matrix CᵀC couples masses and stiffnesses that share a
-vertex, so it is as sparse as the cloth.
+C is never formed: the entries of a row are those of its vertex' mass and springs, the same ones in every step. So each
+vertex adds one small matrix to CᵀC, of all its rows, and what the parameters make of masses and stiffnesses is one
+sparse matrix. The normal matrix couples masses and stiffnesses that share a vertex, so it is as sparse as the cloth.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.step_jacobian import Stencil, differentiate, jacobian, stencil
 from clothfit.engine.forces import meeting, total, touch
 from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, clamped, meets_itself, mobile
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, add_mass, copy
 from clothfit.objective.target import Target
@@ -42,10 +40,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from clothfit.engine.forces.selfcontact.pairs import Surface
-
-
-Places = NDArray[np.intp]
-"""Numbers of steps."""
 
 
 class Track(NamedTuple):
@@ -81,59 +75,36 @@ class Balances(NamedTuple):
     stiffness: Array  # C of each stiffness at both ends of its spring, (T, S, 2, 3)
     valid: Flags  # (T, n), whether all that row needs was seen
 
-    def of(self, steps: slice | Places) -> Balances:
-        """Those of some steps."""
-        return Balances(self.residual[steps], self.mass[steps], self.stiffness[steps], self.valid[steps])
-
-
-class Form(NamedTuple):
-    """How a step was taken."""
-
-    clamped: bool = False  # with the matrix that is positive definite whatever the state
-    theta: float = 1.0  # the part of it
-
-
-AS_GIVEN, CLAMPED = Form(), Form(clamped=True)
-
-SHORTENED = tuple(Form(clamped, theta) for theta in (0.5, 0.25, 0.125) for clamped in (False, True))
-"""Steps that were shortened; hardly one is shorter."""
 
 CHUNK = 4_000_000
 """Numbers between two looks at interrupts."""
 
 
-def forms(system: System) -> tuple[Form, ...]:
-    """The forms that steps of a system may have besides the one that is given. Converged steps do not know with which
-    matrix they were solved, and what the guard makes of BDF2 steps changes the velocities of those after them.
-    """
-    if system.method != IMPLICIT:
-        return ()
-    return SHORTENED[::2] if system.newton_iterations > 1 else (CLAMPED, *SHORTENED)
-
-
-def balances(system: System, track: Track, form: Form = AS_GIVEN, only: Places | None = None) -> Balances:
-    """The balances of momentum along a track, with the system's masses and stiffnesses as p₀, of steps of one form; of
-    all T steps, or of some `only`.
-    """
+def balances(system: System, track: Track) -> Balances:
+    """The balances of momentum along a track, with the system's masses and stiffnesses as p₀."""
     near = stencil(system)
     steps = len(track.x) - (2 if system.method == EXPLICIT else 1)
     n, springs = len(system.x0), len(system.springs.rest)
-    wanted = np.arange(steps) if only is None else only
-    r, mass, stiffness = (np.zeros((len(wanted), *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
-    out = Balances(r, mass, stiffness, valid_rows(system, near, track, steps)[wanted])
+    r, mass, stiffness = (np.zeros((steps, *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
+    out = Balances(r, mass, stiffness, valid_rows(system, near, track, steps))
     x, v = np.ascontiguousarray(track.x), velocities(system, track.x)
-    system = clamped(system) if form.clamped else system
     two = system.method == BDF2
     pair = bdf2.forms(system) if two else (system, system)
     memory = implicit.workspace(system), jacobian(system, near)
     meeting.clear(system.colliders)
-    length = max(CHUNK // max(6 * (n + springs), 1), 1)
-    for first in range(0, len(wanted), length):
-        own = wanted[first : first + length]
-        w = v[own + 1] / form.theta
-        fill(*pair, two, x, v, w, own, *memory, out.of(slice(first, first + len(own))))
-        interrupts.check()
+    for part in chunks(out):
+        own = Balances(out.residual[part], out.mass[part], out.stiffness[part], out.valid[part])
+        fill(*pair, two, x, v, part.start, *memory, own)
     return out
+
+
+def chunks(rows: Balances) -> Iterator[slice]:
+    """The steps in parts, between which interrupts are looked at."""
+    steps, n, _ = rows.mass.shape
+    length = max(CHUNK // max(6 * (n + rows.stiffness.shape[1]), 1), 1)
+    for first in range(0, steps, length):
+        yield slice(first, min(first + length, steps))
+        interrupts.check()
 
 
 def velocities(system: System, x: Array) -> Array:
@@ -191,13 +162,13 @@ def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
 
 
 @kernel(nogil=True)
-def fill(system, inner, two, x, v, after, steps, work, step, out):
-    """Write the rows of K steps (K,) to the velocities `after` (K, n, 3): with `two` of BDF2's `forms`, all but the
-    first step of the inner one.
+def fill(system, inner, two, x, v, first, work, step, out):
+    """Write the rows of K steps from the `first` on: with `two` of BDF2's `forms`, all but the first step of the inner
+    one.
     """
     late = system.method == IMPLICIT and system.newton_iterations > 1
-    for k in range(len(steps)):
-        t, w = steps[k], after[k]
+    for k in range(len(out.residual)):
+        t, w = first + k, v[first + k + 1]
         set_inputs(system.inputs, system, t)
         now = (out.residual[k], out.mass[k], out.stiffness[k])
         if two and t > 0:
@@ -273,88 +244,70 @@ def smoothed(track: Track, x0: Array, frames: int) -> Track:
     return Track(x, seen)
 
 
-class Pattern(NamedTuple):
-    """Which masses and springs, M elements in all, the rows of each of n vertices have: its mass, and E springs."""
-
-    start: Indices  # (n + 1,): vertex i has the springs from start[i] to start[i + 1] − 1
-    spring: Indices  # (E,)
-    side: Indices  # (E,), which end the vertex is
-    first: Indices  # (n + 1,): the pairs of elements of vertex i in `place`
-    place: Indices  # (Σ k²,), of the pairs of k elements: where they are in the entries of the normal matrix
-    pointers: Indices  # (M + 1,), of the normal matrix, row by row
-    columns: Indices  # (its entries,)
-
-
-def pattern(system: System) -> Pattern:
-    """The pattern of a cloth."""
-    n, ends = len(system.x0), system.springs.ends
-    vertex = ends.T.ravel()
-    order = np.argsort(vertex, kind="stable")
-    spring, side = np.tile(np.arange(len(ends)), 2)[order], np.repeat([0, 1], len(ends))[order]
-    start = np.searchsorted(vertex[order], np.arange(n + 1))
-    size = np.diff(start) + 1
-    own = np.insert(n + spring, start[:-1], np.arange(n))  # the elements of each vertex, its mass first
-    begin = np.append(0, np.cumsum(size))
-    first = np.append(0, np.cumsum(size**2))
-    count = n + len(ends)
-    of = np.repeat(np.arange(n), size**2)
-    at = np.arange(first[-1]) - first[of]
-    keys = own[begin[of] + at // size[of]].astype(np.int64) * count + own[begin[of] + at % size[of]]
-    distinct, place = np.unique(keys, return_inverse=True)
-    pointers = np.searchsorted(distinct, np.arange(count + 1, dtype=np.int64) * count)
-    found = (start, spring, side, first, place.reshape(-1), pointers, distinct % count)
-    return Pattern(*(np.ascontiguousarray(each, dtype=np.int32) for each in found))
-
-
 class Rows:
     """The rows of one run, T steps of them."""
 
-    def __init__(
-        self, found: Balances, system: System, spread: csr_array, shared: Pattern | None = None
-    ) -> None:
-        """`spread` (M, Q): the derivative of masses and stiffnesses by the parameters; `shared`: the cloth's pattern,
-        where it is known.
-        """
-        self.found, self.system, self.spread = found, system, spread
-        self.pattern = pattern(system) if shared is None else shared
-        self.weight = 1.0 / system.vertex.mass
+    def __init__(self, found: Balances, system: System, spread: csr_array) -> None:
+        """`spread` (M, Q): the derivative of masses and stiffnesses by the parameters. The rows are changed."""
+        from scipy.sparse import csr_array
+
+        self.found, self.spread, self.ends = found, spread, system.springs.ends
         self.base = np.concatenate([system.vertex.mass, system.springs.stiffness])
+        self.counts = np.asarray(3 * found.valid.sum(axis=1))  # rows of each step (T,)
+        weight, n, halves = 1.0 / system.vertex.mass, len(system.vertex.mass), self.ends.ravel()
+        for array, at in ((found.residual, np.arange(n)), (found.mass, np.arange(n)), (found.stiffness, self.ends)):
+            array[~found.valid[:, at]] = 0.0
+            array *= weight[at][..., None]
+        shape = n, len(halves)
+        self.joined = csr_array((np.ones(len(halves)), (halves, np.arange(len(halves)))), shape=shape)
+        self.of = np.split(self.joined.indices, self.joined.indptr[1:-1])  # the halves of springs at each vertex
 
-    @property
-    def counts(self) -> Array:
-        """The number of rows of each step (T,)."""
-        return np.asarray(3 * self.found.valid.sum(axis=1))
+    def at_vertices(self, a: Array) -> Array:
+        """The sums (T, n, 3) of what both ends of each spring have, (T, S, 2, 3)."""
+        flat = a.reshape(len(a), self.ends.size, 3).swapaxes(0, 1)
+        whole = np.asarray(self.joined @ flat.reshape(self.ends.size, 3 * len(a)))
+        return np.asarray(whole.reshape(len(whole), len(a), 3).swapaxes(0, 1))
 
-    def replace(self, steps: Places, other: Balances) -> None:
-        """Take the balances of some steps from others."""
-        for mine, theirs in zip(self.found, other, strict=True):
-            mine[steps] = theirs
+    def left(self, steps: slice, change: Array) -> Array:
+        """The residuals (K, n, 3) of some steps after a change (M,) of masses and stiffnesses."""
+        r, mass, stiffness, _ = self.found
+        heavier, stiffer = np.split(change, [mass.shape[1]])
+        return np.asarray(r[steps] - mass[steps] * heavier[:, None]
+                          - self.at_vertices(stiffness[steps] * stiffer[:, None, None]))  # fmt: skip
 
     def sizes(self, q: Array) -> tuple[Array, Array]:
         """The root of the squares of each step's residuals r − C q at q (Q,), and of Σ_j |C_ij p_j| over all masses and
         stiffnesses p there, what residuals are small beside, (T,) each.
         """
-        found, squares, terms = self.found, *(np.zeros(len(self.found.valid)) for _ in range(2))
-        change = self.spread @ q
-        measure(self.pattern, *found, self.weight, change, self.base + change, squares, terms)
-        return np.sqrt(squares), np.sqrt(terms)
+        change, sizes = self.spread @ q, np.zeros((2, len(self.counts)))
+        heavy, stiff = np.split(np.abs(self.base + change), [self.found.mass.shape[1]])
+        for part in chunks(self.found):
+            _, mass, stiffness, _ = (np.abs(array[part]) for array in self.found)
+            terms = mass * heavy[:, None] + self.at_vertices(stiffness * stiff[:, None, None])
+            sizes[:, part] = [np.linalg.norm(each, axis=(1, 2)) for each in (self.left(part, change), terms)]
+        return sizes[0], sizes[1]
 
     def gram(self, kept: Flags) -> csr_array:
         """CᵀC (Q, Q) of the steps (T,) that are kept."""
         from scipy.sparse import csr_array
 
-        made, M = np.zeros(len(self.pattern.columns)), self.spread.shape[0]
-        for t in np.flatnonzero(kept):
-            _, mass, stiffness, valid = (each[t] for each in self.found)
-            add_squares(self.pattern, mass, stiffness, valid, self.weight, made)
+        steps, M, n = np.flatnonzero(kept), self.spread.shape[0], len(self.of)
+        halves, made = self.found.stiffness.reshape(len(kept), -1, 3), list[tuple[Array, Array, Array]]()
+        for i, of in enumerate(self.of):
+            C = np.concatenate([self.found.mass[steps, i, None], halves[steps[:, None], of]], axis=1)
+            C, own = C.swapaxes(1, 2).reshape(-1, 1 + len(of)), np.append(i, n + of // 2)
+            made.append(((C.T @ C).ravel(), np.repeat(own, len(own)), np.tile(own, len(own))))
             interrupts.check()
-        whole = csr_array((made, self.pattern.columns, self.pattern.pointers), shape=(M, M))
-        return csr_array(self.spread.T @ whole @ self.spread)
+        entries, row, column = (np.concatenate(each) for each in zip(*made, strict=True))
+        return csr_array(self.spread.T @ csr_array((entries, (row, column)), shape=(M, M)) @ self.spread)
 
     def right(self, q: Array, kept: Flags) -> Array:
         """Cᵀ(r − C q) (Q,) of the steps (T,) that are kept."""
-        found, out = self.found, np.zeros(self.spread.shape[0])
-        add_right(self.pattern, *found[:3], found.valid & kept[:, None], self.weight, self.spread @ q, out)
+        change, out = self.spread @ q, np.zeros(self.spread.shape[0])
+        for part in chunks(self.found):
+            away = self.left(part, change) * kept[part, None, None]
+            heavy = np.einsum("tnc,tnc->n", self.found.mass[part], away)
+            out += np.append(heavy, np.einsum("tsec,tsec->s", self.found.stiffness[part], away[:, self.ends]))
         return np.asarray(self.spread.T @ out)
 
 
@@ -371,8 +324,7 @@ class Equations:
         self.counts = np.concatenate([part.counts for part in parts])
         self.Q = parts[0].spread.shape[1]
         if anchored:
-            n = len(parts[0].weight)
-            whole = parts[0].spread[:n].sum(axis=0)
+            whole = parts[0].spread[: len(parts[0].of)].sum(axis=0)
             largest = self.gram(self.counts > 0).diagonal().max(initial=0.0)
             self.anchor = whole * np.sqrt(ANCHOR * largest / max(whole @ whole, np.finfo(float).tiny))
 
@@ -401,85 +353,3 @@ class Equations:
         found = zip(self.parts, self.of_parts(kept), strict=True)
         right = np.asarray(sum((part.right(q, own) for part, own in found), start=np.zeros(self.Q)))
         return right - self.anchor * (self.anchor @ q) if len(self.anchor) else right
-
-
-@kernel
-def entries(pattern, i, mass, stiffness, factor, out):
-    """Write the entries (k, 3) of the rows of vertex i in a step, times a factor; returns k."""
-    for c in range(3):
-        out[0, c] = factor * mass[i, c]
-    count = 1
-    for j in range(pattern.start[i], pattern.start[i + 1]):
-        for c in range(3):
-            out[count, c] = factor * stiffness[pattern.spring[j], pattern.side[j], c]
-        count += 1
-    return count
-
-
-@kernel
-def most(pattern):
-    """The most elements that a vertex has."""
-    found = 0
-    for i in range(len(pattern.start) - 1):
-        found = max(found, pattern.start[i + 1] - pattern.start[i] + 1)
-    return found
-
-
-@kernel
-def element(pattern, i, k):
-    """The k-th element of vertex i."""
-    return i if k == 0 else len(pattern.start) - 1 + pattern.spring[pattern.start[i] + k - 1]
-
-
-@kernel
-def left(pattern, i, own, count, c, known, q):
-    """What of a known number a row of vertex i, component c of its k = `count` entries `own`, leaves for q (M,)."""
-    for k in range(count):
-        known -= own[k, c] * q[element(pattern, i, k)]
-    return known
-
-
-@kernel(nogil=True)
-def add_squares(pattern, mass, stiffness, kept, weight, out):
-    """Add CᵀC of a step's kept rows (n,) to the entries of the normal matrix."""
-    own = np.zeros((most(pattern), 3))
-    for i in range(len(kept)):
-        if not kept[i]:
-            continue
-        count, at = entries(pattern, i, mass, stiffness, weight[i], own), pattern.first[i]
-        for a in range(count):
-            for b in range(count):
-                out[pattern.place[at]] += own[a, 0] * own[b, 0] + own[a, 1] * own[b, 1] + own[a, 2] * own[b, 2]
-                at += 1
-
-
-@kernel(nogil=True)
-def measure(pattern, residual, mass, stiffness, kept, weight, q, p, squares, terms):
-    """Add the squares of the kept residuals r − C q (T, n) for q (M,) to those of each step, and those of Σ |C p|."""
-    own = np.zeros((most(pattern), 3))
-    for t in range(len(kept)):
-        for i in range(len(weight)):
-            if not kept[t, i]:
-                continue
-            count = entries(pattern, i, mass[t], stiffness[t], weight[i], own)
-            for c in range(3):
-                away, size = left(pattern, i, own, count, c, weight[i] * residual[t, i, c], q), 0.0
-                for k in range(count):
-                    size += abs(own[k, c] * p[element(pattern, i, k)])
-                squares[t] += away * away
-                terms[t] += size * size
-
-
-@kernel(nogil=True)
-def add_right(pattern, residual, mass, stiffness, kept, weight, q, out):
-    """Add Cᵀ(r − C q) of the kept rows (T, n) for q (M,) to `out` (M,)."""
-    own = np.zeros((most(pattern), 3))
-    for t in range(len(kept)):
-        for i in range(len(weight)):
-            if not kept[t, i]:
-                continue
-            count = entries(pattern, i, mass[t], stiffness[t], weight[i], own)
-            for c in range(3):
-                away = left(pattern, i, own, count, c, weight[i] * residual[t, i, c], q)
-                for k in range(count):
-                    out[element(pattern, i, k)] += own[k, c] * away

@@ -18,8 +18,7 @@ Which steps of a motion can be in balance, and how they were taken.
 Few steps of a motion may not be in balance as the scene has it, whatever the parameters: those that were shortened
 (`step.guard`) or taken with the clamped matrix, and Euler steps among those of BDF2. They are found by least trimmed
 squares: the half of the steps that is nearest to balance is balanced again and again, until it stays the same, from all
-steps and from some that follow one another, of which the best answer counts. Steps out of balance are then looked at in
-the other forms that steps may have had; those that fit in none are left out.
+steps and from some that follow one another, of which the best answer counts. Steps out of balance are left out.
 
 P. J. Rousseeuw, Least median of squares regression, Journal of the American Statistical Association 79, 1984;
 P. J. Rousseeuw, K. Van Driessen, Computing LTS regression for large data sets, Data Mining and Knowledge Discovery 12,
@@ -41,18 +40,7 @@ from clothfit.kernels.parallel import only_here, together
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.optimise import trust_region
-from clothfit.optimise.balances import (
-    Balances,
-    Equations,
-    Form,
-    Places,
-    Rows,
-    balances,
-    forms,
-    smoothed,
-    summed_twice,
-    track,
-)
+from clothfit.optimise.balances import Equations, Rows, balances, smoothed, summed_twice, track
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import bounds
 from clothfit.scene.kinds import LETTERED
@@ -66,7 +54,7 @@ which couples all masses.
 """
 
 ENTRY = 32
-"""Bytes for each number in the balances, with those of another form or of sums beside it."""
+"""Bytes for each number in the balances, with those of sums beside it."""
 
 REFINEMENTS = 3
 """Solutions for what the one before left: the first loses half of the digits, as CᵀC is badly conditioned."""
@@ -120,9 +108,8 @@ def fit(
         column = np.full(len(p), -1, np.int32)
         column[places] = np.arange(len(places))
         parts = [rows_of(run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
-        equations = Equations([part for part, _ in parts], treatment.anchored)
-        within = lower[places], upper[places]
-        return places, solve(equations, p[places], *within, None if treatment.summed else parts, heard)
+        equations = Equations(parts, treatment.anchored)
+        return places, solve(equations, p[places], lower[places], upper[places], not treatment.summed, heard)
 
     made = [partial(fitted_one, cloth) for cloth in objective.cloths]
     at_once = sum(needed(objective)) <= objective.room
@@ -174,23 +161,19 @@ def information(objective: Objective, p: Array, fitted: Flags, factor: Array) ->
             column[block.part] = np.where(fitted[block.part], (np.cumsum(fitted) - 1)[block.part], -1)
         part = rows_of(run, p, own, column, TREATMENTS[0], len(places))
         steps = run.steps - (1 if run.system.method == EXPLICIT else 0)
-        if part[0].counts.sum() < 3 * steps * int(run.system.vertex.free.sum()):
+        if part.counts.sum() < 3 * steps * int(run.system.vertex.free.sum()):
             return None
-        rows, none = Equations([part[0]]), np.zeros(len(places))
-        kept = reformed([part], rows, none, in_balance(rows, rows.counts > 0, none))
+        rows, none = Equations([part]), np.zeros(len(places))
+        kept = in_balance(rows, rows.counts > 0, none)
         H += factor[places, None] * rows.gram(kept).toarray() * factor[places]
         g -= factor[places] * rows.right(none, kept)
         squares, count = squares + float((rows.sizes(none)[0][kept] ** 2).sum()), count + int(rows.counts[kept].sum())
     return H, g, squares, count
 
 
-Part = tuple[Rows, Callable[[Form, Places], Balances]]
-"""The rows of a run, and what gives those of some steps in another form."""
-
-
 def rows_of(
     run: Run, p: Array, own: Sequence[Block], column: Indices, treatment: Treatment, width: int | None = None
-) -> Part:
+) -> Rows:
     """The rows of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
     `column` (P,) has.
     """
@@ -199,8 +182,7 @@ def rows_of(
     seen = smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen
     made = balances(system, seen)
     wanted = columns(system, own, p, column, np.ones(len(p)), width or int(column.max()) + 1)
-    rows = Rows(summed_twice(made, system.method) if treatment.summed else made, system, spread(wanted))
-    return rows, lambda form, steps: balances(system, seen, form, steps)
+    return Rows(summed_twice(made, system.method) if treatment.summed else made, system, spread(wanted))
 
 
 def spread(wanted: Columns) -> csr_array:
@@ -219,11 +201,11 @@ def solve(
     p: Array,
     lower: Array,
     upper: Array,
-    trim: Sequence[Part] | None,
+    trim: bool,
     waiting: Callable[[], None] | None = None,
 ) -> Array:
-    """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); where the parts to `trim` are
-    given, over the steps that can be in balance.
+    """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); with `trim` over the steps
+    that can be in balance.
 
     What the rows do not determine stays as it is in p. Two rounds of refinement with the rows themselves undo what
     squaring the matrix costs.
@@ -232,12 +214,10 @@ def solve(
     if not kept.any():
         return p
     H = rows.gram(kept)
-    if trim is not None:
+    if trim:
         good = trimmed(rows, kept, trust_region.either(H), waiting)
         if not np.array_equal(good, kept):
-            q = balanced(rows, good)
-            kept = reformed(trim, rows, q, good)
-            H = rows.gram(kept)
+            kept, H = good, rows.gram(good)
     size = np.sqrt(H.diagonal())
     determined = size > 0
     scale = np.where(determined, size, 1.0)
@@ -247,26 +227,6 @@ def solve(
         g = -rows.right(q / scale, kept) / scale
         q = q + trust_region.solve(scaled, g, low - q, high - q, waiting=waiting)
     return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
-
-
-def reformed(parts: Sequence[Part], rows: Equations, q: Array, good: Flags) -> Flags:
-    """Which steps (S,) are in balance at q (Q,) in any form; those not `good` yet take the one that brings them into
-    it. Only where most of the good ones are exact: noise, or another model, would choose at random.
-    """
-    found = rows.of_parts(good)
-    for (part, other), kept in zip(parts, found, strict=True):
-        away = relative(*part.sizes(q))[kept]
-        if not len(away) or np.median(away) > SHARP:
-            continue
-        for form in forms(part.system):
-            out = np.flatnonzero(~kept & (part.counts > 0))
-            if not len(out):
-                break
-            there = Rows(other(form, out), part.system, part.spread, part.pattern)
-            into = np.flatnonzero(is_sharp(relative(*there.sizes(q)), away))
-            part.replace(out[into], there.found.of(into))
-            kept[out[into]] = True
-    return np.concatenate(found)
 
 
 OUT_OF_BALANCE = 10.0
