@@ -179,14 +179,6 @@ def test_weights_that_are_lost_are_told(said):
     assert "warning: b.pc2: has no place for weights; .npz has" in said("convert a.npz b.pc2")[2]
 
 
-def test_an_npz_in_other_axes_is_doubted_too(said):
-    said("target scene.json -o a.npz")
-    arrays = dict(np.load("a.npz"))
-    np.savez("b.npz", **{**arrays, "positions": arrays["positions"] * [-1, 1, 1]})
-    assert "--handedness right would fit" in said("evaluate scene.json scene.json --target b.npz")[2]
-    assert "warning" not in said("evaluate scene.json scene.json --target b.npz --handedness right")[2]
-
-
 def test_a_doubt_is_a_warning(said):
     said("simulate scene.json -o a.pc2 --up z")
     _, _, err = said("evaluate scene.json scene.json --target a.pc2")

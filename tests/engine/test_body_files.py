@@ -7,12 +7,11 @@ import pytest
 from helpers.physics import scene, thing, xyz
 from helpers.surfaces import block, body, sphere, torus
 
-from clothfit.base.errors import InvalidScene
+from clothfit import InvalidScene, load
 from clothfit.engine.inputs.body_files import body_of
 from clothfit.engine.inputs.sampling import arrays_from_files
 from clothfit.evaluation.forecast import check, inputs_of
 from clothfit.optimise.checkpoint import identity
-from clothfit.scene.scene import load
 
 
 def with_mesh(made, **fields):

@@ -9,14 +9,12 @@ from helpers.physics import GRAVITY, METHODS, STATES, full, keys, relative, scen
 from helpers.scenes import document, problems
 from helpers.surfaces import block, body
 
-from clothfit.base.errors import InvalidScene
+from clothfit import InvalidScene, energies, simulate
 from clothfit.engine.forces import colliders, touch
 from clothfit.engine.inputs import sampling
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.step import guard
 from clothfit.engine.system import build
-from clothfit.motion.energy import energies
-from clothfit.motion.simulate import simulate
 from clothfit.pictures.solids import solids
 
 TIGHT = 1e-13

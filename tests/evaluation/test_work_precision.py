@@ -11,11 +11,10 @@ from helpers.physics import scene, thing
 from helpers.scenes import cloth, document
 
 import clothfit
-from clothfit.base.errors import InvalidInput
+from clothfit import Diverged, InvalidInput
 from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.reference import Reference, converged
 from clothfit.evaluation.work_precision import Setting, Trial, expected, grid, judge, own, table, work_precision
-from clothfit.motion.divergence import Diverged
 
 slow = pytest.mark.slow  # compiles
 

@@ -12,20 +12,18 @@ from helpers.marks import FITS
 from helpers.scenes import cloth, document, even, trial
 from scipy import stats
 
+from clothfit import degrade, load, simulate
 from clothfit.cli.parts.estimate_results import certainty
 from clothfit.fit import confidence, posterior, result
 from clothfit.fit.confidence import not_shown
 from clothfit.fit.estimate import ALIKE, estimate, looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, FitOptions
 from clothfit.fit.posterior import Kept, half_width, inverse_beside, null_space
-from clothfit.motion.degrade import degrade
-from clothfit.motion.simulate import simulate
 from clothfit.optimise import trajectory
 from clothfit.optimise.scipy_methods import METHODS
 from clothfit.report import findings
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.kinds import KIND
-from clothfit.scene.scene import load
 
 pytestmark = FITS
 

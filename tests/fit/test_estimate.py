@@ -9,14 +9,10 @@ from helpers.marks import FITS
 from helpers.scenes import changed, cloth, document, even, load_text, trial
 
 import clothfit
-from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit import Diverged, InvalidInput, InvalidMotion, Motion, degrade, simulate
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.options import OWN_METHODS, RMSE_TOLERANCE
-from clothfit.motion.degrade import degrade
-from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.optimise.scipy_methods import FREE, METHODS

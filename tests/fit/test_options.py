@@ -9,10 +9,9 @@ import pytest
 from helpers.scenes import even
 
 import clothfit
+from clothfit import Reading, load
 from clothfit.cli import estimate as command
 from clothfit.fit.options import BUDGET, FitOptions, Keywords, options_of
-from clothfit.formats.axes import Reading
-from clothfit.scene.scene import load
 
 ARGUMENTS = inspect.signature(clothfit.estimate).parameters
 

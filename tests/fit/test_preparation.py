@@ -12,11 +12,10 @@ from helpers.marks import fits
 from helpers.strangers import DRAG, WIND, sheet, small, windy, with_finer_steps
 
 import clothfit
+from clothfit import InvalidInput, degrade, estimate, parameters, simulate, with_parameters
 from clothfit.base import checkpoint as module
-from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.engine.system import BDF2, IMPLICIT
-from clothfit.fit.estimate import estimate
 from clothfit.fit.options import FitOptions
 from clothfit.fit.preparation import (
     Prepared,
@@ -28,13 +27,10 @@ from clothfit.fit.preparation import (
     with_model,
     with_steps,
 )
-from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
-from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
-from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import ladder
 from clothfit.strategy.step_choice import COUNTS
 

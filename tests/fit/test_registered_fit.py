@@ -8,10 +8,8 @@ import pytest
 from helpers.strangers import sheet, stranger, with_finer_steps
 
 import clothfit
-from clothfit.motion.degrade import degrade
-from clothfit.motion.simulate import simulate
+from clothfit import degrade, parameters, simulate, with_parameters
 from clothfit.registration.record import Registration, rotation
-from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

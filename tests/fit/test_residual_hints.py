@@ -9,11 +9,9 @@ import pytest
 from helpers.strangers import WIND, sheet, small, stranger, windy, with_finer_steps
 
 import clothfit
+from clothfit import Fit, degrade, simulate
 from clothfit.fit.residual_hints import SHIFT, around, from_air, with_stall_hint
-from clothfit.fit.result import Fit
-from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
-from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.status import Status
 from clothfit.scene.fit_vector import bounds, parameters

@@ -8,12 +8,11 @@ import pytest
 from helpers.scene_files import container
 from helpers.scenes import cloth, document
 
-from clothfit.base.errors import InvalidInput, InvalidMotion, InvalidScene
+from clothfit import InvalidInput, InvalidMotion, InvalidScene, load
 from clothfit.engine.inputs.sampling import paths, poses
 from clothfit.evaluation.forecast import check, inputs_of
 from clothfit.formats import joints
 from clothfit.formats.axes import RIGHT, Axes
-from clothfit.scene.scene import load
 
 FOLDER = Path(__file__).parent / "blender"
 ARM = json.loads((FOLDER / "arm.json").read_text())

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clothfit.base.errors import InvalidMotion
+from clothfit import InvalidMotion, read_mesh
 from clothfit.formats import alembic, glb, markers, stl, usd
 from clothfit.formats.axes import Axes
 from clothfit.formats.registry import foreign
-from clothfit.meshes.mesh import read_mesh
 
 BLENDER = Path(__file__).parent / "blender"
 SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "files"

@@ -1,15 +1,11 @@
 """Checks of the derivatives of a scene's motion, for tests of forces and inputs in whole motions."""
 
-from __future__ import annotations
-
 import numpy as np
 
+from clothfit import Scene, parameters, simulate
 from clothfit.derivative.sensitivity import columns, sweep
 from clothfit.derivative.verify import check
-from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.scene.fit_vector import parameters
-from clothfit.scene.scene import Scene
 
 
 def assert_gradient_and_tangent(made: Scene, tolerance: float, product: float) -> None:

@@ -16,13 +16,11 @@ import numpy as np
 import pytest
 from helpers.scenes import cloth, document, sphere
 
-from clothfit.base.errors import ClothfitError, InvalidInput
-from clothfit.motion.simulate import simulate
+from clothfit import ClothfitError, InvalidInput, connect, simulate
 from clothfit.scene.scene import dumps, load
 
 pytest.importorskip("tornado")
 
-from clothfit.live.client import connect
 from clothfit.live.server import Serving
 
 pytestmark = pytest.mark.slow  # starts processes

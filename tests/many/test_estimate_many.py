@@ -4,8 +4,8 @@ import os
 import signal
 from types import SimpleNamespace
 
-import numba
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import trial, write_scene
 
 import clothfit
@@ -16,10 +16,7 @@ from clothfit.many.job import Outcome, numbered
 from clothfit.many.processes import Processes
 from clothfit.scene.scene import dumps, load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 FEW = {"method": "l-bfgs-b", "max_evaluations": 8}
 SOME = {"max_evaluations": 9, "intervals": False}

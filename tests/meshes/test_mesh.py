@@ -11,8 +11,7 @@ from helpers.paths import SIDE
 from helpers.scenes import document
 
 import clothfit
-from clothfit import InvalidInput
-from clothfit.meshes import mesh
+from clothfit import InvalidInput, mesh
 from clothfit.meshes.mesh import Mesh, read_mesh, turned
 
 FLOAT32 = 2e-6  # the editor computes in float32: a few roundings of 6e-8, times areas and squared lengths

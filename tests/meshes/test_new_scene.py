@@ -8,8 +8,7 @@ import pytest
 from helpers.paths import EXAMPLES
 
 import clothfit
-from clothfit.base.errors import InvalidInput, InvalidScene
-from clothfit.meshes import mesh
+from clothfit import InvalidInput, InvalidScene, mesh
 from clothfit.meshes.mesh import Mesh, plane, read_mesh
 from clothfit.meshes.new_scene import along, at_side, in_box, listed, new_scene, text
 from clothfit.meshes.problems import weld

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 from helpers.scenes import cloth, document, even
 
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, Motion, load, simulate
 from clothfit.motion.degrade import degrade, rounding
-from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
-from clothfit.scene.scene import load
 
 MOTION = simulate(load(even("nn", 21, 6, 6)))
 

@@ -10,13 +10,11 @@ import trimesh
 from helpers.scenes import cloth, document, trial
 
 import clothfit
-from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit import InvalidInput, InvalidMotion, mesh, read_mesh
 from clothfit.cli.program import run
 from clothfit.formats import registry
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes, Convention, Reading, from_scene
-from clothfit.meshes import mesh
-from clothfit.meshes.mesh import read_mesh
 from clothfit.motion import files as motion_files
 from clothfit.motion import foreign
 from clothfit.scene.mesh_numbering import numberings

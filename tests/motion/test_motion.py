@@ -11,10 +11,8 @@ from helpers.physics import METHODS, ball, scene, thing, xyz
 from helpers.scenes import cloth
 
 import clothfit.scene.scene
-from clothfit.base.errors import InvalidInput, InvalidMotion
-from clothfit.motion.divergence import Diverged
+from clothfit import Diverged, InvalidInput, InvalidMotion, simulate
 from clothfit.motion.motion import Motion, as_motion, check_motion, load_motion, save_motion
-from clothfit.motion.simulate import simulate
 
 TWO = scene(cloth(2, 2), cloth(3, 2), optimizationIterations=4)
 COUNTS = (4, 6)

@@ -7,15 +7,11 @@ from helpers.marks import FITS
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, sphere, trial
 
-from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit import InvalidInput, InvalidMotion, Motion, load, parameters, simulate, with_parameters
 from clothfit.derivative.verify import check
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 from clothfit.strategy.start import neutral_start
 
 pytestmark = FITS

@@ -6,11 +6,8 @@ from helpers.physics import ball, chain, scene, thing
 from helpers.scenes import even
 
 import clothfit
-from clothfit.motion.degrade import degrade
-from clothfit.motion.simulate import simulate
+from clothfit import degrade, load, parameters, simulate, with_parameters
 from clothfit.objective.identifiability import FEW, MOST, NOTABLE, STRONG, Value, hidden, identifiable, strongest
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 
 
 def test_fixed_masses_and_springs_between_fixed_vertices_are_hidden():

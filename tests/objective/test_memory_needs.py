@@ -6,20 +6,14 @@ import numpy as np
 import pytest
 from helpers.scenes import document, trial, write_scene
 
-from clothfit.base.errors import InvalidInput
+from clothfit import Diverged, InvalidInput, as_motion, estimate, load, parameters, simulate, with_parameters
 from clothfit.base.memory import human
 from clothfit.cli.program import run
 from clothfit.engine import tape
 from clothfit.engine.rollout import state_bytes
-from clothfit.fit.estimate import estimate
-from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import as_motion
-from clothfit.motion.simulate import simulate
 from clothfit.objective import objective as objectives
 from clothfit.objective.memory_needs import snapshot_bytes
 from clothfit.objective.objective import Objective, cost_and_gradient
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 from clothfit.strategy import trajectory_fit
 
 pytestmark = pytest.mark.slow  # compiles a fit

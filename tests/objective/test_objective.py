@@ -9,19 +9,24 @@ from helpers.physics import METHODS, TIGHT, ball, scene, thing, xyz
 from helpers.scenes import cloth, even, trial
 from helpers.strangers import small
 
-from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit import (
+    Diverged,
+    InvalidInput,
+    InvalidMotion,
+    Motion,
+    as_motion,
+    degrade,
+    load,
+    parameters,
+    simulate,
+    with_parameters,
+)
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, central_difference_error, check
 from clothfit.engine.rollout import rollout
 from clothfit.engine.tape import Tape
-from clothfit.motion.degrade import degrade
-from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import Motion, as_motion
-from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.objective.run import KEPT
 from clothfit.scene.block import flagged
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 
 pytestmark = FITS
 

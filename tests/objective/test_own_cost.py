@@ -10,17 +10,12 @@ from helpers.physics import TIGHT, scene
 from helpers.scenes import cloth, document, even
 
 import clothfit
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, Residuals, as_motion, load, parameters, simulate, with_parameters
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
 from clothfit.engine import tape
-from clothfit.motion.motion import as_motion
-from clothfit.motion.simulate import simulate
 from clothfit.motion.times import interpolated
 from clothfit.objective.memory_needs import snapshot_bytes, state_bytes
 from clothfit.objective.objective import Objective
-from clothfit.objective.own_cost import Residuals
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 
 pytestmark = FITS
 

@@ -10,13 +10,11 @@ import pytest
 from helpers.scenes import cloth, document, even
 from numpy.testing import assert_allclose
 
-from clothfit import energies, evaluate, parameters, simulate, with_parameters
+from clothfit import as_motion, energies, evaluate, load, parameters, simulate, with_parameters
 from clothfit.evaluation.evaluate import distances, overlaid
-from clothfit.motion.motion import as_motion
 from clothfit.optimise.progress import Progress
 from clothfit.pictures import charts, maps, plots
 from clothfit.pictures.picture_file import DOTS_PER_INCH, save
-from clothfit.scene.scene import load
 
 matplotlib = pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
 

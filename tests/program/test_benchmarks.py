@@ -1,6 +1,5 @@
 """The benchmarks compare equals: every peer computes the motion and the gradient that this program does."""
 
-import json
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +10,7 @@ import pytest
 from helpers import physics
 from helpers.paths import BENCHMARKS
 from helpers.physics import TIGHT as ROUNDING
-from helpers.scenes import cloth, load_text, sphere, trial, write_scene
+from helpers.scenes import cloth, sphere, trial, write_scene
 
 import clothfit
 from clothfit.base.arrays import Elements
@@ -42,7 +41,7 @@ def benchmarks(monkeypatch):
 def scene():
     """A windy cloth that begins with a push."""
     push = [{"x": 0.1 * i, "y": 0.2, "z": -0.1} for i in range(16)]
-    return load_text(json.dumps(trial("nL", frames=7, vertVel=push, **WINDY)))
+    return clothfit.load(trial("nL", frames=7, vertVel=push, **WINDY))
 
 
 def peer(name, of):
@@ -71,7 +70,7 @@ def test_a_peer_has_the_motion_and_the_gradient_that_this_program_has(name):
 
 def test_peers_refuse_what_they_leave_out():
     with pytest.raises(ValueError, match="no spheres"):
-        import_module("peers.problem").problem(load_text(json.dumps(trial("nL", colliders=[sphere()]))))
+        import_module("peers.problem").problem(clothfit.load(trial("nL", colliders=[sphere()])))
 
 
 def test_a_program_that_computes_something_else_is_not_quoted(tmp_path, monkeypatch, capsys):
@@ -88,14 +87,6 @@ def test_a_program_that_computes_something_else_is_not_quoted(tmp_path, monkeypa
     assert "SciPy: left out" in printed.err
 
 
-def test_programs_run_in_turn_after_one_run_that_does_not_count():
-    calls = []
-    works = {name: lambda name=name: calls.append(name) for name in "ab"}
-    seconds = import_module("measure").in_turn(works, 3)
-    assert calls == list("ab") * 4
-    assert {name: len(each) for name, each in seconds.items()} == {"a": 3, "b": 3}
-
-
 def test_grids_are_of_one_cloth():
     grids = import_module("grids")
     for side in (4, 9):
@@ -110,19 +101,6 @@ def test_grids_are_of_one_cloth():
         assert (~bending).sum() == 3 * cells**2 + 2 * cells
         assert bending.sum() == 3 * cells**2 - 2 * cells
         assert (own.stiffness[~bending] == 50.0).all()
-
-
-def test_the_table_of_grids():
-    given = SimpleNamespace(steps=2, rounds=1, peers=["scipy"], no_gradient=False, clock="cpu")
-    scaling = import_module("scaling")
-    growing = {32: 1.0, **{side: 7.0 * side**3 for side in (64, 128, 256)}}
-    assert scaling.exponent(growing) == "vertices^1.50 from 64² to 256²"
-    assert scaling.exponent({32: 1.0, 64: 2.0}) == ""
-    found, step, gradient = scaling.run(given, 5)
-    rows = [scaling.cells(name, program, step, gradient) for name, program in found.items()]
-    assert [row[0] for row in rows] == ["clothfit", "SciPy"]
-    assert [row[3] for row in rows] != ["–", "–"]
-    assert rows[1][4:] == ["–", "–"]
 
 
 def test_the_approximate_adjoint_is_that_of_stored_matrices():

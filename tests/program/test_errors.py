@@ -18,10 +18,8 @@ from helpers.paths import ROOT
 from helpers.scenes import even, trial
 
 import clothfit
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, mesh, verify
 from clothfit.cli.program import run
-from clothfit.derivative import verify
-from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 
 VERTICES, SPRINGS = 16, 33
@@ -81,47 +79,6 @@ def fails(tmp_path, monkeypatch, capsys):
         assert {name: (tmp_path / name).read_bytes() for name in before} == before
 
     return command
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            "estimate scene.json --starts 2 --report page.html",
-            "--report is for one fit of one scene; make the pages of several with clothfit report",
-        ),
-        (
-            "estimate scene.json --target good.npz@scene.json --report page.html",
-            "--report shows the first --target, which must be of SCENE itself, without @",
-        ),
-        ("estimate scene.json --up z", "--scale, --up, … and --map describe the motion of --target; add that"),
-        ("new plane --scale 2", " is for …; leave it out"),
-        ("new plane --delta 0.1 --fps 10", " and … say the same; give one of them"),
-    ],
-)
-def test_a_command_line_that_is_not_understood_ends_with_2(fails, arguments, message):
-    fails(2, arguments, message)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (f"simulate scene.json -o {'n' * 300}", "cannot write …: File name too long"),
-        ("simulate scene.json -o moved.ply", "cannot write …: … can only be read"),
-        ("simulate scene.json -o a.npz --up z", ".npz has the scene's axes and metres; leave --scale, --up, …out"),
-        ("estimate scene.json --target good.npz --frames 9:", "has …, none of which is in --frames "),
-        ("estimate scene.json --target good.npz --map map.csv", "--map: … has all vertices, in their order; leave it"),
-        ("export scene.json --to csv -o -", "an export is several files, which need a folder; name one with -o"),
-        ("new -", "a mesh is not read from standard input; name a file"),
-        ("estimate scene.json --starts 1000000000", "--starts must be at most 10000; 1000000000 was given"),
-        ("estimate scene.json --loss huber --loss-scale 1e300", "--loss-scale must be within 1e-100 … 1e+100 m; "),
-        ("new plane --integrator magic", "integrator: there is no …; use "),
-        ("new plane --fit colour", "fit: there is no …; use two letters, or "),
-        ("new plane --fit wind=L", "fit: … cannot be fitted as …; use "),
-    ],
-)
-def test_a_value_or_a_path_that_cannot_be_ends_with_3(fails, arguments, message):
-    fails(3, arguments, message)
 
 
 @pytest.mark.parametrize(
