@@ -174,11 +174,6 @@ def test_a_start_may_be_the_path_of_a_scene(scene, tmp_path):
         clothfit.estimate(scene, motion, "nothing.json")
 
 
-def test_a_path_that_cannot_be_loaded_is_an_invalid_motion(scene):
-    with pytest.raises(clothfit.InvalidMotion, match=r"nothing\.npz: there is no such file"):
-        clothfit.estimate(scene, "nothing.npz")
-
-
 @pytest.mark.parametrize(
     "call",
     [

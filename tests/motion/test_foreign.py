@@ -50,12 +50,6 @@ def test_the_axes_of_obj_are_y_up_and_right_handed(there):
     assert f"f {c + 1} {b + 1} {a + 1}" in first  # the mirror turns faces round
 
 
-def test_faces_keep_their_front(there):
-    clothfit.save_motion(MOTION, "a_*.obj", SCENE, Convention(up="z"))
-    found = foreign.load("a_*.obj", None, Reading(up="z"))
-    np.testing.assert_array_equal(found.triangles, motion_files.triangles_of(SCENE))
-
-
 def test_files_without_a_known_suffix_are_this_programs(there):
     for name in ("a.npz", "a.dat", "a"):
         clothfit.save_motion(MOTION, name)

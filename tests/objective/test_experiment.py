@@ -51,11 +51,6 @@ def test_the_gradient_with_several_experiments():
     assert len(objective.runs) == 3
 
 
-def test_a_target_twice_costs_twice():
-    goal, p = truth(MAIN), parameters(MAIN)
-    assert Objective(MAIN, [goal, goal]).cost(p) == 2 * Objective(MAIN, goal).cost(p)
-
-
 def test_each_experiment_has_its_own_forces_and_the_same_parameters():
     p = 1.3 * parameters(MAIN)
     objective = Objective(MAIN, (truth(WINDY), WINDY))

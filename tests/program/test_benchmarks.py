@@ -3,7 +3,6 @@
 import sys
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -85,22 +84,6 @@ def test_a_program_that_computes_something_else_is_not_quoted(tmp_path, monkeypa
     assert "| clothfit |" in printed.out
     assert "| SciPy |" not in printed.out
     assert "SciPy: left out" in printed.err
-
-
-def test_grids_are_of_one_cloth():
-    grids = import_module("grids")
-    for side in (4, 9):
-        (own,) = grids.grid(side, 5).cloths
-        assert len(own.mass) == side**2
-        assert own.mass.sum() == pytest.approx(4.9)
-        assert np.ptp(own.positions, axis=0) == pytest.approx([7.0, 0.0, 7.0])
-        assert own.fixed.sum() == side
-        bending = own.stiffness == 12.5
-        # Every triangle has three springs; one along each of the 3 c² + 2 c edges of c² cells, the others bend.
-        cells = side - 1
-        assert (~bending).sum() == 3 * cells**2 + 2 * cells
-        assert bending.sum() == 3 * cells**2 - 2 * cells
-        assert (own.stiffness[~bending] == 50.0).all()
 
 
 def test_the_approximate_adjoint_is_that_of_stored_matrices():

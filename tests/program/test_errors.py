@@ -226,8 +226,6 @@ LINE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([(0, 1, 1)],
 @pytest.mark.parametrize(
     ("message", "call"),
     [
-        ("targets: 0 are given for 1 scenes; give one item for each", lambda: clothfit.estimate_many([SCENE], [])),
-        ("target: none is given; at least one motion is needed", lambda: clothfit.estimate(SCENE, [])),
         ("is not a number, an array of numbers or a scene", lambda: clothfit.estimate(SCENE, start=["a"])),
         ("up must be y or z; 'x' was given", lambda: clothfit.Reading(up="x")),
         ("a scene comes from a path, an open file or a dict, not from", lambda: clothfit.load(5)),
