@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 from helpers.scenes import trial, write_scene
 
-import clothfit
+from clothfit import Reading, load, load_motion, save_motion, simulate
 from clothfit.cli.common.console import Console
 from clothfit.cli.parts.estimate_files import Files
 from clothfit.cli.parts.estimate_many import planned
 from clothfit.cli.program import gathered
 from clothfit.formats import obj
-from clothfit.formats.axes import Reading
 from clothfit.many.estimate_many import packed_targets
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder")]  # with a scene; compiles a fit
@@ -103,8 +102,8 @@ def test_a_file_without_times_gives_an_npz_without(said, folder):
 
 
 def test_faces_come_from_the_mesh_else_the_scene_else_the_file(summary):
-    scene = clothfit.load("scene.json")
-    clothfit.save_motion(clothfit.simulate(scene), "a.npz")
+    scene = load("scene.json")
+    save_motion(simulate(scene), "a.npz")
     assert summary("convert a.npz b.pc2")["written"]["faces"] == 0
     assert summary("convert a.npz 'b_*.obj' --scene scene.json")["written"]["faces"] == 18
     with open("m.obj", "wb") as file:
@@ -169,7 +168,7 @@ def test_a_simulation_goes_where_its_suffix_says(said, folder):
     _, _, err = said("simulate scene.json -o a.pc2")
     assert "a.pc2: PC2 point cache, y up, right-handed, metres; it has no times: there are 50 frames a second" in err
     said("simulate scene.json")
-    expected = clothfit.load_motion("scene.motion.npz", clothfit.load("scene.json")).positions
+    expected = load_motion("scene.motion.npz", load("scene.json")).positions
     found = obj.read("a_*.obj").positions
     np.testing.assert_allclose(found, 100 * np.stack([-expected[..., 0], -expected[..., 2], expected[..., 1]], -1))
 

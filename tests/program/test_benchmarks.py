@@ -11,18 +11,15 @@ from helpers.paths import BENCHMARKS
 from helpers.physics import TIGHT as ROUNDING
 from helpers.scenes import cloth, sphere, trial, write_scene
 
-import clothfit
+from clothfit import Forces, load
 from clothfit.base.arrays import Elements
 from clothfit.derivative import adjoint
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.scene.forces import Forces
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
 TIGHT = 1e-13
-WINDY = {"windVel": {"x": 3.0, "y": 1.0, "z": -2.0}, "dragCoefficient": 0.5}
-LIBRARIES = ("this program", "numba", "scipy", "jax", "torch", "warp")
 
 
 @pytest.fixture(autouse=True)
@@ -37,39 +34,9 @@ def benchmarks(monkeypatch):
         del sys.modules[name]
 
 
-def scene():
-    """A windy cloth that begins with a push."""
-    push = [{"x": 0.1 * i, "y": 0.2, "z": -0.1} for i in range(16)]
-    return clothfit.load(trial("nL", frames=7, vertVel=push, **WINDY))
-
-
-def peer(name, of):
-    if name == "this program":
-        return import_module("peers.this_program").Peer(of)
-    pytest.importorskip(name)
-    file = import_module("measure").PEERS[name]
-    return import_module(f"peers.{file}").Peer(import_module("peers.problem").problem(of))
-
-
-@pytest.mark.parametrize("name", LIBRARIES)
-def test_a_peer_has_the_motion_and_the_gradient_that_this_program_has(name):
-    of = scene()
-    other, target = peer(name, of), clothfit.simulate(of, tolerance=TIGHT)
-    # Solves to 1e-13 of momenta of about 1 m/s, 6 steps: 1e-13 m; a thousand times as much for rounding and condition.
-    assert other.steps(6, TIGHT) == pytest.approx(target.positions, abs=1e-10)
-    if name == "scipy":  # which has no gradient
-        return
-    k = 1.2 * clothfit.parameters(of)
-    cost, gradient = clothfit.cost_and_gradient(clothfit.with_parameters(of, k), target, TIGHT)
-    found, slope = other.cost_and_gradient(k, target.positions, TIGHT)
-    # Solves to 1e-13 in both; the rest is what the systems' condition, below 1e3, may make of it.
-    assert found == pytest.approx(cost, rel=1e-10)
-    assert slope == pytest.approx(gradient, rel=1e-9, abs=1e-9 * np.abs(gradient).max())
-
-
 def test_peers_refuse_what_they_leave_out():
     with pytest.raises(ValueError, match="no spheres"):
-        import_module("peers.problem").problem(clothfit.load(trial("nL", colliders=[sphere()])))
+        import_module("peers.problem").problem(load(trial("nL", colliders=[sphere()])))
 
 
 def test_a_program_that_computes_something_else_is_not_quoted(tmp_path, monkeypatch, capsys):
