@@ -1,9 +1,7 @@
 """`clothfit convert`, and motions of other programs in the other commands."""
 
-import os
 import struct
 import sys
-import threading
 from io import BytesIO
 from types import SimpleNamespace
 
@@ -117,16 +115,6 @@ def test_standard_input_is_an_npz(summary, monkeypatch):
     np.savez(file, positions=points())
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(file.getvalue())))
     assert summary("convert - b.pc2 --up z")["points"] == 4
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes")
-def test_a_pipe_is_an_npz(summary, folder):
-    np.savez("a.npz", positions=points())
-    os.mkfifo("pipe")
-    writer = threading.Thread(target=(folder / "pipe").write_bytes, args=((folder / "a.npz").read_bytes(),))
-    writer.start()
-    assert summary("convert pipe b.pc2")["points"] == 4
-    writer.join()
 
 
 # --- the other commands

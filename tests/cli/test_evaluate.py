@@ -41,15 +41,6 @@ def test_the_summary_has_the_keys_and_the_numbers_of_the_library(scenes, told):
     assert found["parameters"][1]["max_relative_deviation"] == pytest.approx(0.1, rel=1e-12)  # rounding
 
 
-def test_the_table_is_on_standard_output(scenes, said):
-    code, out, err = said(f"{BOTH} --steps 30")
-    lines = [line.split() for line in out.splitlines() if line]
-    assert (code, but_for_a_first_use(err)) == (0, "")
-    assert [line[0] for line in lines] == ["motion", "fitted", "horizon", "parameters", "objects[0]", "objects[0]"]
-    assert lines[-1][1:] == ["stiffness", "(G)", "1", "0.1", "0.1"]
-    assert said(f"{BOTH} --steps 30 -q") == (0, "", "")
-
-
 def test_what_nothing_reveals_is_null_and_said(here, said, told):
     write_scene(here, even("LG", vertIsFixed=[True] * 16))
     found, _ = told("evaluate scene.json scene.json --steps 20")

@@ -14,7 +14,7 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels.cache import KernelCache
-from clothfit.many.warmup import NEVER, PARTS, Part, called, compilations, strip_scene, use_everything, warm_up
+from clothfit.many.warmup import NEVER, PARTS, Part, called, strip_scene, use_everything, warm_up
 
 pytestmark = FITS
 
@@ -137,17 +137,6 @@ def test_parts_are_reported_as_they_are_done(monkeypatch):
     assert parts == heard
     assert [(part.name, part.compiled) for part in parts] == [("one", 1), ("two", 0)]
     assert all(isinstance(part, Part) for part in parts)
-
-
-def test_compilations_are_counted_within_the_block_only():
-    with compilations() as found:
-        numba.njit(doubled)(1)
-    numba.njit(doubled)(1.5)
-    assert found == [f"{__name__}.doubled"]
-
-
-def doubled(x):
-    return x + x
 
 
 def test_a_strip_can_be_called_large():
