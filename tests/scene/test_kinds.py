@@ -244,6 +244,7 @@ def test_a_value_back_at_its_default_stays_in_the_file_that_has_it():
     ("others", "message"),
     [
         ({"mass": [[1, 1, 1]]}, "objects[0].vertMass: an array of int64 of shape (3,) is not 2 numbers"),
+        *[({"mass": [wrong]}, "objects[0].vertMass: an array of ") for wrong in (["a", "b"], [1j, 1], [[1], [1, 2]])],
         ({"mass": [[1, 0]]}, "objects[0].vertMass[1]: the mass 0.0 kg must be above 0"),
         ({"mass": [[1, np.nan]]}, "objects[0].vertMass[1]: NaN is not a finite number"),
         ({"stiffness": [[-1]]}, "objects[0].springStiffness[0]: the stiffness -1.0 N/m must be 0 or more"),

@@ -50,12 +50,14 @@ def test_the_fields_become_arrays():
     assert [(ball.centre.tolist(), ball.radius) for ball in made.spheres] == [([0, 0, 0], 0.75)]
 
 
-def test_planes_are_ignored_with_a_warning_and_arrays_are_read_only():
-    made = scene.load(document(colliders=[sphere(type=0), sphere()]))
-    assert len(made.spheres) == 1
-    assert made.warnings == (f"colliders[0]: planes are ignored, as in the editor; {scene.WAY_OUT}",)
+def test_arrays_are_read_only_and_copies_of_what_is_given():
+    made = scene.load(document(colliders=[sphere()]))
     arrays = [made.wind, made.spheres[0].centre, made.cloths[0].mass, scaled(made, 2).cloths[0].stiffness]
     assert not any(array.flags.writeable for array in arrays)
+    given = np.array(made.cloths[0].mass)
+    other = made.with_values([given], [made.cloths[0].stiffness])
+    given[:] = 5.0
+    assert other.cloths[0].mass.tolist() == made.cloths[0].mass.tolist()
 
 
 def test_a_scene_comes_from_a_path_a_file_or_a_dict_and_has_a_name(tmp_path):
