@@ -51,7 +51,8 @@ def of(old="", new=""):
 EDITS = {  # what they change of what is compiled, through all calls, or of anything else
     True: [
         ("FACTOR * np.sqrt", "FACTOR + np.sqrt"), ("np.sqrt", "np.cbrt"),
-        ("FACTOR = 2.0", "FACTOR = 2.0000000000000004"), ("np.arange(3.0)", "np.arange(1.0, 4.0)"), ("flag=True", "flag=False"), ("TABLE[0]", "TABLE[1]"),
+        ("FACTOR = 2.0", "FACTOR = 2.0000000000000004"), ("np.arange(3.0)", "np.arange(1.0, 4.0)"),
+        ("flag=True", "flag=False"), ("TABLE[0]", "TABLE[1]"),
         ("left: float\n    right: float", "right: float\n    left: float"),
     ],
     False: [
