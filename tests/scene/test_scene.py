@@ -159,6 +159,8 @@ BROKEN = {
     "repeated in object": (TEXT.replace('"springs"', '"springs": [], "springs"'), "objects[0].springs: ", "more than"),
     "repeated in unknown": (TEXT.replace("{", '{"u": [{"a b": 1, "a b": 2}], ', 1), 'u[0]."a b": ', "more than once"),
     "repeated twice": ('{"a": {"b": 1, "b": 2}, "a": 3}', "b: ", "more than once"),
+    "NaN": (TEXT.replace("0.01,", "NaN,", 1), "objects[0].vertMass[0]: ", "NaN is not a finite number"),
+    "-Infinity": (TEXT.replace("0.02", "-Infinity", 1), "delta: ", "-Infinity is not a finite number"),
     "1e999": (TEXT.replace("0.01,", "1e999,", 1), "objects[0].vertMass[0]: ", "finite number"),
     "digits": (TEXT.replace("0.01,", "9" * 5000 + ",", 1), "objects[0].vertMass[0]: ", "finite number"),
     "index of digits": (TEXT.replace("[0, 1", "[0, " + "9" * 5000, 1), "objects[0].springs[1]: ", "finite number"),
