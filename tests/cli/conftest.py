@@ -11,9 +11,8 @@ from types import SimpleNamespace
 import pytest
 from helpers.scenes import even
 
+from clothfit import estimate, load
 from clothfit.cli.program import run
-from clothfit.fit.estimate import estimate
-from clothfit.scene.scene import load
 
 
 @pytest.fixture(autouse=True)

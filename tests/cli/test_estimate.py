@@ -4,16 +4,15 @@ import io
 import json
 import math
 import re
-import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
-from helpers.paths import DOCS, SIDE
+from helpers.marks import FITS
+from helpers.paths import DOCS
 from helpers.scenes import (
     cloth,
     document,
@@ -32,14 +31,11 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.parts.estimate_results import KEYS as LOGGED
 from clothfit.cli.parts.estimate_results import FitLog, earlier
 from clothfit.fit.options import FitOptions
-from clothfit.motion.motion import load_motion, save_motion
+from clothfit.motion.motion import save_motion
 from clothfit.optimise.progress import Progress
 from clothfit.scene.scene import load, save
 
-pytestmark = [
-    pytest.mark.slow,  # starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 KEYS = {
     "schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds",
@@ -244,27 +240,7 @@ def test_bytes_that_are_not_numbers_stay_too(said):
     assert set(found) <= set(span(text, "springStiffness"))
 
 
-@pytest.mark.skipif(not SIDE.is_file(), reason="the reference scene is not beside the checkout")
-def test_the_reference_scene_changes_in_flagged_stiffnesses_only(said, told):
-    path = shutil.copyfile(SIDE, "side.txt")
-    summary, _ = told("estimate side.txt")
-    old, new = (Path(name).read_text("utf-8") for name in (path, "side.fitted.txt"))
-    settings = [cloth.settings for cloth in load(path).cloths]
-    assert (settings, summary["status"]) == (["nL", "nn"], "converged")
-    found = differing(old, new)
-    assert len(found) > 700
-    assert set(found) <= set(span(old, "springStiffness"))
-    assert said("simulate side.fitted.txt -q")[0] == 0
-    assert load_motion("side.fitted.motion.npz", load(path)).positions.shape == (100, 288, 3)
-
-
 # --- divergence
-
-
-def test_a_truth_that_diverges_is_code_4(here, said):
-    write_scene(here, even("nG", 60, integrationMethod=0, delta=0.004, springStiffness=[1e3] * 33))
-    code, _, err = said("estimate scene.json")
-    assert (code, "diverged at step" in err.splitlines()[-1], names()) == (4, True, ["scene.json"])
 
 
 def test_values_that_all_diverge_are_code_4_and_no_file(here, told):
@@ -295,16 +271,6 @@ def given(here):
 FIT = "estimate scene.json --target t.npz"
 
 
-@pytest.mark.parametrize("model", ["M", "G"])
-def test_a_model_takes_the_place_of_the_flags(given, told, model):
-    given("nR")
-    summary, _ = told(f"{FIT} --model {model}")
-    (block,) = summary["parameters"]
-    assert (block["name"], block["mode"]) == ("stiffness", model)
-    letters = [cloth.settings for cloth in load(summary["output"]).cloths]
-    assert letters == ["nR"]  # the flags of the file are not what was fitted
-
-
 def test_the_ladder_is_in_the_summary_and_printed(given, told):
     given()
     summary, err = told(FIT)
@@ -325,8 +291,9 @@ def test_the_ladder_is_in_the_summary_and_printed(given, told):
 
 
 def test_what_is_kept_out_is_in_the_ladder(given, told):
-    given()
+    given("nR")
     summary, err = told(f"{FIT} --model auto")
+    assert load(summary["output"]).cloths[0].settings == "nR"  # the flags of the file are not what was fitted
     assert all(each["holdout_rmse"] > 0 for each in summary["ladder"])
     assert summary["parameters"][0]["mode"] in [each["model"] for each in summary["ladder"]]
     assert re.search(r"^model +values +RMSE +kept out +seconds$", err, re.MULTILINE)
@@ -346,16 +313,6 @@ def test_the_step_that_is_chosen_is_in_the_summary_and_in_the_file(given, told):
     assert (coarse["substeps"], coarse["integrator"]) == (1, "implicit")
     assert [each["substeps"] for each in finer if each["integrator"] == "bdf2"] == [1, 2, 4]
     assert f"time step: {1000 * step['delta']:g} ms by bdf2, {step['substeps']} steps to a frame of the target" in err
-
-
-def test_the_editors_step_is_kept_unless_another_is_asked_for(given, told):
-    given("nF", method=2)
-    summary, _ = told(FIT)
-    assert (summary["step"]["tried"], load(summary["output"]).method) == ([], 2)
-    assert "time_step" in [hint["code"] for hint in summary["hints"]]
-    four, _ = told(f"{FIT} --substeps 4")
-    assert (four["step"]["substeps"], four["step"]["delta"]) == (4, 0.005)
-    assert four["rmse"] < summary["rmse"]
 
 
 # --- processes

@@ -3,24 +3,16 @@
 import re
 from dataclasses import replace
 
-import numba
-import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import cloth, document, even, names, sphere, trial, write_scene
 
+from clothfit import evaluate, load
 from clothfit.cli.common.console import COMPILING
 from clothfit.evaluation import work_precision as precision
-from clothfit.evaluation.evaluate import evaluate
 from clothfit.evaluation.work_precision import grid
-from clothfit.fit.estimate import record_target
-from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import save_motion
-from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 KEYS = {"schema_version", "command", "diverged", "frames", "rmse", "max_error", "horizon", "parameters"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "median_relative_deviation", "max_relative_deviation"}
@@ -49,15 +41,6 @@ def test_the_summary_has_the_keys_and_the_numbers_of_the_library(scenes, told):
     assert found["parameters"][1]["max_relative_deviation"] == pytest.approx(0.1, rel=1e-12)  # rounding
 
 
-def test_the_table_is_on_standard_output(scenes, said):
-    code, out, err = said(f"{BOTH} --steps 30")
-    lines = [line.split() for line in out.splitlines() if line]
-    assert (code, but_for_a_first_use(err)) == (0, "")
-    assert [line[0] for line in lines] == ["motion", "fitted", "horizon", "parameters", "objects[0]", "objects[0]"]
-    assert lines[-1][1:] == ["stiffness", "(G)", "1", "0.1", "0.1"]
-    assert said(f"{BOTH} --steps 30 -q") == (0, "", "")
-
-
 def test_what_nothing_reveals_is_null_and_said(here, said, told):
     write_scene(here, even("LG", vertIsFixed=[True] * 16))
     found, _ = told("evaluate scene.json scene.json --steps 20")
@@ -69,15 +52,6 @@ def test_steps_are_those_of_the_longer_run_also_of_a_scene_from_standard_input(s
     standard_input("fitted.json")
     found, err = told("evaluate scene.json - --steps 60")
     assert (err, found["frames"], found["horizon"]["frames"]) == ("", 20, 61)
-
-
-def test_a_target_takes_the_place_of_the_truth(scenes, told):
-    noise = 0.01
-    save_motion(degrade(record_target(scenes[1]), noise, 0.5, 2), "t.npz")
-    found, _ = told(f"{BOTH} --target t.npz")
-    assert (found["frames"], found["horizon"]["frames"]) == (10, 10)
-    # 80 positions seen, 240 coordinates: the root mean square scatters by 1 / sqrt(480) = 4.6 %; three times that.
-    assert found["rmse"] == pytest.approx(noise * np.sqrt(3), rel=0.14)
 
 
 def test_a_longer_run_that_diverges_does_not_hide_the_fitted_frames(here, told):
@@ -241,12 +215,3 @@ def test_a_large_cloth_is_looked_at_over_fewer_steps_and_that_is_said(said, told
     code, _, err = said("check scene.json")
     assert (code, "the first 10 of 29 steps; --steps checks others\n" in err) == (0, True)
     assert told("check scene.json --steps 20")[0]["frames"] == 21
-
-
-def test_a_target_of_ones_own_and_a_scene_from_standard_input(touching, said, told, standard_input):
-    assert said("target scene.json --noise 0.001 --every 2 -q -o capture.npz")[0] == 0
-    summary, err = told("check scene.json --target capture.npz --steps 12")
-    assert (summary["target"], "against capture.npz" in err) == ("capture.npz", True)
-    standard_input(touching)
-    code, out, _ = said("check - --steps 12")
-    assert (code, out.splitlines()[-1]) == (0, "standard input: the gradient is right")

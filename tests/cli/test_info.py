@@ -8,12 +8,11 @@ import pytest
 from helpers.paths import EXAMPLES
 from helpers.scenes import MISSING, changed, cloth, document, even, sphere, trial, write_scene
 
+from clothfit import Motion, save_motion
 from clothfit.base.checkpoint import encoded
 from clothfit.cli.common.scenes import split
 from clothfit.export.tools import exported
 from clothfit.formats.registry import kind_of
-from clothfit.motion.files import save_motion
-from clothfit.motion.motion import Motion
 from clothfit.scene.scene import WAY_OUT, load
 
 SIDE = str(EXAMPLES / "side.json")
@@ -137,15 +136,6 @@ def test_problems_are_split_into_place_and_message(sentence, place):
     found = split(sentence)
     assert found["place"] == place
     assert sentence == (found["message"] if place is None else f"{place}: {found['message']}")
-
-
-def test_a_scene_without_flags_and_springs(here, told):
-    point = {"vertPos": [{"x": 0, "y": 0, "z": 0}], "vertIsFixed": [False], "vertMass": [1.0], "springs": [],
-             "springStiffness": []}  # fmt: skip
-    write_scene(here, document(point))
-    found, err = told("info scene.json")
-    assert (found["memory"]["fit"], "1 without springs" in err) == (None, True)
-    assert np.isfinite(found["objects"][0]["mass"]["total"])
 
 
 def test_forces(here, said, summary):
@@ -287,19 +277,10 @@ def test_unlikely_units_are_doubted(said, size, doubt):
 
 
 NO_SCENES = {
-    "a.vtk": (b"# vtk DataFile Version 3.0\nASCII\n", "it is a VTK file; export it as .ply, .stl or .obj"),
-    "a.off": (b"OFF\n3 1 0\n", "it is an OFF mesh; export it as .ply, .stl or .obj"),
-    "a.msh": (b"$MeshFormat\n4.1 0 8\n", "it is a Gmsh mesh; export it as .ply, .stl or .obj"),
     "a.fbx": (b"Kaydara FBX Binary  \0\x1a\0\xe8", "it is an FBX file; export it as .glb, .usd, .abc or .obj"),
-    "a.blend": (b"BLENDER-v402\xff", "it is a Blender file; export it as .glb, .usd, .abc or .obj"),
-    "a.dae": (b'<?xml version="1.0"?><COLLADA/>', "it is an XML file, as COLLADA's and VTK's are; export it as .glb, "
-              ".usd, .abc or .obj"),
-    "a.jpg": (b"\xff\xd8\xff\xe0", "it is a picture; name another file"),
     "a.m3": (b"\xfe\0\1", "it is no scene, which is a JSON object, and .m3 is no format that is read; export it as "
              "another"),
     "e.obj": (b"", "it is empty; export it again"),
-    "e.glb": (b" \n", "it is empty; export it again"),
-    "e.trc": (b"", "it is empty; export it again"),
     "e.json": (b"", "the file is empty; a scene is a JSON object"),
     "f.json": (b"[1", "line 1, column 3: the text ends inside a value; is the file complete?"),
 }  # fmt: skip

@@ -8,8 +8,8 @@ import sys
 import time
 from pathlib import Path
 
-import numba
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import environment, even, names, trial, write_scene
 
 from clothfit.cli.parts import estimate_many
@@ -20,10 +20,7 @@ from clothfit.motion.motion import save_motion
 from clothfit.optimise.checkpoint import decoded
 from clothfit.scene.scene import load
 
-pytestmark = [
-    pytest.mark.slow,  # starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 FEW = "--method l-bfgs-b --max-evaluations 6 --no-intervals"
 

@@ -10,9 +10,8 @@ import trimesh
 from helpers.paths import DOCS
 from helpers.scenes import names
 
-from clothfit import load, read_mesh
+from clothfit import load, mesh, read_mesh
 from clothfit.cli.program import group, run
-from clothfit.meshes import mesh
 from clothfit.scene.mesh_numbering import numberings
 
 pytestmark = pytest.mark.slow  # starts processes

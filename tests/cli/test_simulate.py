@@ -7,16 +7,13 @@ import sys
 
 import numpy as np
 import pytest
-from helpers.scenes import cloth, document, even, names, sphere, started, trial, write_scene
+from helpers.scenes import cloth, document, even, names, sphere, trial, write_scene
 
+from clothfit import degrade, energies, load, simulate
 from clothfit.cli.program import run
 from clothfit.engine.fallbacks import Fallbacks
 from clothfit.fit.estimate import record_target
-from clothfit.motion.degrade import degrade
-from clothfit.motion.energy import energies
 from clothfit.motion.motion import load_motion
-from clothfit.motion.simulate import simulate
-from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow  # compiles motions
 
@@ -68,16 +65,6 @@ def test_the_tolerance_is_the_scenes_unless_given(path, said):
 def test_quiet_says_nothing_and_verbose_more(path, said):
     quiet, plain, verbose = (len(said(f"simulate '{path}' {option}")[2].splitlines()) for option in ("-q", "", "-v"))
     assert quiet == 0 < plain < verbose
-
-
-def test_from_standard_input_to_standard_output(path):
-    with open(path, "rb") as scene:
-        done = started("simulate", "-", stdin=scene)
-    assert done.returncode == 0
-    assert b"standard input: 5 steps" in done.stderr
-    assert b"\x1b" not in done.stderr
-    found = load_motion(io.BytesIO(done.stdout), load(path))
-    np.testing.assert_array_equal(found.positions, simulate(load(path)).positions)
 
 
 def test_a_motion_is_not_written_to_a_terminal(path, said, monkeypatch):
@@ -274,18 +261,3 @@ def test_the_options_are_those_of_the_library(two, told):
     for name in ("positions", "observed", "times"):
         np.testing.assert_array_equal(getattr(found, name), getattr(same, name))
     assert [int(found.seen(i)[0].sum()) for i in range(2)] == [4, 1]
-
-
-def test_a_frame_rate(two, said):
-    assert said("target scene.json --fps 30")[0] == 0
-    found = load_motion("scene.target.npz", two)
-    np.testing.assert_array_equal(found.positions, degrade(record_target(two), fps=30).positions)
-    np.testing.assert_allclose(found.times, np.arange(5) / 30, rtol=1e-15)  # of 0.16 s; one quotient each
-    assert said("target scene.json --fps 30 --every 2")[0] == 3
-
-
-def test_through_pipes(two, capsysbinary, standard_input):
-    standard_input("scene.json")
-    assert run(["target", "-", "--every", "4", "-q"]) == 0
-    out, err = capsysbinary.readouterr()
-    assert (out[:2], err) == (b"PK", b"")

@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
+from clothfit import Controls, Handle, InvalidInput, Key, find_controls
 from clothfit.base.checkpoint import Checkpoint, decoded, encoded
-from clothfit.base.errors import InvalidInput
-from clothfit.control.control import find_controls
-from clothfit.control.controls import Controls, Handle
 from clothfit.control.following import Search, packed, unpacked
-from clothfit.control.keyframes import Key
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 

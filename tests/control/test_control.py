@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 from helpers.physics import chain, scene, thing, xyz
 
-from clothfit.base.errors import InvalidInput
+from clothfit import Forces, InvalidInput, Key, find_forces, simulate
 from clothfit.control import closed_loop
 from clothfit.control.closed_loop import ClosedLoop, Costs, Task
-from clothfit.control.control import find_forces
-from clothfit.control.keyframes import Key
-from clothfit.motion.simulate import simulate
-from clothfit.scene.forces import Forces
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 

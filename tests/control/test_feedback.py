@@ -7,15 +7,14 @@ import pytest
 from helpers.physics import scene, thing, xyz
 from scipy.linalg import solve_discrete_are
 
+from clothfit import Forces, Key, load_forces, save_forces
 from clothfit.control import feedback
 from clothfit.control.feedback import Tangent, riccati, with_gains
-from clothfit.control.keyframes import Key
 from clothfit.control.unknowns import modes_of
 from clothfit.engine.rollout import fill, rollout
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.motion.simulate import answered, simulate
-from clothfit.scene.forces import Forces, load_forces, save_forces
 
 NONE = xyz((0, 0, 0))
 ALL = np.arange(12)

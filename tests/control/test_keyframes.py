@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from helpers.physics import chain, scene
 
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, Motion
 from clothfit.control import keyframes
-from clothfit.motion.motion import Motion
 
 TWO = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]
 

@@ -7,14 +7,10 @@ import pytest
 from helpers.physics import scene, thing, xyz
 from helpers.scenes import cloth
 
-from clothfit.base.errors import InvalidInput
+from clothfit import Costs, InvalidInput, Key, find_controls, simulate
 from clothfit.control import unknowns
-from clothfit.control.closed_loop import Costs
-from clothfit.control.control import find_controls
 from clothfit.control.controls import Controls, Handle, immovable, steered
-from clothfit.control.keyframes import Key
 from clothfit.control.shooting import Shooting
-from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import dumps, load
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs

@@ -5,12 +5,10 @@ import pytest
 from helpers.physics import METHODS, VARIANTS, chain, scene, thing, xyz
 from helpers.scenes import cloth
 
+from clothfit import Forces, energies, simulate
 from clothfit.derivative import adjoint
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build, with_elements, zeros
-from clothfit.motion.energy import energies
-from clothfit.motion.simulate import simulate
-from clothfit.scene.forces import Forces
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 

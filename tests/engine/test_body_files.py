@@ -7,12 +7,11 @@ import pytest
 from helpers.physics import scene, thing, xyz
 from helpers.surfaces import block, body, sphere, torus
 
-from clothfit.base.errors import InvalidScene
+from clothfit import InvalidScene, load
 from clothfit.engine.inputs.body_files import body_of
 from clothfit.engine.inputs.sampling import arrays_from_files
 from clothfit.evaluation.forecast import check, inputs_of
 from clothfit.optimise.checkpoint import identity
-from clothfit.scene.scene import load
 
 
 def with_mesh(made, **fields):
@@ -98,7 +97,6 @@ BAD = {
     "both": (POINTS, FACES, {"mesh": {"file": "a.obj", "vertices": []}}, "mesh: needs a file, or vertices"),
     "number": (POINTS, FACES, {"mesh": 5}, "mesh: 5 is not text in quotes or an object"),
     "corners": (POINTS, FACES, {"mesh": {"vertices": [], "triangles": [1, 2]}}, "mesh.triangles: has 2 items; three"),
-    "scale": (POINTS, FACES, {"scale": xyz((1, 0, 1))}, "scale.y: 0 is too small; it must be above 0"),
     "keys": (POINTS, FACES, {"motion": {"times": [0], "values": [xyz((0, 0, 0))]}}, "motion: needs the file of a"),
     "no motion": (POINTS, FACES, {"motion": {"file": "there is none.npz"}}, "motion.file: there is none.npz: there is"),
 }  # fmt: skip

@@ -10,12 +10,11 @@ from helpers.obstacles import plane, ring
 from helpers.physics import METHODS, VARIANTS, ball, keys, scene, sheet, xyz
 from helpers.surfaces import block, body
 
+from clothfit import parameters, simulate
 from clothfit.derivative.sensitivity import at_start, columns, sweep, tangents
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
 from clothfit.engine.system import mobile
-from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

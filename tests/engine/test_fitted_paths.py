@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from helpers.physics import keys, scene, sheet, xyz
 
+from clothfit import estimate, simulate
 from clothfit.engine.system import build
-from clothfit.fit.estimate import estimate
-from clothfit.motion.simulate import simulate
 from clothfit.objective.target import target
 from clothfit.optimise.balances import balances, track
 

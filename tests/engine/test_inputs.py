@@ -4,20 +4,16 @@ import numpy as np
 import pytest
 from helpers.physics import METHODS, VARIANTS, ball, chain, keys, scene, sheet, xyz
 
-from clothfit.base.errors import InvalidScene
+from clothfit import InvalidScene, energies, estimate, load, save, simulate
 from clothfit.engine.inputs import knots, sampling
 from clothfit.engine.inputs.interpolation import interpolated
 from clothfit.engine.system import build
 from clothfit.evaluation.reference import converged
-from clothfit.fit.estimate import estimate
 from clothfit.formats import point_cache
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT, from_scene
-from clothfit.motion.energy import energies
-from clothfit.motion.simulate import simulate
 from clothfit.optimise.balances import Track, balances
 from clothfit.scene.keys import Keys
-from clothfit.scene.scene import load, save
 
 TIGHT = 1e-13
 

@@ -5,17 +5,12 @@ import pytest
 from helpers.physics import METHODS, ball, chain, keys, scene, sheet, thing, xyz
 from helpers.scenes import document
 
-from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit import InvalidInput, InvalidScene, energies, estimate, load, parameters, simulate
 from clothfit.engine.inputs.sampling import winds
 from clothfit.evaluation.forecast import inputs_of
-from clothfit.fit.estimate import estimate
-from clothfit.motion.energy import energies
 from clothfit.motion.motion import in_scene, in_world
-from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.pictures.solids import solids
-from clothfit.scene.fit_vector import parameters
-from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow
 TIGHT = 1e-13

@@ -11,7 +11,7 @@ from helpers import physics
 from helpers.derivatives import assert_derivatives
 from helpers.physics import METHODS, keys, relative, rotation, scene, thing, xyz
 
-from clothfit.base.errors import InvalidScene
+from clothfit import InvalidScene, energies, simulate
 from clothfit.cli.validate import judge
 from clothfit.engine.forces.selfcontact import force, nearest, pairs, zones
 from clothfit.engine.rollout import rollout
@@ -20,8 +20,6 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import build, zeros
 from clothfit.engine.touching import with_pairs
 from clothfit.evaluation.gradient_check import contacts, first_switch, name_of
-from clothfit.motion.energy import energies
-from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import dumps
 
 TIGHT = 1e-13

@@ -4,15 +4,8 @@ import numpy as np
 import pytest
 from helpers.scenes import cloth, document, even, trial
 
-from clothfit.base.errors import InvalidInput
+from clothfit import Diverged, InvalidInput, Motion, degrade, evaluate, load, parameters, simulate, with_parameters
 from clothfit.base.limits import FIT_TOLERANCE
-from clothfit.evaluation.evaluate import evaluate
-from clothfit.motion.degrade import degrade
-from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

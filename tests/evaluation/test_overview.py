@@ -7,11 +7,9 @@ import pytest
 from helpers.paths import EXAMPLES
 from helpers.scenes import cloth, document, sphere, trial
 
-from clothfit import load, parameters
+from clothfit import load, mesh, new_scene, parameters
 from clothfit.evaluation import overview
 from clothfit.evaluation.overview import Flagged, beyond_bounds, facts, flagged, spring_kinds
-from clothfit.meshes import mesh
-from clothfit.meshes.new_scene import new_scene
 
 SCENES = sorted(EXAMPLES.glob("*.json"))
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from helpers.physics import ball, scene, thing, xyz
 
-from clothfit.base.errors import InvalidInput
+from clothfit import Diverged, InvalidInput
 from clothfit.evaluation import reference
 from clothfit.evaluation.reference import agree, converged, extent, order_of, per_frame, root_mean_square
-from clothfit.motion.divergence import Diverged
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

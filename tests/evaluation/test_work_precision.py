@@ -10,16 +10,14 @@ from helpers.paths import SIDE
 from helpers.physics import scene, thing
 from helpers.scenes import cloth, document
 
-import clothfit
-from clothfit.base.errors import InvalidInput
+from clothfit import Diverged, InvalidInput, load, simulate
 from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.reference import Reference, converged
 from clothfit.evaluation.work_precision import Setting, Trial, expected, grid, judge, own, table, work_precision
-from clothfit.motion.divergence import Diverged
 
 slow = pytest.mark.slow  # compiles
 
-ONE = clothfit.load(document(cloth(), cloth(3, 2), optimizationIterations=11, forwardSubSteps=3))
+ONE = load(document(cloth(), cloth(3, 2), optimizationIterations=11, forwardSubSteps=3))
 FALL = scene(thing([(0, 2, 0)]), thing([(0, 0, 0), (1, 0, 0)]), delta=0.1)
 POINT = thing([(0, 0, 0)])
 
@@ -164,7 +162,7 @@ def test_every_setting_has_its_row_and_numbers_fit_together(found):
     assert costs == pytest.approx([row.ms_per_step for row in rows])
     rest = [row for row in found.rows if row.status != "done"]
     assert {(row.error, row.ms_per_step, row.runs, row.pareto) for row in rest} <= {(None, None, 0, False)}
-    gap = clothfit.simulate(ONE).positions - found.reference.positions
+    gap = simulate(ONE).positions - found.reference.positions
     assert found.own.error == pytest.approx(np.sqrt((gap**2).sum(axis=2).mean()), rel=1e-12)  # rounding
     assert found.own.max_error == pytest.approx(np.sqrt((gap**2).sum(axis=2)).max(), rel=1e-12)
     seconds = [when for when, _ in told]
@@ -267,7 +265,7 @@ def test_a_motion_that_left_the_scene_diverged_though_it_is_finite():
 @slow
 @pytest.mark.skipif(not SIDE.is_file(), reason="the real export ../shared/scenes/side.txt is not here")
 def test_on_side_symplectic_quarter_steps_are_nearer_than_the_editors():
-    side = clothfit.load(SIDE)
+    side = load(SIDE)
     known = converged(side, side.frames, error=1e-5)
     trials = [Trial(s, s.steps(side.frames)) for s in (own(side), Setting("symplectic", 0.25, None, None))]
     for trial in trials:

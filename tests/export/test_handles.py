@@ -1,9 +1,7 @@
 """Paths of pins in glTF and USD: at the end of each step they are where the scene has its pins."""
 
-import json
-import struct
-
 import numpy as np
+import pygltflib
 import pytest
 from helpers.scenes import cloth, document, write_scene
 from scipy.spatial.transform import Rotation
@@ -57,29 +55,23 @@ def offset(scene, name, vertex):
 
 
 class Player:
-    """Plays a GLB file by the rules of its specification."""
+    """Plays a GLB file by the rules of its specification; its parts are read by pygltflib."""
 
     def __init__(self, data):
-        magic, version, length = struct.unpack_from("<4sII", data)
-        assert (magic, version, length) == (b"glTF", 2, len(data))
-        size, kind = struct.unpack_from("<I4s", data, 12)
-        assert kind == b"JSON"
-        self.doc = json.loads(data[20 : 20 + size])
-        self.numbers = data[28 + size :]
-        (animation,) = self.doc["animations"]
+        self.doc = pygltflib.GLTF2.load_from_bytes(data)
+        (animation,) = self.doc.animations
         self.tracks = {}
-        for channel in animation["channels"]:
-            own, target = animation["samplers"][channel["sampler"]], channel["target"]
-            name = self.doc["nodes"][target["node"]]["name"], target["path"]
-            self.tracks[name] = (*(self.array(own[each]) for each in ("input", "output")), own["interpolation"])
+        for channel in animation.channels:
+            own, name = animation.samplers[channel.sampler], self.doc.nodes[channel.target.node].name
+            track = (*map(self.array, (own.input, own.output)), own.interpolation)
+            self.tracks[name, channel.target.path] = track
 
     def array(self, index):
         """The numbers of an accessor."""
-        accessor = self.doc["accessors"][index]
-        view, width = self.doc["bufferViews"][accessor["bufferView"]], {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
-        count = accessor["count"] * width[accessor["type"]]
-        found = np.frombuffer(self.numbers, "<f4", count, view["byteOffset"]).astype(float)
-        return found.reshape(accessor["count"], -1) if accessor["type"] != "SCALAR" else found
+        accessor, width = self.doc.accessors[index], {"SCALAR": (), "VEC3": (3,), "VEC4": (4,)}
+        shape = (accessor.count, *width[accessor.type])
+        start = self.doc.bufferViews[accessor.bufferView].byteOffset
+        return np.frombuffer(self.doc.binary_blob(), "<f4", int(np.prod(shape)), start).astype(float).reshape(shape)
 
     def at(self, name, path, time):
         """The value of a track at a time."""
@@ -95,7 +87,7 @@ class Player:
 def test_a_gltf_player_moves_the_pins_as_the_scene_does(scene, truth):
     (data,) = exported(scene, "gltf").values()
     player, (times, ways) = Player(data), truth
-    assert {node["name"]: node["extras"]["vertices"] for node in player.doc["nodes"]} == PINS
+    assert {node.name: node.extras["vertices"] for node in player.doc.nodes} == PINS
     for name, vertices in PINS.items():
         for vertex in vertices:
             own = offset(scene, name, vertex)
@@ -135,10 +127,10 @@ def test_vertices_that_go_their_own_ways_have_a_node_each(tmp_path):
     made["objects"][0]["pins"] = [{"vertices": [2, 7], "posKeys": {"file": str(tmp_path / "m.npz"), "points": [0, 1]}}]
     scene = load(made)
     player = Player(exported(scene, "gltf")["handles.glb"])
-    assert [node["name"] for node in player.doc["nodes"]] == ["object0_pin0_2", "object0_pin0_7"]
+    assert [node.name for node in player.doc.nodes] == ["object0_pin0_2", "object0_pin0_7"]
     _, places = paths(scene.cloths[0], np.array([0.25]))
-    for j, node in enumerate(player.doc["nodes"]):
-        np.testing.assert_allclose(player.at(node["name"], "translation", 0.25), places[0, j] * MIRROR, atol=1e-5)
+    for j, node in enumerate(player.doc.nodes):
+        np.testing.assert_allclose(player.at(node.name, "translation", 0.25), places[0, j] * MIRROR, atol=1e-5)
 
 
 def test_the_command_writes_them_and_a_scene_without_pins_is_refused(folder, capsys):

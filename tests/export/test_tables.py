@@ -9,11 +9,10 @@ import pytest
 from helpers.exports import ROUNDING, built, content, of, two
 from helpers.scenes import cloth, trial, write_scene
 
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, mesh
 from clothfit.cli.program import run
 from clothfit.export.tools import PATHS, TOOLS, exported
 from clothfit.export.topology import roles
-from clothfit.meshes import mesh
 from clothfit.pictures.camera import normals
 
 SMALL = trial("nG", 5)

@@ -11,20 +11,17 @@ from helpers.marks import FITS
 from helpers.physics import ball, xyz
 from helpers.scenes import cloth, document, load_text, write_scene
 
+from clothfit import Forces, new_scene, parameters, simulate, with_parameters
 from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.meshes.mesh import plane
-from clothfit.meshes.new_scene import new_scene
-from clothfit.motion.simulate import simulate
 from clothfit.objective.identifiability import identifiable
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.forces import Forces
 from clothfit.scene.scene import dumps, load
 from clothfit.strategy.start import neutral
 
 pytestmark = FITS
 
-LENGTHS = load_text(json.dumps(document(cloth(3, 3)))).cloths[0].lengths
+LENGTHS = load(document(cloth(3, 3))).cloths[0].lengths
 RNG = np.random.default_rng(31)
 WIND = {"windVel": xyz((3, 1, -2))}
 
@@ -72,7 +69,7 @@ CASES = {
 def made(case, frames=20, **more):
     """The scene of a case."""
     own, whole = CASES[case]
-    return load_text(json.dumps(document(cloth(3, 3, **{**own, **more}), optimizationIterations=frames, **whole)))
+    return load(document(cloth(3, 3, **{**own, **more}), optimizationIterations=frames, **whole))
 
 
 @pytest.mark.parametrize("method", ["auto", "l-bfgs-b"])
@@ -153,7 +150,7 @@ def test_the_command_names_the_scene_and_gives_null(tmp_path, capsys):
 @pytest.mark.parametrize("how", ["momentum", "gauss-newton"])
 def test_values_come_back_from_a_motion_under_forces(how):
     one = cloth(damping=0.3, springStiffness=(20.0 + np.arange(23)).tolist(), optimizationSettings="nL")
-    own = load_text(json.dumps(document(one, optimizationIterations=31, **WIND)))
+    own = load(document(one, optimizationIterations=31, **WIND))
     values, turn = np.zeros((30, 12, 3)), np.linspace(0.0, 6.0, 30)[:, None]
     values[:, [5, 6, 11]] = 0.5 * np.stack([np.sin(turn), np.cos(turn), np.sin(2.0 * turn)], axis=2)
     known = own.with_forces(Forces(0.02 * np.arange(30), values))

@@ -8,11 +8,9 @@ from helpers.marks import FITS
 from helpers.scenes import even
 from scipy import stats
 
+from clothfit import degrade, load, parameters, with_parameters
 from clothfit.fit.alternatives import RARE, Alternatives
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.motion.degrade import degrade
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 
 pytestmark = FITS
 

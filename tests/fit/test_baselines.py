@@ -7,14 +7,12 @@ import pytest
 from helpers.marks import FITS
 from helpers.scenes import even
 
+from clothfit import as_motion, load, parameters
 from clothfit.cli.parts.estimate_results import ending
 from clothfit.fit.baselines import as_it_came, still
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.motion.motion import as_motion
 from clothfit.objective.objective import Objective
 from clothfit.optimise.status import Status
-from clothfit.scene.fit_vector import parameters
-from clothfit.scene.scene import load
 
 pytestmark = FITS
 

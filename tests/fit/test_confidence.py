@@ -12,6 +12,7 @@ from helpers.marks import FITS
 from helpers.scenes import cloth, document, even, trial
 from scipy import stats
 
+from clothfit import degrade, load, simulate
 from clothfit.cli.parts.estimate_results import certainty
 from clothfit.fit import confidence, posterior, result
 from clothfit.fit.confidence import not_shown
@@ -19,14 +20,11 @@ from clothfit.fit.estimate import estimate, looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, FitOptions
 from clothfit.fit.posterior import Kept, half_width, inverse_beside, null_space
 from clothfit.fit.routes import ALIKE
-from clothfit.motion.degrade import degrade
-from clothfit.motion.simulate import simulate
 from clothfit.optimise import trajectory
 from clothfit.optimise.scipy_methods import METHODS
 from clothfit.report import findings
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.kinds import KIND
-from clothfit.scene.scene import load
 
 pytestmark = FITS
 

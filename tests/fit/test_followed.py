@@ -9,11 +9,9 @@ import pytest
 from helpers.marks import fits
 from helpers.scenes import even
 
-from clothfit.fit.estimate import estimate
+from clothfit import degrade, estimate, simulate
 from clothfit.fit.followed import followed, moves, with_start_velocity
-from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion, load_motion, save_motion
-from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import dumps, load, save
 
 WAVE = {"times": [0.0, 0.1, 0.3], "values": [{"x": 0, "y": 0, "z": 0}, {"x": 0, "y": 0.2, "z": 0},

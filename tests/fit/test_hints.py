@@ -1,17 +1,13 @@
 """Hints: what targets show before a fit, and what motions of the model itself never show."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.scenes import cloth, document, load_text
+from helpers.scenes import cloth, document
 
-from clothfit.fit.estimate import estimate
+from clothfit import degrade, estimate, load, simulate, with_parameters
 from clothfit.fit.hints import hints_of
-from clothfit.motion.degrade import degrade
-from clothfit.motion.simulate import simulate
-from clothfit.scene.fit_vector import with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a simulation
 
@@ -24,7 +20,7 @@ def sheet(nx=10, ny=10, held="side", frames=12, **fields):
     own = cloth(nx, ny, 0.1, vertIsFixed=fixed, vertMass=[0.002] * n, springStiffness=stiffness)
     scene = {name: fields.pop(name) for name in ("delta", "windVel", "gravity", "integrationMethod") if name in fields}
     made = document({**own, "optimizationSettings": "nG", **fields}, optimizationIterations=frames, **scene)
-    return load_text(json.dumps(made))
+    return load(made)
 
 
 def codes(scene, motion):

@@ -6,7 +6,7 @@ from helpers.marks import compiled, fits
 from helpers.scenes import even, trial
 from helpers.strangers import small
 
-from clothfit.base.errors import InvalidInput
+from clothfit import Diverged, InvalidInput, degrade, load, parameters, simulate, with_parameters
 from clothfit.fit import holdout
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.holdout import (
@@ -22,16 +22,11 @@ from clothfit.fit.holdout import (
     smallest,
     split,
 )
-from clothfit.motion.degrade import degrade
-from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import as_motion, at_frames
-from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Rung
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 from clothfit.strategy import ladder
 
 pytestmark = pytest.mark.slow  # compiles a fit

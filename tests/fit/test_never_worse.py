@@ -8,15 +8,10 @@ from helpers.marks import FITS
 from helpers.scenes import trial
 from helpers.strangers import small
 
+from clothfit import Diverged, Scene, degrade, estimate, load, parameters, simulate, with_parameters
 from clothfit.fit import result
-from clothfit.fit.estimate import estimate
-from clothfit.motion.degrade import degrade
-from clothfit.motion.divergence import Diverged
-from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import BestSoFar
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import Scene, load
 from clothfit.strategy.ladder import as_model
 
 pytestmark = FITS

@@ -9,10 +9,9 @@ import pytest
 from helpers.scenes import even
 
 import clothfit
+from clothfit import Reading, load
 from clothfit.cli import estimate as command
 from clothfit.fit.options import BUDGET, FitOptions, Keywords, options_of
-from clothfit.formats.axes import Reading
-from clothfit.scene.scene import load
 
 ARGUMENTS = inspect.signature(clothfit.estimate).parameters
 
@@ -173,11 +172,6 @@ def test_a_start_may_be_the_path_of_a_scene(scene, tmp_path):
     assert by_path.cost == by_scene.cost > 0
     with pytest.raises(clothfit.InvalidScene, match=r"nothing\.json: there is no such file"):
         clothfit.estimate(scene, motion, "nothing.json")
-
-
-def test_a_path_that_cannot_be_loaded_is_an_invalid_motion(scene):
-    with pytest.raises(clothfit.InvalidMotion, match=r"nothing\.npz: there is no such file"):
-        clothfit.estimate(scene, "nothing.npz")
 
 
 @pytest.mark.parametrize(

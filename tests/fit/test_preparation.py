@@ -11,23 +11,18 @@ from helpers.interrupting import interrupt_after
 from helpers.marks import fits
 from helpers.strangers import DRAG, WIND, sheet, small, windy, with_finer_steps
 
-import clothfit
+from clothfit import InvalidInput, Motion, degrade, estimate, parameters, save, save_motion, simulate, with_parameters
 from clothfit.base import checkpoint as module
-from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.fit import routes
-from clothfit.fit.estimate import estimate
 from clothfit.fit.options import FitOptions
 from clothfit.fit.preparation import counts_of, in_windows, windows_of
 from clothfit.fit.routes import Fitting, as_before
-from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
-from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
-from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import ladder
 from clothfit.strategy.step_choice import COUNTS
 
@@ -283,7 +278,7 @@ def quadratic(scene, frames):
     t = scene.delta * np.arange(frames)[:, None, None]
     v, a = np.random.default_rng(1).normal(size=(2, *start.shape)) * ~scene.cloths[0].fixed[:, None]
     positions = start + t * v + t**2 * a
-    return clothfit.Motion(positions, t[:, 0, 0], [len(start)]), v, a
+    return Motion(positions, t[:, 0, 0], [len(start)]), v, a
 
 
 def test_windows_begin_where_the_target_is():
@@ -320,7 +315,7 @@ def test_a_cloth_that_is_not_fitted_need_not_be_seen():
     alone, *_ = quadratic(one, 20)
     positions = np.concatenate([alone.positions, np.full_like(alone.positions, np.nan)], axis=1)
     seen = np.isfinite(positions[..., 0])
-    motion = clothfit.Motion(positions, alone.times, [36, 36], seen)
+    motion = Motion(positions, alone.times, [36, 36], seen)
     found = windows_of(Experiment(motion, scene), 8)
     assert [len(each.motion.times) for each in found] == [9, 9, 4]
     np.testing.assert_array_equal(found[1].scene.cloths[0].positions, alone.positions[8])
@@ -381,8 +376,8 @@ def test_windows_find_the_values_and_say_how_far_the_whole_motion_is(blown):
 @pytest.mark.slow
 def test_the_command_says_what_was_compared(tmp_path, capsys, blown):
     scene, target = tmp_path / "scene.json", tmp_path / "target.npz"
-    clothfit.save(windy(), scene)
-    clothfit.save_motion(blown, target)
+    save(windy(), scene)
+    save_motion(blown, target)
     code = run(["estimate", str(scene), "--target", str(target), "--windows", "40", "--no-intervals", "--json"])
     out, err = capsys.readouterr()
     said = json.loads(out)

@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 from helpers.strangers import sheet, stranger, with_finer_steps
 
-import clothfit
-from clothfit.motion.degrade import degrade
-from clothfit.motion.simulate import simulate
+from clothfit import degrade, estimate, parameters, simulate, with_parameters
 from clothfit.registration.record import Registration, rotation
-from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -32,7 +29,7 @@ def noisy(exact):
 
 @pytest.mark.parametrize(("rate", "offset"), [(0.8, 0.03), (1.32, 0.0)])
 def test_the_clock_of_an_exact_target_is_found_with_its_stiffness(exact, rate, offset):
-    found = clothfit.estimate(sheet(50.0), stranger(exact, rate, offset), fit_time=True)
+    found = estimate(sheet(50.0), stranger(exact, rate, offset), fit_time=True)
     (clock,) = found.registration
     # the search ends where a step would save a thousandth of a cost that is nearly 0
     assert clock.rate == pytest.approx(rate, rel=1e-4)
@@ -47,7 +44,7 @@ def test_the_clock_of_an_exact_target_is_found_with_its_stiffness(exact, rate, o
 def test_the_place_and_the_scale_of_a_noisy_target_are_found_within_its_noise(noisy, placed, size):
     seen = stranger(noisy, turn=R, move=D) if placed else noisy
     seen = replace(seen, positions=size * seen.positions)
-    found = clothfit.estimate(sheet(50.0), seen, fit_scale=size != 1.0, fit_placement=placed)
+    found = estimate(sheet(50.0), seen, fit_scale=size != 1.0, fit_placement=placed)
     (place,) = found.registration
     # noise of 1 mm in 40 × 36 positions leaves far less than that open; the sheet is 0.5 m long
     assert place.translation == pytest.approx(D if placed else np.zeros(3), abs=1e-3)
@@ -63,7 +60,7 @@ def test_clock_and_place_are_found_beside_all_stiffnesses_and_their_intervals_ho
     exact = simulate(with_parameters(asked, uneven), tolerance=1e-10)
     turn, move = rotation(np.array([0.02, 0.03, -0.04])), np.array([0.02, -0.015, 0.02])
     late = stranger(exact, offset=0.015, turn=turn, move=move)
-    found = clothfit.estimate(asked, degrade(late, 1e-3, observed=0.5, seed=seed), fit_time=True, fit_placement=True)
+    found = estimate(asked, degrade(late, 1e-3, observed=0.5, seed=seed), fit_time=True, fit_placement=True)
     (known,) = found.registration
     away = known.numbers - Registration(1.0, 0.015, turn, move).numbers
     # with few values alone the offset would be 0.6 to 1.4 ms off; noise of 1 mm leaves 0.15 ms (one standard deviation)
@@ -76,22 +73,22 @@ def test_clock_and_place_are_found_beside_all_stiffnesses_and_their_intervals_ho
 
 
 def test_a_clock_that_keeps_time_as_far_as_noise_shows_has_the_rate_1(noisy):
-    (late,) = clothfit.estimate(sheet(50.0), stranger(noisy, 1.0, 0.03), fit_time=True).registration
+    (late,) = estimate(sheet(50.0), stranger(noisy, 1.0, 0.03), fit_time=True).registration
     assert late.rate == 1.0
     ends = late.intervals()
     assert ends["rate"][0] < 1.0 < ends["rate"][1]
     assert ends["offset"][0] < 0.03 < ends["offset"][1]
-    (slow,) = clothfit.estimate(sheet(50.0), stranger(noisy, 1.05, 0.03), fit_time=True).registration
+    (slow,) = estimate(sheet(50.0), stranger(noisy, 1.05, 0.03), fit_time=True).registration
     assert slow.rate == pytest.approx(1.05, abs=0.01)  # five of its standard errors away from 1
     assert slow.intervals()["rate"][0] > 1.0
 
 
 def test_the_place_is_found_with_the_clock_where_the_model_differs():
     asked, every, said = sheet(50.0), with_finer_steps(sheet(20.0), 4), []
-    plain = clothfit.estimate(asked, every, intervals=False)
+    plain = estimate(asked, every, intervals=False)
     moved = stranger(every, 1.3, 0.0, R, D)
     both = {"fit_time": True, "fit_placement": True}
-    found = clothfit.estimate(asked, moved, intervals=False, on_progress=said.append, **both)
+    found = estimate(asked, moved, intervals=False, on_progress=said.append, **both)
     (known,) = found.registration
     # what is held and the start say where it is, however wrong the model is later
     assert known.translation == pytest.approx(D, abs=5e-3)
@@ -112,13 +109,13 @@ def test_each_target_has_its_own_registration():
         stranger(simulate(still, tolerance=1e-10), 1.1),
         (stranger(simulate(windy, tolerance=1e-10), 0.9), windy),
     ]
-    found = clothfit.estimate(still, targets, start=50.0, fit_time=True, intervals=False)
+    found = estimate(still, targets, start=50.0, fit_time=True, intervals=False)
     assert [each.rate for each in found.registration] == pytest.approx([1.1, 0.9], rel=1e-3)
 
 
 def test_a_target_that_fits_as_it_is_stays_as_it_is_and_gravity_beside_the_clock_is_warned_of(exact):
     scene = replace(sheet(20.0), fits={"gravity": "G"})
-    found = clothfit.estimate(scene, exact, fit_time=True, fit_placement=True)
+    found = estimate(scene, exact, fit_time=True, fit_placement=True)
     (known,) = found.registration
     assert (known.rate, known.offset) == pytest.approx((1.0, 0.0), abs=1e-6)
     assert known.translation == pytest.approx(0.0, abs=1e-6)
@@ -127,6 +124,6 @@ def test_a_target_that_fits_as_it_is_stays_as_it_is_and_gravity_beside_the_clock
 
 
 def test_a_budget_of_time_ends_the_search_with_a_result(exact):
-    found = clothfit.estimate(sheet(50.0), stranger(exact, 1.2), fit_time=True, budget=1e-3)
+    found = estimate(sheet(50.0), stranger(exact, 1.2), fit_time=True, budget=1e-3)
     assert len(found.registration) == 1
     assert found.scene.frames == 40

@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 from helpers.strangers import WIND, sheet, small, stranger, windy, with_finer_steps
 
-import clothfit
+from clothfit import Fit, degrade, estimate, simulate
 from clothfit.fit.residual_hints import SHIFT, around, from_air, with_stall_hint
-from clothfit.fit.result import Fit
-from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
-from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.status import Status
 from clothfit.scene.fit_vector import bounds, parameters
@@ -29,7 +26,7 @@ def motion(noise=0.0, **fields):
 
 def late_hints(target, **options):
     """Code and text of the hints after a fit, bounds apart."""
-    found = clothfit.estimate(sheet(50.0), target, intervals=False, **options)
+    found = estimate(sheet(50.0), target, intervals=False, **options)
     return {hint.code: hint.text for hint in found.hints if not hint.early and hint.code != "bounds"}
 
 

@@ -10,15 +10,13 @@ from helpers.interrupting import interrupt_after
 from helpers.marks import FITS
 from helpers.scenes import even, trial
 
+from clothfit import Diverged, degrade, load
 from clothfit.base import interrupts
 from clothfit.cli.common.output import Output
 from clothfit.cli.parts.estimate_results import certainty, summary
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.motion.degrade import degrade
-from clothfit.motion.divergence import Diverged
 from clothfit.report.log import intervals
 from clothfit.scene.kinds import KIND
-from clothfit.scene.scene import load
 
 pytestmark = FITS
 

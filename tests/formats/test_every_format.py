@@ -17,14 +17,13 @@ from helpers.scene_files import wave
 from helpers.scenes import trial
 
 import clothfit
-from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit import InvalidInput, InvalidMotion, read_mesh
 from clothfit.base.writing import write_atomically
 from clothfit.formats import glb
 from clothfit.formats.axes import SCENE as OWN
 from clothfit.formats.axes import Axes, Convention, Reading, facing, from_scene, to_scene
 from clothfit.formats.registry import FORMATS, foreign
 from clothfit.formats.registry import read as read_known
-from clothfit.meshes.mesh import read_mesh
 from clothfit.motion.foreign import load
 
 SCENE = clothfit.load(trial("nG", 5))
@@ -185,9 +184,13 @@ POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
         ("a.csv", POINTER, "it is a pointer of Git LFS, not the file itself; fetch that with: git lfs pull"),
         ("a.obj", b"OFF\n3 1 0\n", "it is an OFF mesh; export it as .ply, .stl or .obj"),
         ("a.obj", b"# vtk DataFile Version 3.0\n", "it is a VTK file; export it as .ply, .stl or .obj"),
+        ("a.obj", b"$MeshFormat\n4.1 0 8\n", "it is a Gmsh mesh; export it as .ply, .stl or .obj"),
+        ("a.abc", b'<?xml version="1.0"?><COLLADA/>', "it is an XML file, as COLLADA's and VTK's are; export it "
+                  "as .glb, .usd, .abc or .obj"),
+        ("a.glb", b"\xff\xd8\xff\xe0", "it is a picture; name another file"),
         ("a.pc2", b"BLENDER-v402", "it is a Blender file; export it as .glb, .usd, .abc or .obj"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_suffix_is_named(tmp_path, name, content, message):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InvalidMotion) as caught:

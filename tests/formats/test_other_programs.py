@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clothfit.base.errors import InvalidMotion
+from clothfit import InvalidMotion
 from clothfit.formats import alembic, glb, markers, stl, usd
 from clothfit.formats.axes import Axes
-from clothfit.formats.registry import foreign
-from clothfit.meshes.mesh import read_mesh
 
 BLENDER = Path(__file__).parent / "blender"
 SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "files"
@@ -153,18 +151,6 @@ def test_buffers_beside_a_gltf_are_read_in_its_folder_and_nowhere_else(tmp_path)
         glb.read(folder / "sheet.gltf")
 
 
-@pytest.mark.parametrize("name", ["sheet.abc", "sheet.gltf", "sheet-binary.stl"])
-def test_new_takes_their_meshes(name):
-    assert foreign(name) is not None
-    mesh, notes = read_mesh(BLENDER / name)
-    assert len(mesh.positions) == 9
-    assert len(mesh.triangles) == 8
-    expected = y_up(sheet()[0]) * [-1, 1, 1]  # the scene's axes are left-handed
-    np.testing.assert_allclose(in_order(mesh.positions), in_order(expected), atol=SINGLE)
-    np.testing.assert_allclose(normals(mesh.positions, mesh.triangles)[:, 1], 0.5, atol=1e-6)  # as before
-    assert notes[0].startswith("read as ")
-
-
 # Alembic: transforms, and files that are damaged. Blender's files: test_other_programs.
 
 
@@ -185,5 +171,3 @@ def test_turns_about_an_axis_are_turns_about_the_same_given_axis(code, axis):
     np.testing.assert_allclose(one, alembic._product(np.array([MATRIX]), one.reshape(-1)), atol=0)
     following = np.eye(4)[(axis + 1) % 3] @ one  # x to y, y to z, z to x, by 37 degrees
     assert following[(axis + 2) % 3] == pytest.approx(np.sin(np.radians(37)), rel=1e-14)
-
-

@@ -130,7 +130,14 @@ HOSTILE = {
     "a type that is none": GOOD.replace(b"double y", b"object y"),
     "a property of nothing": GOOD.replace(b"element vertex 5\n", b""),
     "another format": GOOD.replace(b"binary_little_endian", b"binary_middle_endian"),
+    "no format": TEXT.replace(b"format ascii 1.0\n", b""),
+    "faces that are no lists": TEXT.replace(b"list uchar int", b"int"),
 }
+SAID = {  # of some, what is said of them
+    "billions of vertices": "bytes where its header asks for ", "no format": "its header does not name the format",
+    "a vertex that is not there": "a face names vertex 5; there are 5",
+    "faces that are no lists": "its faces are not lists of vertices",
+}  # fmt: skip
 
 
 def test_what_is_odd_but_right_is_read(read):
@@ -145,6 +152,13 @@ def test_a_file_that_cannot_be_is_one_sentence(read, kind):
     with pytest.raises(InvalidMotion, match=r"^mesh\.ply: cannot be read as \.ply: ") as caught:
         read(HOSTILE[kind])
     assert "\n" not in str(caught.value)
+    assert SAID.get(kind, "") in str(caught.value)
+
+
+def test_lists_beyond_the_memory_are_refused(read, monkeypatch):
+    monkeypatch.setattr("clothfit.formats.ply.PROPERTY_BYTES", 10**15)
+    with pytest.raises(InvalidMotion, match="so many lists of different lengths take more memory than is"):
+        read(MIXED)
 
 
 @pytest.mark.parametrize("names", [("s", "t"), ("u", "v"), ("texture_u", "texture_v")])

@@ -5,8 +5,6 @@ case led to anything but a documented exit code, a short message, 5 s and 1 GB o
 kept in --keep FOLDER.
 """
 
-from __future__ import annotations
-
 import argparse
 import faulthandler
 import resource

@@ -3,8 +3,6 @@
 Simulations are of two steps, fits of a few evaluations, so that a case takes milliseconds.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -3,8 +3,6 @@
 Each takes a `random.Random` and gives bytes; the same seed gives the same bytes.
 """
 
-from __future__ import annotations
-
 import codecs
 import copy
 import io

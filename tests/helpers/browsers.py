@@ -1,7 +1,5 @@
 """A real browser for tests of pages: Chromium without a window, through Playwright, with the network off."""
 
-from __future__ import annotations
-
 import io
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The compiled code that this process uses, for other processes."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

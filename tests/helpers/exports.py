@@ -1,17 +1,16 @@
 """A scene for the tests of `clothfit.export`, and its files."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from clothfit import load
 from clothfit.export.tools import exported
 from clothfit.meshes import mesh
 from clothfit.scene.scene import Scene
-from helpers.scenes import cloth, document, load_text
+from helpers.scenes import cloth, document
 
 ROUNDING = 1e-15
 """Relative, of one division: two roundings of 1.1e-16 each, and some."""
@@ -30,7 +29,7 @@ def built(divisions: int = 4, seed: int = 2, **fields: Any) -> dict[str, Any]:
 
 def of(*objects: dict[str, Any]) -> Scene:
     """A scene of objects."""
-    return load_text(json.dumps(document(*objects)))
+    return load(document(*objects))
 
 
 @cache

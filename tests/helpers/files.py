@@ -1,7 +1,5 @@
 """Files for tests: those of other programs as bytes, read and written; hostile bytes of any."""
 
-from __future__ import annotations
-
 import io
 from random import Random
 from typing import Any

@@ -1,7 +1,5 @@
 """Systems whose steps cannot all be taken as the scene format has them, and what their motions have of energy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

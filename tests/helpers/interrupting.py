@@ -1,7 +1,5 @@
 """Requests to end that come at a certain simulation."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """C3D files made by hand for any processor, and tables of markers."""
 
-from __future__ import annotations
-
 import struct
 from typing import Any
 

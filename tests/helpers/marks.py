@@ -1,7 +1,5 @@
 """What tests of fits are marked with: they compile one, and are hopeless without compilation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Cloths that are square grids, and matrices of them, for tests of what large cloths need."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Modules made of text."""
 
-from __future__ import annotations
-
 import types
 from pathlib import Path
 

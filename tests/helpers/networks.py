@@ -1,7 +1,5 @@
 """Networks and models of them for tests."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from typing import Any

@@ -1,7 +1,5 @@
 """Colliders of every shape, and cloths that they hold while they move."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is wrong with a page in Markdown: links that lead nowhere, tables whose rows differ in width."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import cache

@@ -4,8 +4,6 @@ A state is what the functions of a force are given: the point of linearisation (
 s, the weights lam and the changes dy, du; all (n, 3).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

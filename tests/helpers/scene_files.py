@@ -1,7 +1,5 @@
 """GLB files made by hand, byte by byte, from what the specification says."""
 
-from __future__ import annotations
-
 import json
 import struct
 from typing import Any

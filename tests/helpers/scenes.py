@@ -1,7 +1,5 @@
 """Small valid scenes for tests, and what `load` says of broken ones."""
 
-from __future__ import annotations
-
 import copy
 import io
 import json

@@ -1,19 +1,15 @@
 """Sheets to fit, and motions with another clock, in another place or by finer steps."""
 
-from __future__ import annotations
-
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from clothfit import Scene, load, simulate
 from clothfit.base.arrays import Array
 from clothfit.motion.motion import Motion, at_frames
-from clothfit.motion.simulate import simulate
-from clothfit.scene.scene import Scene
-from helpers.scenes import cloth, document, load_text
+from helpers.scenes import cloth, document
 
 WIND, DRAG, DAMPING = (1.0, -0.5, 2.0), 2000.0, 0.5
 """Of a sheet in wind: m/s, kg/(m⁶ s) and 1/s."""
@@ -44,7 +40,7 @@ def small(letters: str = "nL", frames: int = 24, method: int = 2, side: int = 4,
     parts = {name: fields.pop(name) for name in list(fields) if name in known}
     fit = fields.pop("of_cloth", {})
     made = cloth(side, side, 0.1, **{**own, **parts, "optimizationSettings": letters, "fit": fit})
-    return load_text(json.dumps(document(made, **{**kept, **fields})))
+    return load(document(made, **{**kept, **fields}))
 
 
 def with_finer_steps(scene: Scene, count: int) -> Motion:

@@ -1,16 +1,14 @@
 """Cloths and bases for tests of subspaces."""
 
-from __future__ import annotations
-
-import json
 from typing import Any
 
 import numpy as np
 
+from clothfit import load
 from clothfit.base.arrays import Array
 from clothfit.engine.system import System, build
 from clothfit.scene.scene import dumps
-from helpers.scenes import cloth, document, load_text
+from helpers.scenes import cloth, document
 
 
 def xyz(*vectors: tuple[float, float, float]) -> list[dict[str, float]]:
@@ -36,7 +34,7 @@ def moving(**fields: Any) -> dict[str, Any]:
 
 def scene_of(made: dict[str, Any]) -> Any:
     """The scene of a document."""
-    return load_text(json.dumps(made))
+    return load(made)
 
 
 def whole(system: System) -> Array:

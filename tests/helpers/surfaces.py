@@ -1,7 +1,5 @@
 """Closed meshes for tests: vertices (V, 3), m, and triangles (T, 3), facing outward."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The Unity package: its compilation against the stand-in for Unity's types, and the harness that uses it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

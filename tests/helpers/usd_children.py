@@ -3,8 +3,6 @@
 `python usd_children.py FILE…`. The library is loaded once, and writes reports of its crashes to the folder TMPDIR.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

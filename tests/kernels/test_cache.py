@@ -59,18 +59,14 @@ def chosen(monkeypatch, **settings):
         kernel_cache.folders.cache_clear()
 
 
-def test_the_package_comes_first_then_the_user_then_the_temporary_folder(monkeypatch, tmp_path):
+def test_the_package_or_what_the_user_names_comes_first_then_the_user_then_the_temporary_folder(monkeypatch, tmp_path):
     monkeypatch.setattr(kernel_cache.tempfile, "tempdir", str(tmp_path / "tmp"))
     package, user, temporary = chosen(monkeypatch, XDG_CACHE_HOME=str(tmp_path / "own"))
     assert package.parent == kernel_cache.PACKAGE / "__pycache__"
     assert user.parent == tmp_path / "own" / "clothfit"
     assert temporary.parent.parent == tmp_path / "tmp"
     assert len({folder.name for folder in (package, user, temporary)}) == 1
-
-
-def test_the_folder_that_the_user_names_takes_the_place_of_the_package(monkeypatch, tmp_path):
-    first, *_ = chosen(monkeypatch, NUMBA_CACHE_DIR=str(tmp_path))
-    assert first.parent == tmp_path
+    assert chosen(monkeypatch, NUMBA_CACHE_DIR=str(tmp_path))[0].parent == tmp_path
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows knows the user's folder by itself")
@@ -159,28 +155,24 @@ def test_programs_that_write_at_once_leave_one_whole_file(places):
     assert [path.name for path in places[0].iterdir()] == ["f"]
 
 
+def linked(folder):
+    """Have the folder be elsewhere, with a link in its place."""
+    folder.rename(folder.with_name("elsewhere"))
+    folder.symlink_to("elsewhere")
+
+
+only_root = pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="only root can give a folder away")
+SPOILT = [lambda folder: folder.chmod(0o777), linked,
+          pytest.param(lambda folder: os.chown(folder, 12345, 12345), marks=only_root)]
+
+
 @has_owners
-def test_a_folder_that_others_can_write_to_is_not_trusted(places):
+@pytest.mark.parametrize("spoil", SPOILT, ids=["open to all", "a link", "of somebody else"])
+def test_a_folder_that_others_can_change_is_not_trusted(places, spoil):
     block(places[0])
     kernel_cache.save("f", b"content")
-    os.chmod(places[1].parent, 0o777)
+    spoil(places[1].parent)
     assert kernel_cache.load("f") is None
-    assert kernel_cache.save("f", b"content") == places[2]
-
-
-@has_owners
-def test_a_link_to_a_folder_is_not_trusted(places, tmp_path):
-    block(places[0])
-    places[1].parent.rmdir()
-    (tmp_path / "elsewhere").mkdir()
-    places[1].parent.symlink_to(tmp_path / "elsewhere")
-    assert kernel_cache.save("f", b"content") == places[2]
-
-
-@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="only root can give a folder away")
-def test_a_folder_of_somebody_else_is_not_trusted(places):
-    block(places[0])
-    os.chown(places[1].parent, 12345, 12345)
     assert kernel_cache.save("f", b"content") == places[2]
 
 

@@ -8,8 +8,7 @@ import pytest
 from helpers.paths import ROOT
 from helpers.scenes import document
 
-from clothfit.motion.simulate import simulate
-from clothfit.scene.scene import load
+from clothfit import load, simulate
 
 pytest.importorskip("tornado")
 

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from helpers.scenes import cloth, document, sphere
 
-from clothfit.base.errors import InvalidInput
+from clothfit import Diverged, InvalidInput, simulate
 from clothfit.live.engine import Engine, end_all
-from clothfit.motion.divergence import Diverged
-from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import dumps, load
 
 pytestmark = pytest.mark.slow  # kernels that many tests share, compiled once

@@ -2,10 +2,10 @@
 
 import json
 
-import numba
 import numpy as np
 import pytest
 from helpers.browsers import PATIENCE, browser, differing, pixels
+from helpers.marks import FITS
 from helpers.scenes import document, even
 
 from clothfit.fit.estimate import record_target
@@ -16,10 +16,7 @@ pytest.importorskip("tornado")
 from clothfit.live.engine import Engine
 from clothfit.live.server import Serving
 
-pytestmark = [
-    pytest.mark.slow,  # starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation"),
-]
+pytestmark = FITS
 
 SIZE = {"width": 1000, "height": 700}
 LONG = 600_000  # ms: the process of a fit may have to compile

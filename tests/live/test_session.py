@@ -6,15 +6,12 @@ import threading
 import pytest
 from helpers.scenes import cloth, document
 
-from clothfit.base.errors import InvalidInput
+from clothfit import Engine, InvalidInput, load, simulate
 from clothfit.live import changes
 from clothfit.live import session as module
 from clothfit.live.commands import answer, answer_long
-from clothfit.live.engine import Engine
 from clothfit.live.session import Session
 from clothfit.live.wire import unpacked
-from clothfit.motion.simulate import simulate
-from clothfit.scene.scene import load
 
 OTHER = {"type": "load", "id": 7, "scene": document(cloth(3, 3))}
 

@@ -13,12 +13,10 @@ import numpy as np
 import pytest
 from helpers.scenes import cloth, document, environment, write_scene
 
+from clothfit import load, save_motion, simulate
 from clothfit.cli.common import running as watch
 from clothfit.cli.common.running import Watch
 from clothfit.cli.program import run
-from clothfit.motion.files import save_motion
-from clothfit.motion.simulate import simulate
-from clothfit.scene.scene import load
 
 
 @pytest.fixture

@@ -9,22 +9,18 @@ import sys
 import time
 from types import SimpleNamespace
 
-import numba
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import environment, trial, write_scene
 
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, estimate
 from clothfit.cli.program import run
-from clothfit.fit.estimate import estimate
 from clothfit.many.cluster import Cluster
 from clothfit.many.estimate_many import fit_all
 from clothfit.scene.scene import dumps, load
 
 distributed = pytest.importorskip("distributed", reason="distributed is not installed; there is no cluster")
-pytestmark = [
-    pytest.mark.slow,  # starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 FEW = {"method": "l-bfgs-b", "intervals": False, "max_evaluations": 40}
 

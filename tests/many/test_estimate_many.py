@@ -4,22 +4,18 @@ import os
 import signal
 from types import SimpleNamespace
 
-import numba
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import trial, write_scene
 
-import clothfit
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, degrade
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.many.estimate_many import estimate_many, fit_all, result
 from clothfit.many.job import Outcome, numbered
 from clothfit.many.processes import Processes
 from clothfit.scene.scene import dumps, load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 FEW = {"method": "l-bfgs-b", "max_evaluations": 8}
 SOME = {"max_evaluations": 9, "intervals": False}
@@ -33,7 +29,7 @@ def paths(tmp_path):
 
 def test_results_are_those_of_single_fits_to_the_last_bit_whatever_the_number_of_processes(paths, tmp_path):
     scenes = [load(path) for path in paths[:2]]
-    motions = [clothfit.degrade(record_target(scene), noise=1e-3, seed=1) for scene in scenes]
+    motions = [degrade(record_target(scene), noise=1e-3, seed=1) for scene in scenes]
     fits = [
         [estimate(scene, motion, numbered(scene, motion, None, start, 5), **SOME) for start in range(2)]
         for scene, motion in zip(scenes, motions, strict=True)

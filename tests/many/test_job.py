@@ -4,9 +4,9 @@ import json
 import pickle
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.scenes import cloth, document, even, trial, write_scene
 
 from clothfit.base import interrupts
@@ -22,10 +22,7 @@ from clothfit.objective.identifiability import identifiable
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.scene import dumps, load
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
-]
+pytestmark = FITS
 
 FEW = {"method": "l-bfgs-b", "max_evaluations": 5}
 

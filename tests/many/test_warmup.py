@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import numba
-import pytest
+from helpers.marks import FITS
 from helpers.scenes import cloth, environment, sphere, started, trial, write_scene
 
 import clothfit
@@ -14,12 +14,9 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels.cache import KernelCache
-from clothfit.many.warmup import NEVER, PARTS, Part, called, compilations, strip_scene, use_everything, warm_up
+from clothfit.many.warmup import NEVER, PARTS, Part, called, strip_scene, use_everything, warm_up
 
-pytestmark = [
-    pytest.mark.slow,  # starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled"),
-]
+pytestmark = FITS
 
 # Runs warmup, then commands, and prints what of the compiled code was asked for after warmup for the first time. As it
 # makes no difference whether that is already on the disk, nothing need be compiled for this test.
@@ -140,17 +137,6 @@ def test_parts_are_reported_as_they_are_done(monkeypatch):
     assert parts == heard
     assert [(part.name, part.compiled) for part in parts] == [("one", 1), ("two", 0)]
     assert all(isinstance(part, Part) for part in parts)
-
-
-def test_compilations_are_counted_within_the_block_only():
-    with compilations() as found:
-        numba.njit(doubled)(1)
-    numba.njit(doubled)(1.5)
-    assert found == [f"{__name__}.doubled"]
-
-
-def doubled(x):
-    return x + x
 
 
 def test_a_strip_can_be_called_large():

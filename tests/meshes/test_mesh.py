@@ -10,9 +10,7 @@ import pytest
 from helpers.paths import SIDE
 from helpers.scenes import document
 
-import clothfit
-from clothfit import InvalidInput
-from clothfit.meshes import mesh
+from clothfit import InvalidInput, load, mesh, new_scene, save_motion, simulate
 from clothfit.meshes.mesh import Mesh, read_mesh, turned
 
 FLOAT32 = 2e-6  # the editor computes in float32: a few roundings of 6e-8, times areas and squared lengths
@@ -123,8 +121,8 @@ def test_air_pushes_a_face_as_in_the_world():
     # ½ · 1.2 kg/m³ · 2 m² · (5 m/s)² = 30 N, all corners together: drag · A · (2 A)² · v
     one = Mesh(np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]]), triangles((0, 1, 2)))
     made = mesh.object_document(one, [False] * 3, density=1.0, stiffness=1.0, drag=mesh.air_drag(one, 5.0))
-    scene = clothfit.load(document(made, windVel={"x": 0.0, "y": 0.0, "z": 5.0}, integrationMethod=0, delta=0.5))
-    moved = clothfit.simulate(scene, 3).positions[2, :, 2]  # the second step moves by h · h f/m, h = 0.5 s
+    scene = load(document(made, windVel={"x": 0.0, "y": 0.0, "z": 5.0}, integrationMethod=0, delta=0.5))
+    moved = simulate(scene, 3).positions[2, :, 2]  # the second step moves by h · h f/m, h = 0.5 s
     np.testing.assert_allclose(moved, 0.25 * 30.0 / 2.0, rtol=1e-12)  # of 2 kg
 
 
@@ -191,8 +189,8 @@ def test_what_the_user_knows_better(folder):
 
 
 def test_of_an_animated_file_the_first_frame_is_taken(folder):
-    scene = clothfit.new_scene(mesh.plane(2, 1.0), frames=4)
-    clothfit.save_motion(clothfit.simulate(scene), "m.glb", scene)
+    scene = new_scene(mesh.plane(2, 1.0), frames=4)
+    save_motion(simulate(scene), "m.glb", scene)
     found, _ = read_mesh("m.glb")
     np.testing.assert_allclose(found.positions, scene.cloths[0].positions, atol=2e-5)  # to 1e-5 m
     np.testing.assert_array_equal(np.sort(found.triangles), np.sort(scene.cloths[0].triangles))
@@ -210,7 +208,8 @@ def test_of_a_sequence_the_first_file_alone_is_read(folder):
      ("a.npz", "", "it is empty; export it again"),
      ("a.csv", "", "CSV markers hold no faces; a mesh is needed, in .obj"), ("a.obj", "v 0 0 0\n", "has no faces"),
      ("a.ply", "", "it is empty"), ("a.ply", "a", "has no header"),
-     ("a.obj", obj([(0, 0, 0), ("inf", 0, 0), (0, 1, 0)], [(1, 2, 3)]), "")],
+     ("a.obj", obj([(0, 0, 0), ("inf", 0, 0), (0, 1, 0)], [(1, 2, 3)]), "line 2: a vertex"),
+     ("b.obj", obj([(0, 0, 0), (1e20, 0, 0), (0, 1, 0)], [(1, 2, 3)]), "is not within .* m of the origin; is")],
 )  # fmt: skip
 def test_what_is_no_mesh_is_refused(folder, name, text, message):
     (folder / name).write_text(text)

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 from helpers.paths import EXAMPLES
 
-import clothfit
-from clothfit.base.errors import InvalidInput, InvalidScene
-from clothfit.meshes import mesh
+from clothfit import InvalidInput, InvalidScene, load, mesh, simulate
 from clothfit.meshes.mesh import Mesh, plane, read_mesh
 from clothfit.meshes.new_scene import along, at_side, in_box, listed, new_scene, text
 from clothfit.meshes.problems import weld
@@ -24,7 +22,7 @@ TWO = Mesh(np.array([[-1.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -3, 0]]), np.array(
 
 def same(made, path):
     """Whether a scene is that of an example, up to the digits of the file."""
-    known = clothfit.load(path)
+    known = load(path)
     for name in ("delta", "tolerance", "frames", "method", "newton_iterations", "title"):
         assert getattr(made, name) == getattr(known, name)
     np.testing.assert_array_equal(made.wind, known.wind)
@@ -52,7 +50,7 @@ def test_the_examples_can_be_made():
 
 def test_a_scene_made_is_what_its_text_says_and_obeys_the_schema():
     made = new_scene(TWO, fits={"wind": "G", "velocity": "L", "rest": "L"}, title="two")
-    again = clothfit.load(json.loads(made.source.text))
+    again = load(json.loads(made.source.text))
     np.testing.assert_array_equal(again.cloths[0].stiffness, made.cloths[0].stiffness)
     assert problems_of(json.loads(made.source.text)) == []
     assert (again.fits, again.cloths[0].fits) == ({"wind": "G"}, {"velocity": "L", "rest": "L"})
@@ -63,9 +61,9 @@ def test_what_is_held_nowhere_falls_freely():
     h, k = 0.01, 30
     own = {"delta": h, "frames": k + 1, "damping": 0.0, "drag": 0.0, "integrator": "implicit"}
     sheet = mesh.plane(3, 1.0)
-    held = clothfit.simulate(new_scene(sheet, [True] * 5 + [False] * 20, **own)).positions
+    held = simulate(new_scene(sheet, [True] * 5 + [False] * 20, **own)).positions
     np.testing.assert_array_equal(held[-1, :5], held[0, :5])
-    motion = clothfit.simulate(new_scene(sheet, **own))
+    motion = simulate(new_scene(sheet, **own))
     # implicit steps fall g h² k (k + 1)/2; no spring is stretched, so only rounding differs
     np.testing.assert_allclose(motion.positions[-1, :, 1], -9.81 * h * h * k * (k + 1) / 2, rtol=1e-9)
 

@@ -7,10 +7,8 @@ import pytest
 import trimesh
 from helpers.scenes import changed, trial
 
-from clothfit import InvalidInput, InvalidScene, load
-from clothfit.meshes import mesh
+from clothfit import InvalidInput, InvalidScene, load, mesh, new_scene
 from clothfit.meshes.mesh import Mesh
-from clothfit.meshes.new_scene import new_scene
 from clothfit.meshes.problems import components, problems, together, weld
 from clothfit.scene.directions import along, edges_of, opposite, pairs_of
 from clothfit.scene.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded

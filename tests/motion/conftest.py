@@ -1,7 +1,5 @@
 """What the tests of motions share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from types import SimpleNamespace
 

@@ -7,17 +7,13 @@ from helpers.physics import GRAVITY, METHODS, STATES, ball, full, of_air, scene,
 from helpers.scenes import cloth
 
 import clothfit.motion.energy
-from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit import Energy, InvalidInput, InvalidMotion, Motion, degrade, energies, simulate
 from clothfit.cli.common.console import Console
 from clothfit.cli.simulate import joules, show_energy
 from clothfit.engine.forces import springs, total, vertex, wind
 from clothfit.engine.march import velocity
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import all_elements, build, with_elements
-from clothfit.motion.degrade import degrade
-from clothfit.motion.energy import Energy, energies
-from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
 
 STILL = {"windVel": xyz((0, 0, 0))}
 NO_WEIGHT = {"gravity": xyz((0, 0, 0))}

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from helpers.scenes import cloth, document
 
-import clothfit
-from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit import InvalidInput, InvalidMotion, load
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes, Reading
 from clothfit.motion import foreign
 from clothfit.motion.markers import initial
 
-SCENE = clothfit.load(document(cloth(), cloth(nx=3, vertPos=[{"x": i, "y": 5.0, "z": j} for j in range(3)
+SCENE = load(document(cloth(), cloth(nx=3, vertPos=[{"x": i, "y": 5.0, "z": j} for j in range(3)
                                                              for i in range(3)])))  # fmt: skip
 START = initial(SCENE)
 CHOSEN = [3, 14, 0]  # vertices of all objects

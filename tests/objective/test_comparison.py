@@ -7,9 +7,8 @@ from helpers.physics import scene
 from helpers.scenes import cloth
 from scipy.optimize import least_squares
 
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, Motion
 from clothfit.engine.system import build
-from clothfit.motion.motion import Motion
 from clothfit.objective.comparison import OBJECTIVES, Comparison, Loss, objective_weights
 from clothfit.objective.target import target
 

@@ -7,15 +7,11 @@ from helpers.marks import FITS
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, sphere, trial
 
-from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit import InvalidInput, InvalidMotion, Motion, load, parameters, simulate, with_parameters
 from clothfit.derivative.verify import check
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 from clothfit.strategy.start import neutral_start
 
 pytestmark = FITS
@@ -53,11 +49,6 @@ def test_the_gradient_with_several_experiments():
     objective = Objective(MAIN, [truth(MAIN), (truth(WINDY), WINDY), truth(MAIN, 0.9)])
     assert check(objective, parameters(MAIN), seed=3).passed
     assert len(objective.runs) == 3
-
-
-def test_a_target_twice_costs_twice():
-    goal, p = truth(MAIN), parameters(MAIN)
-    assert Objective(MAIN, [goal, goal]).cost(p) == 2 * Objective(MAIN, goal).cost(p)
 
 
 def test_each_experiment_has_its_own_forces_and_the_same_parameters():

@@ -5,12 +5,8 @@ import pytest
 from helpers.physics import ball, chain, scene, thing
 from helpers.scenes import even
 
-import clothfit
-from clothfit.motion.degrade import degrade
-from clothfit.motion.simulate import simulate
+from clothfit import degrade, estimate, load, parameters, simulate, with_parameters
 from clothfit.objective.identifiability import FEW, MOST, NOTABLE, STRONG, Value, hidden, identifiable, strongest
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 
 
 def test_fixed_masses_and_springs_between_fixed_vertices_are_hidden():
@@ -88,15 +84,15 @@ def test_a_value_without_a_variance_has_no_correlation():
 @pytest.mark.slow
 def test_a_fit_says_where_it_began_and_what_it_can_hardly_tell_apart():
     scene = load(even("Gn", 20, fit={"gravity": "G"}))
-    p = clothfit.parameters(scene)
-    found = clothfit.estimate(scene, degrade(simulate(scene, 20, 1e-10), noise=1e-3), start=p + 0.01)
-    assert clothfit.parameters(found.start) == pytest.approx(p + 0.01, rel=1e-12)
+    p = parameters(scene)
+    found = estimate(scene, degrade(simulate(scene, 20, 1e-10), noise=1e-3), start=p + 0.01)
+    assert parameters(found.start) == pytest.approx(p + 0.01, rel=1e-12)
     assert found.parameters[0].start == pytest.approx(p[0] + 0.01)
     assert found.parameters[1].start == pytest.approx((p[1:] + 0.01).tolist())
     assert found.objective == {"position": 1.0}
     pair = found.correlations[0]
     assert (pair.first, pair.second) == (Value(0, "mass", 0), Value(None, "gravity", 1))
-    best, step = clothfit.parameters(found.scene), 1e-4
+    best, step = parameters(found.scene), 1e-4
     scales = np.eye(4) * [best[0], 1.0, 1.0, 1.0]  # of the mass the logarithm counts
     there, back = ([motion_after(scene, best + way * each) for each in scales] for way in (step, -step))
     J = np.array(there) - np.array(back)
@@ -107,4 +103,4 @@ def test_a_fit_says_where_it_began_and_what_it_can_hardly_tell_apart():
 
 def motion_after(scene, p):
     """The positions with the values p, flat."""
-    return simulate(clothfit.with_parameters(scene, p), 20, 1e-12).positions.ravel()
+    return simulate(with_parameters(scene, p), 20, 1e-12).positions.ravel()

@@ -6,19 +6,14 @@ from helpers.costs import cost, cost_and_derivative, jacobian, residual
 from helpers.physics import rotation, scene
 from helpers.scenes import cloth, even, trial
 
-from clothfit.base.errors import InvalidMotion
+from clothfit import InvalidMotion, Motion, degrade, load, parameters, simulate, with_parameters
 from clothfit.derivative.verify import check
 from clothfit.engine.system import build
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
 from clothfit.objective.comparison import OBJECTIVES, Comparison
 from clothfit.objective.measures import basis
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import target
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

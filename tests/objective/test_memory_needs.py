@@ -1,25 +1,17 @@
 """What an objective holds, and fits that must do with less: the same result to the last bit, or a word."""
 
-import json
 
 import numpy as np
 import pytest
-from helpers.scenes import document, trial, write_scene
+from helpers.scenes import document, trial
 
-from clothfit.base.errors import InvalidInput
+from clothfit import Diverged, InvalidInput, as_motion, estimate, load, parameters, simulate, with_parameters
 from clothfit.base.memory import human
-from clothfit.cli.program import run
 from clothfit.engine import tape
 from clothfit.engine.rollout import state_bytes
-from clothfit.fit.estimate import estimate
-from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import as_motion
-from clothfit.motion.simulate import simulate
 from clothfit.objective import objective as objectives
 from clothfit.objective.memory_needs import snapshot_bytes
 from clothfit.objective.objective import Objective, cost_and_gradient
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 from clothfit.strategy import trajectory_fit
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -151,22 +143,6 @@ def test_matrices_that_do_not_fit_give_way_with_a_word(monkeypatch):
     assert found.rmse < 0.5 * Objective(made, motion).rmse(Objective(made, motion).cost(parameters(made)))
     with pytest.raises(InvalidInput, match="too little for the balance of momentum"):
         estimate(made, motion, method="momentum", memory=tightest(made, motion))
-
-
-def test_the_command_says_what_is_foreseen(tmp_path, capsys):
-    path = write_scene(tmp_path, trial("nL", FRAMES))
-    assert run(["estimate", path, "--json", "--no-intervals"]) == 0
-    printed = capsys.readouterr()
-    assert "foreseen" not in printed.err
-    needs = json.loads(printed.out)["memory"]
-    assert (needs["snapshots"], needs["budget"] > 10**6) == (None, True)
-    assert run(["estimate", path, "-v", "--memory", "1GB", "--no-intervals"]) == 0
-    assert "; budget 1 GB\n" in capsys.readouterr().err
-    tight = needs["foreseen"] - 100
-    assert run(["estimate", path, "--memory", str(tight), "--json", "--no-intervals"]) == 0
-    printed = capsys.readouterr()
-    assert " and computes the others again\n" in printed.err
-    assert json.loads(printed.out)["memory"]["snapshots"] > 0
 
 
 def test_too_little_memory_is_refused_before_the_scenes_own_motion_is_simulated(monkeypatch):

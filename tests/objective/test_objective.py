@@ -4,24 +4,29 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.derivatives import assert_right
 from helpers.marks import FITS
 from helpers.physics import METHODS, TIGHT, ball, scene, thing, xyz
 from helpers.scenes import cloth, even, trial
 from helpers.strangers import small
 
-from clothfit.base.errors import InvalidInput, InvalidMotion
-from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, central_difference_error, check
+from clothfit import (
+    Diverged,
+    InvalidInput,
+    Motion,
+    as_motion,
+    degrade,
+    load,
+    parameters,
+    simulate,
+    with_parameters,
+)
+from clothfit.derivative.verify import DIFFERENCE, central_difference_error
 from clothfit.engine.rollout import rollout
 from clothfit.engine.tape import Tape
-from clothfit.motion.degrade import degrade
-from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import Motion, as_motion
-from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.objective.run import KEPT
 from clothfit.scene.block import flagged
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 
 pytestmark = FITS
 
@@ -60,13 +65,6 @@ def truth(made, factor=1.15):
     p = parameters(made)
     rng = np.random.default_rng(12)
     return simulate(with_parameters(made, p * factor * np.exp(0.1 * rng.normal(size=p.shape))), tolerance=TIGHT)
-
-
-def assert_right(objective, p):
-    report = check(objective, p, seed=4)
-    assert report.order > ORDER
-    assert report.difference < DIFFERENCE  # rounding of the cost, 1e-13, over the step
-    assert report.product < PRODUCT  # linear systems are solved to 1e-14
 
 
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
@@ -216,13 +214,6 @@ def test_the_cost_is_that_of_the_gradient_and_of_the_definition():
     assert objective.frames == FRAMES
 
 
-def test_the_truth_has_no_cost_and_no_gradient():
-    made = variant([sheet()], "implicit", 2)
-    value, gradient = cost_and_gradient(made, simulate(made, tolerance=TIGHT))
-    assert value == 0.0
-    assert np.abs(gradient).max() == 0.0
-
-
 @pytest.mark.parametrize("kind", ["partly seen", "skipped", "shorter"])
 def test_the_gradient_with_targets_as_captures_have_them(kind):
     made = variant([sheet(dragCoefficient=0.4)], "implicit", 1, **WIND)
@@ -262,12 +253,6 @@ def test_a_cost_that_overflows_is_a_divergence():
         with pytest.raises(Diverged, match=DIVERGED) as caught:
             evaluate(np.array([1e4]))
         assert 1 < caught.value.step < 60
-
-
-def test_a_motion_of_another_scene_is_refused():
-    made, other = variant([sheet()], "implicit", 1), variant([sheet(2, 2)], "implicit", 1)
-    with pytest.raises(InvalidMotion, match=r"its objects have 4 vertices, those of scene 9$"):
-        Objective(made, simulate(other))
 
 
 def test_a_vector_of_another_length_is_refused():
@@ -344,13 +329,6 @@ def test_fewer_frames_cost_what_these_cost(frames):
     assert part.frames == min(frames, 12)
     assert part.steps == min(frames, 12) - 1
     assert part.tolerance == aim.tolerance
-
-
-def test_costs_of_positions_add_up_over_frames():
-    aim = Objective(SCENE, MOTION, TIGHT)
-    costs = [aim.until(frames).cost(P) for frames in range(2, 13)]
-    assert (np.diff(costs) > 0).all()
-    assert costs[-1] == aim.cost(P)
 
 
 def test_the_rest_of_what_was_asked_stays():

@@ -4,23 +4,17 @@ import re
 
 import numpy as np
 import pytest
+from helpers.derivatives import assert_right
 from helpers.marks import FITS
 from helpers.paths import ROOT
 from helpers.physics import TIGHT, scene
 from helpers.scenes import cloth, document, even
 
-import clothfit
-from clothfit.base.errors import InvalidInput
-from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
+from clothfit import InvalidInput, Residuals, as_motion, estimate, load, parameters, simulate, with_parameters
 from clothfit.engine import tape
-from clothfit.motion.motion import as_motion
-from clothfit.motion.simulate import simulate
 from clothfit.motion.times import interpolated
 from clothfit.objective.memory_needs import snapshot_bytes, state_bytes
 from clothfit.objective.objective import Objective
-from clothfit.objective.own_cost import Residuals
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
 
 pytestmark = FITS
 
@@ -59,13 +53,6 @@ def mixed(motion):
 def squares(goal):
     """The squared distances from positions (F, N, 3), as a cost of one's own."""
     return lambda motion: (((motion.positions - goal) ** 2).sum(), 2.0 * (motion.positions - goal))
-
-
-def assert_right(objective, p):
-    report = check(objective, p, seed=4)
-    assert report.order > ORDER
-    assert report.difference < DIFFERENCE  # rounding of the cost, 1e-13, over the step
-    assert report.product < PRODUCT  # linear systems are solved to 1e-14
 
 
 @pytest.mark.parametrize("method", [1, 2, 3])
@@ -141,20 +128,6 @@ def test_costs_of_several_targets_add_up():
     np.testing.assert_allclose(two.cost_and_gradient(p)[1], 2.0 * one.cost_and_gradient(p)[1], rtol=1e-12)
 
 
-def test_the_parts_of_a_motion_are_as_in_the_scene():
-    own = made("several")
-    own = with_parameters(own, parameters(own))  # where one value is fitted for all, it is the mean
-    heights = []
-
-    def lowest(motion):
-        heights[:] = [motion.of(cloth)[-1, :, 1].min() for cloth in range(3)]
-        return 0.0, np.zeros_like(motion.positions)
-
-    Objective(own, None, objective=lowest).cost(parameters(own))
-    motion = simulate(own)
-    assert heights == pytest.approx([motion.of(cloth)[-1, :, 1].min() for cloth in range(3)], abs=10 * own.tolerance)
-
-
 def distances(goal):
     """The distances from positions (F, N, 3) of every second vertex, as residuals with a sparse derivative."""
     from scipy.sparse import eye_array
@@ -190,7 +163,7 @@ def height(motion):
 @pytest.mark.parametrize("method", ["auto", "l-bfgs-b", "nelder-mead"])
 def test_a_fit_without_a_target_reaches_what_the_cost_asks_for(method):
     own = load(even("nG", 15, 4, 4))
-    fit = clothfit.estimate(own, objective=height, method=method)
+    fit = estimate(own, objective=height, method=method)
     assert fit.status == "converged"
     assert fit.method == ("l-bfgs-b" if method == "auto" else method)
     assert fit.cost < 1e-12  # a micrometre; the start is 11 mm off
@@ -203,7 +176,7 @@ def test_a_fit_without_a_target_reaches_what_the_cost_asks_for(method):
 def test_a_fit_by_ones_own_squares_is_that_by_positions():
     own = load(even("nL", 15, 4, 4))
     goal = simulate(with_parameters(own, 1.3 * parameters(own)), tolerance=1e-10)
-    fits = [clothfit.estimate(own, goal, method="l-bfgs-b", objective=each, max_evaluations=25, intervals=False)
+    fits = [estimate(own, goal, method="l-bfgs-b", objective=each, max_evaluations=25, intervals=False)
             for each in (squares(goal.positions), "position")]  # fmt: skip
     assert fits[0].cost == pytest.approx(fits[1].cost, rel=1e-6)
     np.testing.assert_allclose(parameters(fits[0].scene), parameters(fits[1].scene), rtol=1e-6)
@@ -215,7 +188,7 @@ def test_gauss_newton_fits_residuals_of_ones_own():
     p = parameters(own)
     truth = p * np.exp(0.2 * np.random.default_rng(5).normal(size=p.shape))
     goal = simulate(with_parameters(own, truth), tolerance=1e-10)
-    fit = clothfit.estimate(own, goal, objective=distances(goal.positions))
+    fit = estimate(own, goal, objective=distances(goal.positions))
     assert (fit.method, fit.status) == ("gauss-newton", "converged")
     assert fit.rmse < 1e-7  # of all vertices, though every second was compared
     shown = [value for value in range(len(p)) if value not in fit.parameters[0].unidentifiable]
@@ -237,7 +210,7 @@ def test_gauss_newton_fits_residuals_of_ones_own():
 )
 def test_what_does_not_go_with_it_is_refused(options, text):
     with pytest.raises(InvalidInput, match=text):
-        clothfit.estimate(load(even("nG", 5, 3, 3)), objective=height, **options)
+        estimate(load(even("nG", 5, 3, 3)), objective=height, **options)
 
 
 @pytest.mark.parametrize(
@@ -253,7 +226,7 @@ def test_what_does_not_go_with_it_is_refused(options, text):
 )
 def test_a_function_that_returns_something_else_is_told_what_is_needed(function, text):
     with pytest.raises(InvalidInput, match=text):
-        clothfit.estimate(load(even("nG", 5, 3, 3)), objective=function)
+        estimate(load(even("nG", 5, 3, 3)), objective=function)
 
 
 def test_an_error_of_the_function_is_the_users_to_see():
@@ -261,18 +234,18 @@ def test_an_error_of_the_function_is_the_users_to_see():
         return motion.positions[99], None
 
     with pytest.raises(IndexError):
-        clothfit.estimate(load(even("nG", 5, 3, 3)), objective=broken)
+        estimate(load(even("nG", 5, 3, 3)), objective=broken)
 
 
 def test_a_fit_goes_on_from_its_checkpoint_by_the_name_of_the_function(tmp_path):
     own = load(document(cloth(4, 4, optimizationSettings="nL"), optimizationIterations=15))
     file = tmp_path / "c"
-    first = clothfit.estimate(own, objective=height, max_evaluations=2, rmse=0.0, checkpoint=file)
-    again = clothfit.estimate(own, objective=height, max_evaluations=9, rmse=0.0, checkpoint=file, resume=True)
+    first = estimate(own, objective=height, max_evaluations=2, rmse=0.0, checkpoint=file)
+    again = estimate(own, objective=height, max_evaluations=9, rmse=0.0, checkpoint=file, resume=True)
     assert again.evaluations > first.evaluations
     assert again.cost <= first.cost
     with pytest.raises(InvalidInput, match="objective"):
-        clothfit.estimate(own, objective=mixed, checkpoint=file, resume=True)
+        estimate(own, objective=mixed, checkpoint=file, resume=True)
 
 
 def test_the_cost_of_the_documents_is_fitted(monkeypatch):

@@ -6,10 +6,9 @@ import pytest
 from helpers.physics import METHODS, scene
 from helpers.scenes import cloth
 
-from clothfit.base.errors import InvalidMotion
+from clothfit import InvalidMotion, Motion
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.motion.motion import Motion
 from clothfit.motion.times import frame_places, interpolation, snapped
 from clothfit.objective.target import sample, target
 

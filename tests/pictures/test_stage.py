@@ -12,13 +12,12 @@ from helpers.scenes import cloth, document, sphere
 from helpers.surfaces import body, torus
 from numpy.testing import assert_allclose, assert_array_equal
 
+from clothfit import Forces, Key, load, simulate
 from clothfit.control.control import course
-from clothfit.control.keyframes import Key
 from clothfit.engine.forces.touch import build, depths
 from clothfit.engine.inputs.sampling import states
 from clothfit.engine.system import build as build_system
 from clothfit.kernels.raster import fill, fill_sphere, lit
-from clothfit.motion.simulate import simulate
 from clothfit.pictures import gif
 from clothfit.pictures import stage as scenery
 from clothfit.pictures.camera import project
@@ -27,8 +26,6 @@ from clothfit.pictures.plots import chosen
 from clothfit.pictures.solids import box, capsule, solids
 from clothfit.pictures.stage import BEHIND, bare, drawn, good_frames, pins, sightings, stage, vertex_normals, wind
 from clothfit.scene.cloth import CAPSULE
-from clothfit.scene.forces import Forces
-from clothfit.scene.scene import load
 
 AWAY = np.array([0.0, 0.0, -1.0])  # a light from the camera
 

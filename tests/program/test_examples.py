@@ -1,6 +1,5 @@
 """The example scenes: what they promise, that they come from their generators, and that fits find their values."""
 
-import sys
 
 import numba
 import numpy as np
@@ -75,37 +74,6 @@ def test_a_scene_is_held_and_only_the_flag_is_upright_in_wind_and_the_drape_has_
         pole = cloth.positions[cloth.fixed]
         assert (pole[:, 0] == -3.5).all()
         assert np.ptp(pole[:, 1]) == 7.0
-
-
-@compiled
-def test_a_cloth_moves_and_what_holds_it_does_not(scene):
-    motion = clothfit.simulate(scene).positions
-    fixed = scene.cloths[0].fixed
-    assert motion.shape == (100, 144, 3)
-    np.testing.assert_array_equal(motion[:, fixed], np.broadcast_to(motion[0, fixed], motion[:, fixed].shape))
-    assert np.abs(motion[-1] - motion[0]).max() > 1.0
-    for ball in scene.spheres:  # a vertex enters within one step, and the push then turns it back
-        depth = (ball.radius - np.linalg.norm(motion - ball.centre, axis=2)).max()
-        assert 0.0 < depth < np.linalg.norm(np.diff(motion, axis=0), axis=2).max()
-
-
-def test_the_generator_writes_what_is_missing_or_stale_and_checks_without_writing(tmp_path, monkeypatch, capsys):
-    make = script(EXAMPLES / "make.py")
-    monkeypatch.setattr(sys, "argv", ["make.py", "--check"])
-    assert (make.main(), *capsys.readouterr()) == (0, "", "")
-    make.FOLDER = tmp_path
-    assert (make.main(), list(tmp_path.iterdir())) == (1, [])
-    monkeypatch.setattr(sys, "argv", ["make.py"])
-    assert make.main() == 0
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {
-        f"{name}.json": (EXAMPLES / f"{name}.json").read_bytes() for name in SETTINGS
-    }
-    capsys.readouterr()
-    assert (make.main(), capsys.readouterr().out) == (0, "")
-    (tmp_path / "flag.json").write_text("{}")
-    monkeypatch.setattr(sys, "argv", ["make.py", "--check"])
-    assert make.main() == 1
-    assert capsys.readouterr().out == "flag.json: not up to date; run python examples/make.py\n"
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from helpers.scenes import changed, load_text
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from clothfit import load
 from clothfit.base import memory
 from clothfit.base.errors import InvalidMotion, InvalidScene
 from clothfit.base.limits import FARTHEST
@@ -118,7 +119,7 @@ def test_names_that_cannot_be_are_refused():
 
 def test_planes_by_the_thousand_get_one_warning():
     crowd = changed(scene(), ("colliders",), scene()["colliders"][1:] * 1000)
-    assert load_text(json.dumps(crowd)).warnings == (
+    assert load(crowd).warnings == (
         f"colliders[0]: planes are ignored, as in the editor (and 999 more); {WAY_OUT}",
     )
 

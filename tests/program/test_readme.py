@@ -10,8 +10,8 @@ import sys
 from contextlib import redirect_stderr, redirect_stdout, suppress
 
 import click
-import numba
 import pytest
+from helpers.marks import FITS
 from helpers.paths import ROOT
 
 import clothfit
@@ -24,10 +24,7 @@ PAGES = {path.name: path.read_text("utf-8") for path in sorted((ROOT / "docs").g
 PAGES = {"first": (ROOT / "README.md").read_text("utf-8"), **PAGES}
 SHOWN = re.compile(r"^\$ clothfit (.*)\n((?:(?!\$).*\n)*)", re.MULTILINE)  # a command and what it prints
 
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits of 144 vertices need compilation"),
-]
+pytestmark = FITS
 
 
 def blocks(language, page="first"):

@@ -3,23 +3,22 @@
 import numpy as np
 from helpers.scenes import even
 
-import clothfit
+from clothfit import Fit, as_motion, load, mesh
 from clothfit.evaluation.evaluate import Distance, Evaluation
-from clothfit.fit.result import Fit
 
 LONGEST = 160
 """Characters of a line that a window shows without scrolling, or nearly."""
 
 
 def test_each_is_one_line_of_sizes_and_errors_without_arrays():
-    scene = clothfit.load(even("GL", 6, 3, 3))
+    scene = load(even("GL", 6, 3, 3))
     positions, seen = np.zeros((6, 9, 3)), np.arange(54).reshape(6, 9) % 9 < 3
     shown = {
         "9 vertices, 16 springs, 6 frames of 0.02 s, implicit, 17 values to fit": scene,
         "<Cloth: 9 vertices, 16 springs, 8 triangles, 0.18 kg": scene.cloths[0],
-        "6 frames of 9 vertices in m, 0 … 0.1 s>": clothfit.as_motion(scene, positions),
-        "0.333 of them observed": clothfit.as_motion(scene, positions, observed=seen),
-        " triangles, 1 × 0 × 0.5 m>": clothfit.mesh.plane(60, 1.0, 0.5),
+        "6 frames of 9 vertices in m, 0 … 0.1 s>": as_motion(scene, positions),
+        "0.333 of them observed": as_motion(scene, positions, observed=seen),
+        " triangles, 1 × 0 × 0.5 m>": mesh.plane(60, 1.0, 0.5),
         "converged, RMSE 12.3 mm over 6 frames, 0 values, 4 evaluations in 0.5 s>":
             Fit(scene, "converged", "auto", 1.0, 0.0123, 6, 4, 0.5, [], []),
         "diverged, cost inf": Fit(scene, "diverged", "auto", np.inf, np.inf, 6, 4, 0.5, [], []),

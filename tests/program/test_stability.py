@@ -5,9 +5,9 @@ import json
 import sys
 from importlib import import_module
 
-import numba
 import numpy as np
 import pytest
+from helpers.marks import FITS
 from helpers.paths import BENCHMARKS
 from helpers.physics import ball, scene, thing
 
@@ -30,10 +30,7 @@ CASES = hard_cases.CASES
 STILL = [name for name, case in CASES.items() if not case.windy]
 WINDY = [name for name, case in CASES.items() if case.windy]
 STEPS, TOLERANCE = 100, 1e-5
-pytestmark = [
-    pytest.mark.slow,  # compiles a fit
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="cloths of 144 vertices need compilation"),
-]
+pytestmark = FITS
 
 
 def totals(system, steps=STEPS):
@@ -123,18 +120,6 @@ def test_values_at_the_ends_of_the_bounds_are_finite_or_diverged():
     assert set(found) == {"all at the lower ends", "all at the upper ends", "at random ends"}
     assert not any("WRONG" in told for told in found.values())
     assert all("finite" in told for told in found.values())
-
-
-def test_the_table(monkeypatch, capsys):
-    for option in ([], ["--json"]):
-        monkeypatch.setattr(sys, "argv", ["stability.py", "--only", "crushed, damped", "--steps", "5", *option])
-        stability.main()
-    head, line, row, told = capsys.readouterr().out.splitlines()
-    assert head.count("|") == line.count("|") == row.count("|") == len(stability.HEAD) + 1
-    assert row.startswith("| crushed, damped | finite |")
-    made = json.loads(told)
-    assert made["case"] == "crushed, damped"
-    assert made["clothfit"]["good"] == made["plain"]["good"] == 5
 
 
 # --- gradients in hard places, of whole scenes

@@ -9,12 +9,9 @@ from helpers.scenes import even, sphere
 from helpers.surfaces import block, body
 from scipy.spatial.transform import Rotation
 
-from clothfit.motion.degrade import degrade
-from clothfit.motion.simulate import simulate
+from clothfit import degrade, load, report_page, simulate
 from clothfit.pictures.solids import solids
 from clothfit.report.log import Log, Point
-from clothfit.report.page import report_page
-from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow  # starts processes
 

@@ -9,11 +9,9 @@ import pytest
 from helpers.browsers import accessibility_script, differing, opened, pixels
 from helpers.scenes import even
 
-from clothfit.motion.degrade import degrade
-from clothfit.motion.simulate import simulate
+from clothfit import degrade, load, simulate
 from clothfit.report.log import Log, Point
 from clothfit.report.page import WEB, report_page
-from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow  # starts processes
 

@@ -1,16 +1,14 @@
 """What a page says of a capture: residuals of markers with gaps and weights, mistaken ones by name, clock and place."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.scenes import even, load_text
+from helpers.scenes import even
 
-from clothfit.motion.simulate import simulate
+from clothfit import load, report_page, simulate
 from clothfit.registration.record import Jump, Markers, Registration, Swap
 from clothfit.report import captures
-from clothfit.report.page import report_page
 from clothfit.report.showing import shown
 
 pytestmark = pytest.mark.slow  # compiles a simulation
@@ -19,7 +17,7 @@ pytestmark = pytest.mark.slow  # compiles a simulation
 @pytest.fixture(scope="module")
 def seen():
     """A scene, its motion 1 cm off in vertex 5 and 2 cm in frame 3 of vertex 7, as six markers with a gap show it."""
-    scene = load_text(json.dumps(even("nG")))
+    scene = load(even("nG"))
     motion = simulate(scene)
     x, observed = motion.positions.copy(), np.zeros(motion.positions.shape[:2], bool)
     observed[:, [4, 5, 6, 7, 8, 9]] = True

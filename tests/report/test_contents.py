@@ -7,15 +7,12 @@ import pytest
 from helpers.scenes import even
 from helpers.unpacking import content_of
 
-from clothfit.motion.motion import as_motion
-from clothfit.motion.simulate import simulate
+from clothfit import as_motion, load, parameters, simulate
 from clothfit.report import findings
 from clothfit.report.findings import GOOD, PLAIN, WARN
 from clothfit.report.log import Log, start_of
 from clothfit.report.page import WEB, report_page
 from clothfit.report.showing import BEFORE, residuals, shown
-from clothfit.scene.fit_vector import parameters
-from clothfit.scene.scene import load
 
 LADDER = [{"model": "F", "values": 1, "rmse": 0.02, "holdout_rmse": 0.03, "seconds": 0.5},
           {"model": "L", "values": 33, "rmse": 0.001, "holdout_rmse": None, "seconds": 4.0}]  # fmt: skip

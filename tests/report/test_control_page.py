@@ -9,14 +9,12 @@ from helpers.physics import scene
 from helpers.scenes import cloth
 from helpers.unpacking import unpacked_positions
 
+from clothfit import Forces, Key, simulate
 from clothfit.control.control import Control, course, miss, reached
-from clothfit.control.keyframes import Key
-from clothfit.motion.simulate import simulate
 from clothfit.optimise.status import Status
 from clothfit.report import control_contents
 from clothfit.report.control_contents import control_content
 from clothfit.report.page import page as made_page
-from clothfit.scene.forces import Forces
 
 pytestmark = pytest.mark.slow  # starts processes
 

@@ -10,10 +10,7 @@ import pytest
 from helpers.browsers import differing, opened, pixels
 from helpers.scenes import environment, even, write_scene
 
-from clothfit.fit.estimate import estimate
-from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
-from clothfit.scene.scene import load
+from clothfit import Motion, estimate, load, simulate
 
 pytestmark = pytest.mark.slow  # compiles a fit, and starts processes
 

@@ -9,18 +9,14 @@ import pytest
 from helpers.scenes import cloth, document, even, sphere, trial, write_scene
 from helpers.unpacking import content_of, unpacked, unpacked_positions
 
-from clothfit import report_page
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, degrade, load, report_page, simulate
 from clothfit.cli.program import run
 from clothfit.evaluation.evaluate import evaluate, per_frame
-from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion, save_motion
-from clothfit.motion.simulate import simulate
 from clothfit.report.log import Log, intervals, read_log
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
 from clothfit.report.page import WEB, page
 from clothfit.report.showing import default_length, shown
-from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

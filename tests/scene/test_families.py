@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from helpers.scenes import changed, cloth, document, load_text, problems
+from helpers.scenes import changed, cloth, document, problems
 from scipy.spatial import Delaunay
 
 from clothfit.meshes.mesh import Mesh, plane, springs
@@ -163,7 +163,7 @@ ZERO = [0] * SPRINGS
 
 
 def groups(**fields):
-    (own,) = load_text(json.dumps(document({**GRID, **fields}))).cloths
+    (own,) = load(document({**GRID, **fields})).cloths
     return spring_groups(own), vertex_groups(own)
 
 
@@ -213,7 +213,7 @@ def test_without_a_grid_the_angle_with_the_warp_decides():
 
 def test_a_motion_has_nothing_to_do_with_the_fields():
     """And other values keep the groups: they are found once."""
-    scene = load_text(json.dumps(document({**GRID, "regions": [{"name": "all", "vertices": [0, 1]}]})))
+    scene = load(document({**GRID, "regions": [{"name": "all", "vertices": [0, 1]}]}))
     other = scene.with_values([2 * scene.cloths[0].mass], [2 * scene.cloths[0].stiffness])
     assert spring_groups(other.cloths[0]) is spring_groups(scene.cloths[0])
 

@@ -6,11 +6,10 @@ import io
 import numpy as np
 import pytest
 
+from clothfit import Forces, InvalidInput, load_forces, save_forces
 from clothfit.base import npz
-from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
 from clothfit.scene import forces
-from clothfit.scene.forces import Forces, load_forces, save_forces
 
 
 def three():

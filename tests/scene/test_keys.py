@@ -30,14 +30,11 @@ POSITION = ("objects", 0, "pins", 0, "posKeys")
 FAULTS = [
     ((*WIND, "times"), [0.5, 0.5], "windVelKeys.times[1]: 0.5 s is not later than 0.5 s before it"),
     ((*WIND, "times"), [0.0], "windVelKeys.values: has 2 items for 1 times"),
-    ((*WIND, "times"), [], "windVelKeys.times: is empty; at least one key is needed"),
     ((*WIND, "times"), MISSING, "windVelKeys: needs times and values, or a file"),
     ((*WIND, "file"), "gusts.csv", "windVelKeys: has both a file and times and values; give one of them"),
     ((*WIND, "fps"), 24, "windVelKeys: fps, scale, up, handedness, points and joint belong to a file, and there is "
      "none"),
-    (("gravityKeys", "times"), [0, 1], "gravityKeys.values: has 1 items for 2 times"),
     (("colliders", 0, "posKeys", "times"), [1, 0], "colliders[0].posKeys.times[1]: 0 s is not later than 1 s before"),
-    ((*POSITION, "times"), [1, 0], "objects[0].pins[0].posKeys.times[1]: 0 s is not later than 1 s before it"),
     (("objects", 0, "pins", 0, "vertices"), [0, 12], "objects[0].pins[0].vertices[1]: 12 is no vertex; the object has"),
     (("objects", 0, "pins", 0, "vertices"), [0, 10**30], f"objects[0].pins[0].vertices[1]: {10**30} is no vertex"),
     (("objects", 0, "pins", 0, "vertices"), [1], "objects[0].pins[0].vertices[0]: vertex 1 is not fixed (vertIsFixed)"),

@@ -3,7 +3,6 @@
 import codecs
 import io
 import json
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -51,12 +50,14 @@ def test_the_fields_become_arrays():
     assert [(ball.centre.tolist(), ball.radius) for ball in made.spheres] == [([0, 0, 0], 0.75)]
 
 
-def test_planes_are_ignored_with_a_warning_and_arrays_are_read_only():
-    made = scene.load(document(colliders=[sphere(type=0), sphere()]))
-    assert len(made.spheres) == 1
-    assert made.warnings == (f"colliders[0]: planes are ignored, as in the editor; {scene.WAY_OUT}",)
+def test_arrays_are_read_only_and_copies_of_what_is_given():
+    made = scene.load(document(colliders=[sphere()]))
     arrays = [made.wind, made.spheres[0].centre, made.cloths[0].mass, scaled(made, 2).cloths[0].stiffness]
     assert not any(array.flags.writeable for array in arrays)
+    given = np.array(made.cloths[0].mass)
+    other = made.with_values([given], [made.cloths[0].stiffness])
+    given[:] = 5.0
+    assert other.cloths[0].mass.tolist() == made.cloths[0].mass.tolist()
 
 
 def test_a_scene_comes_from_a_path_a_file_or_a_dict_and_has_a_name(tmp_path):
@@ -134,9 +135,6 @@ def test_frames_that_the_text_lacks_are_added_where_they_are_not_the_default():
     ("asked", "text"),
     [
         ({"delta": 0.0}, "delta: 0.0 is too small"),
-        ({"delta": np.inf}, "delta: .* is not a finite number"),
-        ({"delta": 0.1, "frames": 1}, "optimizationIterations: 1 is too small"),
-        ({"delta": 0.1, "method": 9}, "integrationMethod: 9 is not one of 0, 1, 2, 3"),
         ({"delta": 0.1, "method": "magic"}, "there is no integrator 'magic'; there are explicit, "),
     ],
 )
@@ -213,13 +211,6 @@ def test_unknown_fields_of_any_kind_are_no_error():
     assert load_text(text).title == "a?"  # half a surrogate cannot be printed
 
 
-def saved_or_refused(data):
-    try:
-        return scene.dumps(load_text(data))
-    except InvalidScene:
-        return "refused"
-
-
 positive = st.floats(min_value=1e-300, max_value=1e300)
 
 
@@ -232,22 +223,6 @@ def test_saved_values_come_back_exactly(masses, stiffnesses):
     assert back.cloths[1].mass.tolist() == masses
     assert back.cloths[1].stiffness.tolist() == stiffnesses
     assert np.array_equal(back.cloths[0].mass, first.mass)
-
-
-@given(st.integers(0, len(TEXT.encode()) - 1), st.binary(max_size=3), st.integers(0, 3))
-def test_any_change_of_a_few_bytes_gives_a_scene_or_a_refusal(at, new, dropped):
-    data = TEXT.encode()
-    data = data[:at] + new + data[at + dropped :]
-    assert saved_or_refused(data) in (data, "refused")
-
-
-def test_a_scene_of_20000_vertices_loads_fast():
-    data = json.dumps(document(cloth(200, 100, 0.035))).encode()
-    start = time.perf_counter()
-    made = load_text(data)
-    # 0.1 s on a current core; the promise is 0.8 s, and a loaded machine gets some more.
-    assert time.perf_counter() - start < 1.6
-    assert len(made.cloths[0].mass) == 20_000
 
 
 @pytest.mark.skipif(not SIDE.is_file(), reason="the real export ../shared/scenes/side.txt is not there")

@@ -1,12 +1,12 @@
 """Modes of the Laplacian of a mesh: cosines on a rectangle, and no mesh that breaks them."""
 
-import json
 
 import numpy as np
 import pytest
-from helpers.scenes import document, load_text
+from helpers.scenes import document
 from scipy.spatial import Delaunay
 
+from clothfit import load
 from clothfit.meshes.mesh import plane
 from clothfit.meshes.new_scene import new_scene
 from clothfit.scene import smooth_maps
@@ -46,7 +46,7 @@ def object_of(positions, triangles, springs=()):
         "springs": np.asarray(springs, int).reshape(-1).tolist(), "springStiffness": [1.0] * len(springs),
         "triangles": np.asarray(triangles, int).reshape(-1).tolist(),
     }  # fmt: skip
-    return load_text(json.dumps(document(own))).cloths[0]
+    return load(document(own)).cloths[0]
 
 
 def checked(modes, n, count):

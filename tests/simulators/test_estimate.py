@@ -5,11 +5,10 @@ import json
 import numpy as np
 import pytest
 
-import clothfit
+from clothfit import Motion, new_scene, save, simulate
 from clothfit.cli.program import run
 from clothfit.export.topology import roles
 from clothfit.meshes.mesh import plane
-from clothfit.motion.motion import Motion
 from clothfit.objective.target import target
 from clothfit.simulators import directions, values, xpbd
 from clothfit.simulators.blender import left_out, values_of, with_values
@@ -27,7 +26,7 @@ def scene():
     mesh = plane(2, 1.0)
     held = np.zeros(len(mesh.positions), bool)
     held[[0, 3]] = True
-    return clothfit.new_scene(
+    return new_scene(
         mesh, held, density=0.2, stiffness=20.0, damping=0.1, drag=5.0, frames=FRAMES, integrator="implicit"
     )
 
@@ -36,7 +35,7 @@ def scene():
 def folder(scene, tmp_path, monkeypatch):
     """A folder to work in, with the scene."""
     monkeypatch.chdir(tmp_path)
-    clothfit.save(scene, "sheet.json")
+    save(scene, "sheet.json")
     return tmp_path
 
 
@@ -68,7 +67,7 @@ def test_the_columns_are_the_change_by_the_logarithms(scene):
 
 
 def test_a_fit_is_never_worse_than_the_mapping(scene):
-    motion = clothfit.simulate(scene)
+    motion = simulate(scene)
     for settings in (xpbd.Settings(1, 2), xpbd.Settings(3, 1, "angle")):
         (found,) = estimate(scene, motion, Options("xpbd", settings))
         assert found.rmse <= found.mapped_rmse
@@ -128,7 +127,7 @@ def along(scene, motion, pull):
 
 def test_the_derivative_between_frames_is_that_of_the_samples(scene):
     """A target whose clock is not that of the steps."""
-    motion = clothfit.simulate(scene)
+    motion = simulate(scene)
     slower = Motion(motion.positions[::2], 0.83 * motion.times[::2], scene.vertex_counts, None, "slow")
     fit, rows = along(scene, slower, 0.0)
     assert (fit.goal.fraction > 0.01).any()
@@ -136,7 +135,7 @@ def test_the_derivative_between_frames_is_that_of_the_samples(scene):
 
 
 def test_the_changes_of_a_nudged_motion_are_those_of_its_distances(scene):
-    fit, _ = along(scene, clothfit.simulate(scene), 0.3)
+    fit, _ = along(scene, simulate(scene), 0.3)
     # an error lasts for a few steps only: the nudged motion is nearer
     assert np.linalg.norm(fit.pulled(fit.start, 0.9)) < 0.5 * np.linalg.norm(fit.pulled(fit.start, 0.0))
 
@@ -213,6 +212,6 @@ def test_blenders_values_are_factors_on_the_mapped_ranges():
 def test_what_blenders_cloth_has_not_is_said(scene):
     assert left_out(scene) == ["the drag of the air"]
     mesh = plane(1, 1.0)
-    windy = clothfit.new_scene(mesh, drag=0.1, wind=(1, 0, 0), spheres=[(0, -1, 0, 0.5)])
+    windy = new_scene(mesh, drag=0.1, wind=(1, 0, 0), spheres=[(0, -1, 0, 0.5)])
     assert left_out(windy) == ["the wind", "the drag of the air", "the spheres"]
-    assert left_out(clothfit.new_scene(mesh, drag=0.0, wind=(1, 0, 0))) == []
+    assert left_out(new_scene(mesh, drag=0.0, wind=(1, 0, 0))) == []

@@ -7,8 +7,7 @@ import os
 import numpy as np
 import pytest
 
-import clothfit
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, load, new_scene, save, simulate
 from clothfit.cli.program import run
 from clothfit.export.blender import TIME_UNIT
 from clothfit.export.tools import exported
@@ -36,21 +35,21 @@ def sheet():
     mesh = plane(2, 1.0)
     held = np.zeros(len(mesh.positions), bool)
     held[[0, 3]] = True
-    return clothfit.new_scene(mesh, held, density=0.2, stiffness=20.0, drag=0.0, frames=FRAMES, integrator="implicit")
+    return new_scene(mesh, held, density=0.2, stiffness=20.0, drag=0.0, frames=FRAMES, integrator="implicit")
 
 
 def test_the_script_that_is_written_moves_as_the_fit_says(blender, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    clothfit.save(sheet(), "sheet.json")
+    save(sheet(), "sheet.json")
     assert run(["estimate", "sheet.json", "--simulator", "blender", "--json"]) == 0
     (told,) = json.loads(capsys.readouterr().out)["objects"]
     assert told["rmse"] <= told["mapped_rmse"] < 0.2 * told["travel"]
-    scene = clothfit.load("sheet.json")
+    scene = load("sheet.json")
     tool = tool_of(scene, 0, FRAMES, blender)  # which leaves the mesh there
     mesh, script = f"{blender.folder.name}/mesh0.npz", str(tmp_path / "sheet-blender" / "blender.py")
     job = {"mesh": mesh, "script": script, "fps": 50.0, "frames": FRAMES}
     played = to_scene(blender.play(job), AXES)
-    target = clothfit.simulate(scene, tolerance=1e-10).positions
+    target = simulate(scene, tolerance=1e-10).positions
     apart = np.sqrt(((played - target) ** 2).sum(axis=2).mean())
     # the numbers of the file and those of the fit are the same
     assert apart == pytest.approx(told["rmse"], rel=1e-6)

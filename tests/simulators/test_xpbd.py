@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import clothfit
-from clothfit.base.errors import InvalidInput
+from clothfit import InvalidInput, new_scene
 from clothfit.evaluation.reference import converged
 from clothfit.export.blender import FOLD
 from clothfit.meshes.mesh import plane
@@ -27,7 +26,7 @@ def sheet(divisions=2, sphere=True, pinned=True):
     held = np.zeros(len(mesh.positions), bool)
     held[[0, 2]] = True
     ball = [(0.1, -0.25, 0.1, 0.3)] if sphere else []
-    made = clothfit.new_scene(
+    made = new_scene(
         mesh, held, density=0.2, stiffness=30.0, damping=0.1, drag=40.0, frames=FRAMES, delta=0.02,
         wind=(1.0, 0.0, 2.0), spheres=ball,
     )  # fmt: skip
@@ -148,7 +147,7 @@ def test_converged_it_moves_as_the_springs_do(sphere):
 def test_a_weight_on_a_constraint_hangs_by_its_compliance():
     mesh = plane(0, 1.0)
     held = np.array([True, True, True, False])
-    scene = clothfit.new_scene(mesh, held, stiffness=50.0, damping=1.0, drag=0.0, frames=3000, delta=0.02)
+    scene = new_scene(mesh, held, stiffness=50.0, damping=1.0, drag=0.0, frames=3000, delta=0.02)
     x, _ = directions.simulate(model := xpbd.model_of(scene, 0, xpbd.Settings(20, 10), 3000), 3000)
     assert np.abs(x[-1] - x[-2]).max() < 1e-10  # at rest
     hung = x[-1, 3]

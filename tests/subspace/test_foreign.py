@@ -7,8 +7,7 @@ import pytest
 from helpers.scenes import cloth, document
 from helpers.subspaces import scene_of
 
-from clothfit.base.errors import InvalidInput, InvalidMotion
-from clothfit.motion.motion import Motion
+from clothfit import InvalidInput, InvalidMotion, Motion
 from clothfit.subspace.inputs import Episode
 from clothfit.subspace.recording import Data, collect, episode
 

@@ -1,7 +1,5 @@
 """The harness that uses the Unity package, compiled once."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

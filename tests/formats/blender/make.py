@@ -5,8 +5,6 @@ frames at 25 a second. The sheet is scaled, turned by a quarter about z and move
 the same frames. The tests compute where its vertices are.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
