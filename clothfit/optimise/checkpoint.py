@@ -1,6 +1,6 @@
 """What a fit keeps to go on from after it was killed (`base.checkpoint` has the file).
 
-A fit that is resumed does not repeat its way: it restarts the stage that it was in (`strategy.auto`), the first model
+A fit that is resumed does not repeat its way: it restarts the stage that it was in (`fit.routes`), the first model
 of the ladder that it had not finished, or the optimiser, from the best values, with the prior that it had learned. It
 counts evaluations and seconds from its first beginning. So it comes to the same minimum, not to the same last bits.
 """

@@ -251,10 +251,11 @@ def some_steps(
 
 
 def through_pulls(
-    own: Search, pulls: Sequence[float] = WEAKER, start: Array | None = None, limit: float = np.inf
-) -> None:
+    own: Search, pulls: Sequence[float] = WEAKER, start: Array | None = None, limit: float = np.inf,
+    doubtful: bool = True,
+) -> None:  # fmt: skip
     """Steps of Gauss–Newton on motions that are pulled more and more weakly, from `start` (P,) or the best point; given
-    up where such a motion costs more than `limit`, m². Raises Stop.
+    up where such a motion costs more than `limit`, m². Values that are not `doubtful` have no prior. Raises Stop.
     """
     p = own.best.p if start is None else start
     near = own.measure(p) <= NEAR**2 * own.objective.still
@@ -266,7 +267,7 @@ def through_pulls(
             continue
         share = (DOUBT * pull + LEAST) * part.residuals()
         every = np.arange(part.size, dtype=np.int32)
-        prior = first(part.y(own.origin), [every], share**-0.5)
+        prior = first(part.y(own.origin), [every], share**-0.5) if doubtful else none(part.size)
         with contextlib.suppress(Diverged), np.errstate(over="ignore", invalid="ignore"):
             p = part.parameters(some_steps(part, y, STEPS if pull else LAST_STEPS, prior=prior))
         if pull and own.visit(p) > limit and part.objective.cost_or_infinity(p) > limit:
@@ -302,7 +303,10 @@ def from_afar(own: Search) -> None:
     """Come from values that may be far off to the target, by coarse steps. Raises Stop."""
     began = own.progress.computing
     through_pulls(own, PULLS)
-    hops(own, own.progress.computing - began)
+    took = own.progress.computing - began
+    if own.best.cost < NEAR**2 * own.objective.still:  # it shows what its values are
+        through_pulls(own, PULLS, own.start, doubtful=False)
+    hops(own, took)
 
 
 def by_coarse_steps(own: Search) -> None:

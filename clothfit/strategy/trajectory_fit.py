@@ -127,7 +127,7 @@ def go_on(search: Search, state: State, tau: float | None, watched: bool = False
     status = by_stages(search, descent, left, watched)
     centre = search.parameters(prior.centre)
     if np.array_equal(search.best.p, state.before) and not np.allclose(state.before, centre, rtol=1e-9):
-        return by_gauss_newton(search, search.best.p, centre, tau)  # as `auto.find` does
+        return by_gauss_newton(search, search.best.p, centre, tau)  # as `fit.routes` does
     return status
 
 
