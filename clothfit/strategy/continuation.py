@@ -274,19 +274,19 @@ def through_pulls(
             break
 
 
-def hops(own: Search, took: float) -> None:
-    """The same from points half-way to others that are drawn around the best one, while it is far from the target and
-    has time for what `took` so many seconds of computing before. Raises Stop.
+def hops(own: Search, took: float, share: float = SHARE, far: float = FAR, reach: float = REACH) -> None:
+    """The same from points half-way to others that are drawn around the best one, while it is `far` from the target and
+    this share of the time is left for what `took` so many seconds of computing before. Raises Stop.
     """
     random, part = np.random.default_rng(SEED), Even(own, own.objective)
     for _ in range(HOPS):
         began = own.progress.computing
-        if began + took > SHARE * own.longest or own.best.cost <= FAR**2 * own.objective.still:
+        if began + took > share * own.longest or own.best.cost <= far**2 * own.objective.still:
             break
         lower, upper = part.bounds
-        y = np.clip(part.y(own.best.p) + 0.5 * random.uniform(-REACH, REACH, part.size), lower, upper)
+        y = np.clip(part.y(own.best.p) + 0.5 * random.uniform(-reach, reach, part.size), lower, upper)
         through_pulls(own, PULLS[2:], part.parameters(y), own.best.cost)
-        took = own.progress.computing - began
+        took = max(took, own.progress.computing - began)
 
 
 def through_weak_pulls(own: Search) -> None:
