@@ -34,8 +34,8 @@ from clothfit.strategy.gravity_direction import Kept, step
 CHOSEN = ("wind", "gravity", "friction")
 """Kinds that are chosen among. Damping and drag belong to any cloth, and coarse steps stand for them."""
 
-HARM = 0.1
-"""Share of the cost that frames kept out must be nearer by without a kind: 5 % of the error."""
+HARM = 0.02
+"""Share of the cost that frames kept out must be nearer by without a kind: 1 % of the error."""
 
 RISE = 1.02
 """Times the cost without what was left out, up to which that stays so."""
