@@ -2,7 +2,7 @@
 
 `CHOICES` settle what is fitted: the start, the time step, the kinds and the model. `ROUTES` then fit it. Each is given
 the best values so far and the time that is left, and leaves better ones in the search; the first of `ROUTES` that has a
-status to return ends the fit. Each trial is a visit of the search, so the result is never worse than the best of them.
+status to return ends the search. Each trial is a visit of the search, so the result is never worse than the best of them.
 
 1. The momentum fit, where the target shows whole successive frames; it is exact where the target is.
 2. One value for a whole cloth: a scan over the bounds, for the global minimum.
@@ -10,7 +10,7 @@ status to return ends the fit. Each trial is a visit of the search, so the resul
    from a momentum fit that is exact but for the rounding of a file. One that is not is no such start: its motion may be
    near, but noise has scattered its values.
 4. From coarse to fine (`ladder`), where a choice of the step, or the first windows of 3, show that no values reproduce
-   the target.
+   the target. `WITH_TIME_LEFT` then goes on.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Budget, Status, Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import auto, kinds, ladder, step_choice
+from clothfit.strategy import auto, continuation, kinds, ladder, step_choice
 from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by, with_air
 from clothfit.strategy.step_choice import Step, Trial
@@ -57,6 +57,9 @@ from clothfit.strategy.trajectory_fit import (
 
 CHOICE = 0.7
 """Share of the time of a fit that the choice of its model may take, with that of the step."""
+
+UNLIKE = 0.02
+"""Error relative to how far the target moves above which the time that is left is used."""
 
 MOMENT = 0.5
 """Seconds for the costs of the values that were found, where the time is up."""
@@ -161,10 +164,11 @@ def through_routes(fit: Fitting) -> Status:
         if choice.applies(fit):
             choice.run(fit)
     fit.keep()
-    for route in ROUTES:
-        if route.applies(fit) and (status := route.run(fit)) is not None:
-            return status
-    return fit.search.verdict()
+    status = next(filter(None, (route.run(fit) for route in ROUTES if route.applies(fit))))
+    for route in WITH_TIME_LEFT:
+        if route.applies(fit):
+            status = route.run(fit) or status
+    return status
 
 
 def by_routes(fit: Fitting) -> Status:
@@ -460,6 +464,39 @@ def from_coarse_to_fine(fit: Fitting) -> Status:
     return auto.by_ladder(fit.search, fit.tau, [fit.search.start])
 
 
+# --- with the time that is left
+
+
+def is_unlike(fit: Fitting) -> bool:
+    """Whether models from coarse to fine have left much, and time."""
+    search = fit.search
+    return bool(search.rungs) and not search.is_late and search.best.cost > UNLIKE**2 * search.objective.still
+
+
+def by_shorter_steps(fit: Fitting) -> Status | None:
+    """The finest model by shorter steps, as long as that pays."""
+    status = None
+    while is_unlike(fit):
+        before = fit.search.rungs
+        model = before[-1].model
+        trial = step_choice.shorter(fit.search, model, fit.tried, fit.counts, fit.own)
+        if trial is None:
+            break
+        fit.step, fit.tried = trial.chosen, (*fit.tried, trial.step)
+        fit.adopt(trial.search.objective, trial.search.best.p, trial.search.best.cost)
+        fit.search.rungs = before[:-1]
+        fit.keep()
+        status = auto.by_ladder(fit.search, fit.tau, [], [model])
+    return status
+
+
+def from_other_points(fit: Fitting) -> Status:
+    """The finest model from points around its end."""
+    last = fit.search.rungs[-1]
+    ladder.hop(fit.search, last.model, last.seconds)
+    return auto.ended(fit.search)
+
+
 ROUTES = (
     Route("as it ended", has_ended, as_it_ended),
     Route("nothing to fit", lambda fit: not fit.search.fitted.any(), at_the_start),
@@ -479,3 +516,10 @@ ROUTES = (
     Route("coarse to fine", lambda fit: True, from_coarse_to_fine),
 )
 """How the values are found: the first that returns a status ends the fit."""
+
+WITH_TIME_LEFT = (
+    Route("shorter steps", lambda fit: bool(fit.counts and fit.tried) and is_unlike(fit), by_shorter_steps),
+    Route("other points", lambda fit: is_unlike(fit) and continuation.can_nudge(fit.search.objective),
+          from_other_points),
+)  # fmt: skip
+"""What is tried after that, where models from coarse to fine have not come to the target."""

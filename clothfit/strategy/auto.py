@@ -83,13 +83,16 @@ def by_ladder(
     ladder.climb(search, fine, begin)
     if not search.rungs:
         search.rungs.append(ladder.reached(search, models[0]))
-    if not (search.is_late or too_many(search)):
-        ladder.hop(search, left[-1] if left else models[0], search.rungs[-1].seconds)
     if is_far(search) or too_many(search) or (not is_near(search) and not is_explained(search)):
-        if not search.is_settled:
-            search(search.y)  # its gradient says whether this is a minimum
-        return search.verdict()
+        return ended(search)
     return by_gauss_newton(search, search.best.p, centre_of(search), tau, windows=False)
+
+
+def ended(search: Search) -> Status:
+    """How a search ends at its best point."""
+    if not search.is_settled:
+        search(search.y)  # its gradient says whether this is a minimum
+    return search.verdict()
 
 
 def centre_of(search: Search) -> Array:

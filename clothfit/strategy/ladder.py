@@ -50,10 +50,8 @@ STAGE_TOLERANCE = 1e-7
 ASTRAY = 0.05
 """Error relative to how far the target moves, above which motions are nudged."""
 
-NEARBY, UNLIKE = 1.0, 0.02
-"""How far from the end of a fit points are drawn, in units of the coordinates of `continuation`, and the error relative
-to how far the target moves above which that is worth the time that is left.
-"""
+NEARBY = 1.0
+"""How far from the end of a fit points are drawn, in units of the coordinates of `continuation`."""
 
 MOMENT = 0.5
 """Seconds for the cost of what a stage has found that is ended."""
@@ -177,12 +175,12 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
 
 
 def hop(search: Search, model: str, took: float) -> None:
-    """Begin anew from points around the best one, as far as there is time for what `took` so many seconds before, while
-    other minima may be nearer. Raises Stop.
+    """Begin anew from points around the best one, as far as there is time for what `took` so many seconds before.
+    Raises Stop.
     """
-    if continuation.can_nudge(search.objective):
-        part = part_of(search, model, search.best.p)
-        carried(search, part, lambda own: continuation.hops(own, took, 1.0, UNLIKE, NEARBY))
+    part = part_of(search, model, search.best.p)
+    if is_quick(part):
+        carried(search, part, lambda own: continuation.hops(own, took, 1.0, 0.0, NEARBY))
 
 
 def is_quick(part: Search) -> bool:
