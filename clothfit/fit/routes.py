@@ -2,7 +2,8 @@
 
 `CHOICES` settle what is fitted: the start, the time step, the kinds and the model. `ROUTES` then fit it. Each is given
 the best values so far and the time that is left, and leaves better ones in the search; the first of `ROUTES` that has a
-status to return ends the search. Each trial is a visit of the search, so the result is never worse than the best of them.
+status to return ends the search. Each trial is a visit of the search, so the result is never worse than the best of
+them.
 
 1. The momentum fit, where the target shows whole successive frames; it is exact where the target is.
 2. One value for a whole cloth: a scan over the bounds, for the global minimum.

@@ -41,7 +41,7 @@ def content(
         "version": __version__,
         "title": truth.title.strip() or truth.name,
         "names": {"scene": truth.name, "fitted": fitted.name, "target": target},
-        "headline": headline(log, show),
+        "headline": headline(log, show, fitted.name),
         "figures": figures(show),
         "facts": facts(truth, fitted, show, log, target),
         "tables": tables(truth, fitted, show, log, others, target is None),

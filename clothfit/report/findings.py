@@ -41,8 +41,10 @@ INVISIBLE = 1e-5
 MANY = 8  # of hints and warnings in the summary that are shown
 
 
-def headline(log: Log, show: Shown) -> dict[str, Any]:
-    """The verdict line: its level, which gives its colour, and its text; and the warnings under it."""
+def headline(log: Log, show: Shown, fitted: str = "FITTED") -> dict[str, Any]:
+    """The verdict line: its level, which gives its colour, and its text; what to do next with the `fitted` file; and
+    the warnings under it.
+    """
     level, text = judged(log.summary)
     ended = log.summary.get("status")
     if ended in list(STATUS) and ended != Status.CONVERGED:
@@ -51,7 +53,20 @@ def headline(log: Log, show: Shown) -> dict[str, Any]:
         level, text = WARN, "The motion diverges."
     error, near = f"{text} Error {relative(show.evaluation.fitted.rmse, show)}", began(show)
     error += "." if near is None else f"; before the fit {metres(near.rmse)}, {share(near.rmse, show)}."
-    return {"level": level, "text": error.strip(), "warnings": list(dict.fromkeys(warnings(log, show)))}
+    said = list(dict.fromkeys(warnings(log, show)))
+    return {"level": level, "text": error.strip(), "next": advice(log.summary, fitted), "warnings": said}
+
+
+def advice(summary: Mapping[str, Any], fitted: str) -> str:
+    """What a user can do next; nothing where the summary does not say how the fit ended."""
+    model, cache = entry(summary, "verdict", "model"), f"clothfit simulate {fitted} -o cloth.pc2"
+    if summary.get("status") in (Status.LIMIT, Status.INTERRUPTED):
+        return "Go on from here with --resume, or with a longer --budget."
+    if model == FAILS:
+        return "Check unit, axes and held vertices, then let the fit choose what moves the cloth: --fit auto."
+    if model == DIFFERS:
+        return f"Free more (--fit auto, --model auto), or use the fitted motion as it is: {cache}"
+    return f"Play it on your mesh: {cache}; or take its values: clothfit export {fitted}" if model == ADEQUATE else ""
 
 
 def judged(summary: Mapping[str, Any]) -> tuple[str, str]:
@@ -127,6 +142,7 @@ FEW, FEW_GROUPS = 3, 12
 """Blocks of up to so many values, or factors of groups, have a row for each, others one for their median."""
 
 MOST_ROWS = 40
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 ONLY = "the intervals are for this model only: no test finds what acts just as the fitted values do"
 
@@ -187,9 +203,9 @@ def value_rows(block: Block, truth: Scene, fitted: Scene, log: Log, trial: bool)
         with np.errstate(divide="ignore", invalid="ignore"):
             gaps = np.abs(found["fitted"] / found["truth"] - 1.0)
         gap = median(gaps[np.isfinite(gaps)]) if np.isfinite(gaps).any() else np.nan
-        cells["off by"] = [f"{100 * gap:.2g} %", gap] if np.isfinite(gap) else "–"
+        cells["off by"] = [f"{written(100 * gap, 2)} %", gap] if np.isfinite(gap) else "–"
     pairs = [each for each in ends if each]
-    half = f"± {median([high - low for low, high in pairs]) / 2:.5g}" if pairs else "–"
+    half = f"± {written(median([high - low for low, high in pairs]) / 2)}" if pairs else "–"
     yield {"value": f"{name}, median of {block.count}", **cells, "95 % interval": half, "unit": unit}
 
 
@@ -210,7 +226,13 @@ def labels(block: Block) -> list[str]:
 
 def figure(value: float) -> Cell:
     """A number as text, and itself; only the text of what is not finite."""
-    return [f"{value:.5g}", float(value)] if np.isfinite(value) else f"{value:.5g}"
+    return [written(value), float(value)] if np.isfinite(value) else f"{value:.5g}"
+
+
+def written(value: float, digits: int = 5) -> str:
+    """A number with so many digits, very small and large ones with a power of ten."""
+    text, power = f"{value:.{digits}g}".partition("e")[::2]
+    return f"{text} × 10{str(int(power)).translate(RAISED)}" if power else text
 
 
 def median(values: Array | Sequence[float]) -> float:
@@ -222,14 +244,14 @@ def median(values: Array | Sequence[float]) -> float:
 def off(value: float, true: float) -> Cell:
     """How far a value is from the true one, relative to it; of 0 in its unit."""
     if true == 0:
-        return f"{value:.2g}"
+        return written(value, 2)
     gap = abs(value / true - 1.0)
-    return [f"{100 * gap:.2g} %", float(gap)] if np.isfinite(gap) else "–"
+    return [f"{written(100 * gap, 2)} %", float(gap)] if np.isfinite(gap) else "–"
 
 
 def interval(ends: Any) -> str:
     """An interval as text."""
-    return "–" if not ends else f"{ends[0]:.5g} … {ends[1]:.5g}"
+    return "–" if not ends else f"{written(ends[0])} … {written(ends[1])}"
 
 
 def length(value: object) -> Cell:
@@ -241,7 +263,7 @@ def length(value: object) -> Cell:
 def plain(value: object, digits: int = 3) -> Cell:
     """A number of a summary."""
     found = number(value)
-    return "–" if found is None else [f"{found:.{digits}g}", found]
+    return "–" if found is None else [written(found, digits), found]
 
 
 def ladder(summary: Mapping[str, Any]) -> list[Table]:

@@ -58,6 +58,7 @@ def path(truth, fitted, tmp_path_factory):
 @pytest.fixture(scope="module")
 def shared(started, path):
     with opened(started, path) as both:
+        both[0].locator(".more > summary").click()
         yield both
 
 

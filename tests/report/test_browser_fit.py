@@ -63,6 +63,8 @@ def path(tmp_path_factory):
 @pytest.fixture(scope="module")
 def shared(started, path):
     with opened(started, path, DESKTOP) as both:
+        assert not both[0].locator("#residuals").is_visible()  # folded
+        both[0].locator(".more > summary").click()
         yield both
 
 
@@ -84,6 +86,7 @@ def test_the_verdict_is_the_first_thing_in_the_page_with_warnings_under_it_and_e
     assert box["y"] + box["height"] <= picture["y"]
     text = page.locator("#verdict .line").inner_text()
     assert text.startswith("The model differs from the target: 12 % of the motion is unexplained. The fit ended")
+    assert page.locator("#verdict .next").inner_text().startswith("Next: Go on from here with --resume")
     assert "warn" in page.locator("#verdict").get_attribute("class")
     listed = page.locator("#verdict li").all_inner_texts()
     assert "objects[0] stiffness: 1 value is at a bound of the fit (--bounds)" in listed

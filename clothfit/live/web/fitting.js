@@ -1,6 +1,6 @@
 // The cards of the fit and of the keyframes: what to fit, the course of the cost, keys and the forces that reach them.
 
-import { costChart } from "clothfit/charts";
+import { descentChart } from "clothfit/charts";
 import { make } from "clothfit/drawing";
 import { length, short } from "clothfit/words";
 
@@ -9,6 +9,8 @@ const FLAGS = [["damping", "damping"], ["drag", "air drag"], ["wind", "wind"], [
 const MOST_POINTS = 400;
 const ENDS = { converged: "converged", stalled: "stalled before its tolerance", limit: "ended at its limit",
                interrupted: "cancelled; the best is kept", cancelled: "cancelled", failed: "failed" };
+
+const TITLES = { xTitle: "time, s", yTitle: "RMSE, mm", label: "The best RMSE to the target over the seconds of the fit" };
 
 const at = (id) => document.getElementById(id);
 
@@ -71,9 +73,9 @@ export class Fitting {
     at("fit-note").textContent = target ? "" : "the target is being computed …";
   }
 
-  progress({ cost, rmse, evaluations, stage }) {
-    if (cost > 0) {
-      this.history.push([evaluations, cost]);
+  progress({ rmse, seconds, evaluations, stage }) {
+    if (rmse > 0) {
+      this.history.push([seconds, 1000 * rmse]);
       if (this.history.length > MOST_POINTS) this.history = this.history.filter((_, i) => i % 2 === 0 || i > MOST_POINTS - 20);
     }
     this.draw();
@@ -85,7 +87,7 @@ export class Fitting {
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
-      if (this.history.length) at("cost").replaceChildren(costChart(this.history, "m²"));
+      if (this.history.length) at("cost").replaceChildren(descentChart(this.history, TITLES));
     });
   }
 

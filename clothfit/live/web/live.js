@@ -70,7 +70,7 @@ function run(pace) {
 
 function main() {
   page.software = drawnBySoftware();
-  const state = { dials: null, weighed: true };
+  const state = { dials: null, weighed: true, begun: false, fitted: false };
   const link = new Link(`ws://${location.host}/ws${location.search}`, {
     heard: (message) => heard(message),
     shown: (packet) => {
@@ -110,6 +110,15 @@ function main() {
     fitting.update(status);
     keying.update(status);
     trouble(status.error);
+    caption();
+  }
+
+  /** One sentence on what is seen. */
+  function caption() {
+    const values = { estimate: "the best values of the fit so far", control: "the values beside" }[page.status?.busy]
+      ?? (state.fitted ? "the fitted values" : "the values beside");
+    const goal = page.target ? `, green its target${state.fitted || page.status?.busy ? "" : ", which Fit comes to"}` : "";
+    at("seen").textContent = `Blue is the cloth with ${values}${goal}. `;
   }
 
   let building = Promise.resolve();
@@ -119,12 +128,20 @@ function main() {
     building = building.then(() => act?.(message));
   };
 
-  function ended(news) {
-    if (news.of === "load") at("readout").textContent = news.reason;
-    else (news.of === "control" ? keying : fitting).ended(news);
+  async function ended(news) {
+    if (news.of === "load") {
+      at("readout").textContent = news.reason;
+      return;
+    }
+    (news.of === "control" ? keying : fitting).ended(news);
+    if (news.of !== "estimate" || typeof news.rmse !== "number") return;
+    state.fitted = true;
+    await ask("reset");  // and shows the whole motion with what was found
+    await ask("play");
   }
 
   function valuesCame({ values }) {
+    state.fitted = false;
     state.dials?.update(values);
     state.weighed = false;
     colour(page.mode);
@@ -160,6 +177,10 @@ function main() {
     const objects = mesh.vertex_counts.length;
     state.dials = buildDials({ air: at("air"), factors: at("factors") }, message.values, { objects, airy: message.airy, ask: set });
     page.dials = state.dials.dials;
+    state.fitted = false;
+    caption();
+    if (!state.begun && !page.packet?.number) ask("play");
+    state.begun = true;
     if (other) {
       fitting.choose(message.fit, message.airy);
       keying.clear();

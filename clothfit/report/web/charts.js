@@ -111,12 +111,14 @@ export function lineChart(curve, lines, label) {
 }
 
 /** The best cost after each evaluation, in its unit. */
-export function costChart(history, unit) {
+export const costChart = (history, unit) => descentChart(history, {
+  xTitle: "evaluations of cost and gradient", yTitle: unit ? `cost, ${unit}` : "cost", label: "Best cost after each evaluation",
+});
+
+/** The best of what falls in steps; a `history` has [evaluations or seconds, value]. */
+export function descentChart(history, titles) {
   const y = { ...axisOf(history.map((point) => point[1]), false, true), name: (value) => short(value, 2) };
-  const box = frame({
-    x: { low: 0, high: Math.max(history[history.length - 1][0], 1) }, y, xTitle: "evaluations of cost and gradient",
-    yTitle: unit ? `cost, ${unit}` : "cost", label: "Best cost after each evaluation",
-  });
+  const box = frame({ x: { low: 0, high: Math.max(history[history.length - 1][0], 1) }, y, ...titles });
   const points = [];
   let before = null;
   for (const [evaluations, cost] of history) {

@@ -22,14 +22,14 @@ export function fillSide(side, content, mesh, blocks, jump) {
   const entries = [["line", "root mean square"], ["quiet", "largest"], ...beside.map(({ name }, i) => [`other-${i % 4}`, name])];
   side.append(drawn("error", "Error per frame", () => errorRows(curve, beside), error.element, key(...entries),
                     make("p", { class: "quiet" }, "Press or drag in the chart to go to a frame.")));
-  side.append(...residualCards(content.residuals, curve, mesh));
+  side.append(...blocks.map((block) => parameterCard(block, mesh)));
+  const more = [...residualCards(content.residuals, curve, mesh)];
   if (history.length > 1) {
     const rows = () => [["evaluations", `cost_${content.cost_unit}`, "rmse_m", "seconds"], ...history];
-    side.append(drawn("cost", "Cost per evaluation", rows, costChart(history, content.cost_unit)));
+    more.push(drawn("cost", "Cost per evaluation", rows, costChart(history, content.cost_unit)));
   }
-  side.append(...tables.filter(({ id }) => !FIRST.includes(id)).map(tableCard));
-  side.append(...blocks.map((block) => parameterCard(block, mesh)));
-  side.append(commandLines(content));
+  more.push(...tables.filter(({ id }) => !FIRST.includes(id)).map(tableCard), commandLines(content));
+  side.append(make("details", { class: "more" }, make("summary", {}, "For experts: residuals, the course of the fit, how to repeat it"), ...more));
   return error.move;
 }
 
@@ -46,9 +46,10 @@ function errorRows({ times, rmse, largest }, beside) {
 }
 
 /** The line on which the eye falls first, and the warnings under it. */
-export function fillHeadline(place, { level, text, warnings }) {
+export function fillHeadline(place, { level, text, next, warnings }) {
   place.className = `verdict ${level}`;
   place.replaceChildren(make("p", { class: "line" }, make("span", { class: "sign", "aria-hidden": "true" }), text));
+  if (next) place.append(make("p", { class: "next" }, make("b", {}, "Next: "), next));
   if (warnings.length) place.append(make("ul", {}, ...warnings.map((each) => make("li", {}, each))));
 }
 

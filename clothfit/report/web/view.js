@@ -4,6 +4,7 @@ import { Vector3 } from "three";
 import { solidPoints } from "clothfit/solids";
 
 const SIDES = 24, HEIGHT = 0.32, LOOKS = 4;
+const BESIDE = 1.5;  // times the size of the cloth's motion up to which what it touches is in the picture as a whole, too
 const GIVE = 0.35;  // of an edge: how far behind their place solids are drawn
 
 /** Points to look at, their middle and radius, the ground's height and cells, a pin's size, the angles of the best view,
@@ -12,10 +13,10 @@ export function viewOf(motions, cloth, { spheres, solids, wind, gusts }, edges, 
   const points = motions.flatMap(pointsOf);
   const size = radiusOf(points, middleOf(points));
   const arrow = arrowOf(strongest(gusts ?? [wind]), points, size);
-  for (const sphere of spheres) if (sphere.radius < 3 * size) points.push(...ballPoints(sphere));
+  for (const sphere of spheres) if (sphere.radius < BESIDE * size) points.push(...ballPoints(sphere));
   for (const solid of solids.filter(({ endless }) => !endless)) {
     const corners = solidPoints(solid);
-    if (radiusOf(corners, middleOf(corners)) < 3 * size) points.push(...corners);
+    if (radiusOf(corners, middleOf(corners)) < BESIDE * size) points.push(...corners);
   }
   const centre = middleOf(points), radius = radiusOf(points, centre) || 1;
   let lowest = Infinity;

@@ -5,11 +5,17 @@ export const called = { own: "fitted", goal: "target", near: "fitted frames", fa
 
 const LENGTHS = [[1, "m"], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]];
 
-/** A number with few digits, no exponent where that is readable. */
+/** A power as small figures above the line. */
+const raised = (power) => String(Number(power)).replace(/./g, (sign) => (sign === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[sign]));
+
+/** A number with few digits, with a power of ten only where it is very small or large. */
 export function short(value, digits = 3) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  if (size !== 0 && (size < 1e-3 || size >= 1e5)) return value.toExponential(digits - 1).replace(/\.?0*e\+?/, "e");
+  if (size !== 0 && (size < 1e-3 || size >= 1e5)) {
+    const [number, power] = value.toExponential(digits - 1).split("e");
+    return `${number.includes(".") ? number.replace(/\.?0*$/, "") : number} × 10${raised(power)}`.replace("-", "−");
+  }
   return String(Number(value.toPrecision(digits))).replace("-", "−");
 }
 
