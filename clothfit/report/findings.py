@@ -66,7 +66,8 @@ def advice(summary: Mapping[str, Any], fitted: str) -> str:
         return "Check unit, axes and held vertices, then let the fit choose what moves the cloth: --fit auto."
     if model == DIFFERS:
         return f"Free more (--fit auto, --model auto), or use the fitted motion as it is: {cache}"
-    return f"Play it on your mesh: {cache}; or take its values: clothfit export {fitted}" if model == ADEQUATE else ""
+    values = f"clothfit export {fitted} --to blender"
+    return f"Play it on your mesh: {cache}; or take its values: {values}" if model == ADEQUATE else ""
 
 
 def judged(summary: Mapping[str, Any]) -> tuple[str, str]:
