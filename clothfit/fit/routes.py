@@ -123,10 +123,12 @@ class Fitting:
 
     def like(self, other: Objective | None) -> Objective | None:
         """Another objective with all that was chosen, the tolerance as well."""
-        if other is None:
-            return None
-        if self.step:
-            other = with_substeps(other, *self.step)
+        return None if other is None else self.by(self.step, other)
+
+    def by(self, step: tuple[int, int] | None, other: Objective) -> Objective:
+        """The same with another step; None for its own."""
+        if step:
+            other = with_substeps(other, *step)
         if self.left_out:
             other = other.flagging(kinds.without(other.scene, self.first, self.left_out))
         if self.model:
@@ -226,7 +228,7 @@ def as_before(fit: Fitting) -> None:
     assert state is not None
     fit.step = (state.substeps, state.integrator) if state.substeps else None
     fit.left_out, fit.model = state.left_out, state.model
-    objective = fit.like(fit.own) or fit.own
+    objective = fit.by(fit.step, fit.own)
     if len(parameters(objective.scene)) != len(state.best):
         raise InvalidInput("the checkpoint is not what a fit has written; begin anew, without --resume")
     fit.adopt(objective, state.start)
@@ -480,7 +482,7 @@ def by_shorter_steps(fit: Fitting) -> Status | None:
     while is_unlike(fit):
         before = fit.search.rungs
         model = before[-1].model
-        trial = step_choice.shorter(fit.search, model, fit.tried, fit.counts, fit.own)
+        trial = step_choice.shorter(fit.search, model, fit.tried, fit.counts, partial(fit.by, other=fit.own))
         if trial is None:
             break
         fit.step, fit.tried = trial.chosen, (*fit.tried, trial.step)

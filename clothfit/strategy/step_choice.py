@@ -232,16 +232,17 @@ def go_on(trial: Trial, models: Sequence[str]) -> None:
 
 
 def shorter(
-    search: Search, model: str, tried: Sequence[Step], counts: Sequence[int], origin: Objective
-) -> Trial | None:
-    """The trial of a model by steps half as long, of either method, from the best values of a search; None where it is
-    no nearer, or there is no time. Methods that were `tried` with a coarser model come last.
+    search: Search, model: str, tried: Sequence[Step], counts: Sequence[int],
+    by: Callable[[tuple[int, int]], Objective],
+) -> Trial | None:  # fmt: skip
+    """The trial of a model `by` steps half as long, of either method, from the best values of a search; None where it
+    is no nearer, or there is no time. Methods that were `tried` with a coarser model come last.
     """
     own, took = Trial(search), search.rungs[-1].seconds
     count, known = 2 * own.step.substeps, [(each.substeps, each.integrator) for each in tried]
     for step in sorted([(count, IMPLICIT), (count, BDF2)], key=lambda step: (step[0], INTEGRATORS[step[1]]) in known):
         if count in counts and search.has_time(min(took, LONGEST_TRIAL)):
-            trial = Trial(search.beside(with_substeps(origin, *step), search.best.p, np.inf), step)
+            trial = Trial(search.beside(by(step), search.best.p, np.inf), step)
             go_on(trial, [model])
             if trial.rmse < (1.0 - PAYS) * own.rmse:
                 return trial

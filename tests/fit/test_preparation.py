@@ -105,6 +105,15 @@ def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen(coarse):
 
 
 @fits
+def test_shorter_steps_fit_what_was_chosen_and_nothing_else():
+    goal = objective(*finer("nL", fit={"windVel": "G", "gravity": "G"}))
+    fit = settled(goal, state=STATE._replace(best=np.ones(4), left_out=("wind",), model="F"))
+    by = fit.by((8, IMPLICIT), goal)
+    assert [(block.name, block.mode) for block in by.blocks] == [("stiffness", "F"), ("gravity", "G")]
+    assert by.scene.delta == goal.scene.delta / 8
+
+
+@fits
 def test_nothing_is_chosen_where_nobody_asks(coarse):
     fit = settled(coarse)
     assert fit.search.objective is coarse
