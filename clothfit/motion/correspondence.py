@@ -45,6 +45,9 @@ FAR, FEW = 0.5, 0.02
 such points that are left out without a refusal.
 """
 
+LEAST = 0.1
+"""Extent of the points relative to the mesh: less is no picture of it."""
+
 CANDIDATES = 16
 """Triangles of about one size, the nearest by their centres, that are looked at."""
 
@@ -76,6 +79,9 @@ class Correspondence(NamedTuple):
         return self._replace(points=self.points[frames], seen=self.seen[frames])
 
 
+IN_ORDER = Correspondence()
+
+
 class Bound(NamedTuple):
     """Positions of a scene's vertices by what the points of a motion show."""
 
@@ -98,6 +104,12 @@ class Places(NamedTuple):
     offset: Array  # d (m,), m, along the normal
     distance: Array  # (m,), m, from the triangle
     edge: Array  # (m,), m, mean edge of the triangle
+
+    def some(self, kept: Flags) -> Places:
+        """The places of some of the points."""
+        return Places(
+            self.corners[kept], self.weights[kept], self.offset[kept], self.distance[kept], self.edge[kept]
+        )
 
 
 def bind(points: Array, seen: Flags, scene: Scene, start: Array, how: str, chosen: Indices | None, name: str) -> Bound:
@@ -142,10 +154,11 @@ def other_order(points: Array, seen: Flags, start: Array) -> Indices | None:
 
     if not seen.all() or len(start) < 2:
         return None
-    distance, vertex = KDTree(start).query(points, k=2)
+    found = KDTree(start).query(points, k=2)
+    distance, vertex = np.asarray(found[0]), np.asarray(found[1])
     if (distance[:, 0] > CLEAR * distance[:, 1]).any() or len(np.unique(vertex[:, 0])) < len(start):
         return None
-    return np.argsort(vertex[:, 0]).astype(np.int32)
+    return np.asarray(np.argsort(vertex[:, 0]), np.int32)
 
 
 def on_surface(points: Array, seen: Flags, scene: Scene, start: Array, name: str) -> Bound:
@@ -156,6 +169,9 @@ def on_surface(points: Array, seen: Flags, scene: Scene, start: Array, name: str
     if not len(there) or not len(triangles):
         why = "is seen in the first frame" if len(triangles) else "could be bound: the scene has no faces"
         raise TooFar(f"{size}, and none of the points {why}")
+    extents = [float(np.linalg.norm(np.ptp(x, axis=0))) for x in (points[0, there], start)]
+    if extents[0] < LEAST * extents[1]:
+        raise TooFar(f"{size}; in the first frame they span {metres(extents[0])} of the mesh's {metres(extents[1])}")
     found = places(points[0, there], start, triangles)
     near = found.distance <= FAR * found.edge
     if not near.mean() >= 1.0 - FEW:
@@ -164,7 +180,7 @@ def on_surface(points: Array, seen: Flags, scene: Scene, start: Array, name: str
             f"({metres(FAR * float(np.median(found.edge)))}) from the mesh in the first frame, up to "
             f"{metres(float(found.distance.max()))}; at most {100 * FEW:.0f} % may"
         )
-    there, found = there[near], Places(*(each[near] for each in found))
+    there, found = there[near], found.some(near)
     share = len(there) / points.shape[1]
     offsets = metres(float(np.sqrt(np.mean(found.offset**2))))
     note = f"{counted(len(there), 'point', 'points')} bound inside triangles of the mesh, {offsets} off it (RMS)"

@@ -176,7 +176,8 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
         observed[:, matches.vertices] = seen
         corresponds = Correspondence(MARKERS, len(matches.columns) / points)
     elif scene is not None:
-        made = _bound(positions, observed, scene, reading, axes, name)
+        asked = replace(reading, bind=ORDER) if found.markers and reading.bind is None else reading  # in their table
+        made = _bound(positions, observed, scene, asked, axes, name)
         positions, observed, corresponds = made.positions, made.observed, made.correspondence
         if made.note:
             notes.append(made.note)
@@ -258,15 +259,15 @@ def _native(
     if reading.fps is not None:
         motion = replace(motion, times=np.arange(len(motion.times)) / reading.fps)
         rate, timed = f"{reading.fps:g} frames a second as given", True
-    axes, points, notes = reading.axes(SCENE), motion.positions.shape[1], ()
+    axes, points, notes = reading.axes(SCENE), motion.positions.shape[1], list[str]()
     _check_count(points, own, name)
     if axes != SCENE:
         motion = replace(motion, positions=to_scene(motion.positions, axes), unit=axes.scale)
     if scene is not None:
         made = _bound(motion.positions, motion.seen(), scene, reading, axes, name)
         motion = _as_bound(motion, made, scene)
-        notes = (made.note,) if made.note else ()
-    taken = Interpretation(name, "npz", axes, 0, points, 0.0, rate, notes)
+        notes += [made.note] if made.note else []
+    taken = Interpretation(name, "npz", axes, 0, points, 0.0, rate, tuple(notes))
     return _as_asked(Loaded(motion, taken, triangles, timed=timed), scene, reading)
 
 

@@ -32,7 +32,7 @@ from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.engine.inputs.sampling import axes
 from clothfit.formats.animation import increasing
 from clothfit.formats.files import check_room
-from clothfit.motion.correspondence import Correspondence
+from clothfit.motion.correspondence import IN_ORDER, Correspondence
 from clothfit.scene.scene import Scene
 
 ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
@@ -56,7 +56,7 @@ class Motion:
     unit: float = 1.0  # of the numbers in its file, m
     path: str | None = None  # of that file; what became of its positions since, this does not say
     said: Mapping[str, Any] = field(default_factory=dict)  # fps, scale, up, handedness, as the user gave them for it
-    correspondence: Correspondence = Correspondence()  # what the points of its file are
+    correspondence: Correspondence = IN_ORDER  # what the points of its file are
 
     def __repr__(self) -> str:
         frames, vertices, _ = self.positions.shape

@@ -145,10 +145,9 @@ class Comparison:
         """
         self.goal, self.loss, self.surface = goal, loss or Loss(), surface
         self.scales = dict(weights or {"position": 1.0})
-        self.measures: dict[str, Measure] = {
-            k: OnSurface(goal, surface) if surface and k == "position" else OBJECTIVES[k](goal, system, name)
-            for k in self.scales
-        }
+        self.measures: dict[str, Measure] = {k: OBJECTIVES[k](goal, system, name) for k in self.scales}
+        if surface and "position" in self.measures:
+            self.measures["position"] = OnSurface(goal, surface)
         self.last_step = goal.last_step
         alone = list(self.scales) == ["position"] and self.loss.is_linear
         self.plain = alone and self.scales["position"] == 1.0 and not len(goal.weights)  # G: squared distances, m²

@@ -169,11 +169,11 @@ class OnSurface:
 
     linear = True
     reach = 3
-    weights = None
+    weights: Array | None = None
 
     def __init__(self, goal: Target, surface: Surface) -> None:
         self.surface, self.groups = surface, int(surface.seen.sum())
-        later = surface.seen[goal.places > 0].any(axis=0)
+        later = np.flatnonzero(surface.seen[goal.places > 0].any(axis=0))
         self.seen = marked(surface.weights[later].indices, surface.weights.shape[1])
 
     def residual(self, s: Array) -> Array:
@@ -190,7 +190,8 @@ class OnSurface:
         """J (3 R, 3 F n)."""
         from scipy.sparse import csr_array, eye_array, kron
 
-        whole = kron(eye_array(len(s)), self.surface.weights, format="csr")[self.surface.seen.ravel()]
+        rows = np.flatnonzero(self.surface.seen)
+        whole = kron(eye_array(len(s)), self.surface.weights, format="csr")[rows]
         return csr_array(kron(whole, eye_array(3), format="csr"))
 
 

@@ -107,7 +107,8 @@ class Objective:
                 raise InvalidInput(f"{scene.name}: frame: a cost of one's own needs axes that do not move")
             whole = self.wholes.setdefault(number, Whole(self.own, scene, motion, goal, self.cloths))
             return Run(cloth, scene, system, OwnComparison(whole, goal, cloth), number)
-        return Run(cloth, scene, system, Comparison(goal, system, self.weights, self.loss, motion.name, surface), number)
+        compared = Comparison(goal, system, self.weights, self.loss, motion.name, surface)
+        return Run(cloth, scene, system, compared, number)
 
     def until(self, frames: int | Sequence[int], tolerance: float | None = None) -> Objective:
         """The same objective over the first `frames` frames, one number for all targets or one for each, solved to

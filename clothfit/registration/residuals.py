@@ -196,7 +196,8 @@ class Unknowns:
         """What one cloth of a target adds, by all values and its θ."""
         motion, scene = self.given[k]
         now, own = self.where[k].at(theta), motion.weights_of(cloth)
-        times, points, seen, surface = now.times(motion.times), motion.of(cloth), motion.seen(cloth), surface_of(motion, cloth)
+        times, points, seen = now.times(motion.times), motion.of(cloth), motion.seen(cloth)
+        surface = surface_of(motion, cloth)
         if surface:
             points, seen = surface.points, surface.seen
 
