@@ -88,7 +88,8 @@ def mesh_faces(path: str) -> tuple[int, Indices]:
 
 def of_scene(loaded: Loaded, scene: Scene, out: Output) -> Loaded:
     """The same with the scene's faces; for another program by the vertices of the mesh that it knows."""
-    from clothfit.motion.files import for_tools, triangles_of
+    from clothfit.motion.files import for_tools
+    from clothfit.scene.mesh_numbering import triangles_of
 
     found = foreign(out.path)
     if found is None:

@@ -32,7 +32,7 @@ def still(objective: Objective) -> float:
     for run in objective.runs:
         goal = run.comparison.goal
         x = objective.experiments[run.experiment].motion.of(run.cloth)[: len(goal.step)]  # in the scene's axes
-        seen = goal.observed[..., None]
+        x, seen = run.comparison.shown(x), run.comparison.observed[..., None]
         mean = x.sum(axis=0, where=seen) / np.maximum(seen.sum(axis=0), 1)
         squares += sum(float(((each - mean) ** 2).sum(where=here)) for each, here in zip(x, seen, strict=True))
     return float(np.sqrt(squares / max(objective.observations, 1)))

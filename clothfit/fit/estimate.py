@@ -49,6 +49,7 @@ from clothfit.fit.result import (
     without_intervals,
 )
 from clothfit.fit.routes import Fitting, by_routes, in_words
+from clothfit.motion.correspondence import Correspondence
 from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
@@ -224,7 +225,8 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
         found = registered_fit(Look.first(scene, given, options), start, options, began)
     else:
         found = one_fit(scene, given, start, options, began)
-    return replace(found, hints=[*hints, *found.hints], markers=markers)
+    corresponds = Correspondence(*given[0].motion.correspondence[:2])
+    return replace(found, hints=[*hints, *found.hints], markers=markers, correspondence=corresponds)
 
 
 def registered_fit(look: Look, start: float | Array | Scene | None, options: FitOptions, began: float) -> Fit:

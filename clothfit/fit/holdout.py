@@ -69,7 +69,7 @@ def split_frames(experiment: Experiment, fraction: float) -> tuple[Experiment, E
     first = frames - min(max(round(fraction * frames), 1), frames - 2)
     late = np.zeros(seen(motion).shape, bool)
     late[first:frames] = True
-    early, rest = at_frames(motion, slice(first)), replace(motion, observed=seen(motion) & late)
+    early, rest = at_frames(motion, slice(first)), showing(motion, late)
     return Experiment(early, scene), Experiment(rest, scene)
 
 
@@ -99,9 +99,20 @@ def moving(experiment: Experiment) -> Flags:
 def split_vertices(experiment: Experiment, chosen: Flags) -> tuple[Experiment, Experiment]:
     """The experiment without the chosen vertices (vertices,), and with only these."""
     motion, scene = experiment
-    parts = (replace(motion, observed=seen(motion) & part) for part in (~chosen, chosen))
+    parts = (showing(motion, part) for part in (~chosen, chosen))
     fitted, kept = (Experiment(part, scene) for part in parts)
     return fitted, kept
+
+
+def showing(motion: Motion, part: Flags) -> Motion:
+    """The motion with only a part of what counts in it, (frames, vertices) or (vertices,), and of points inside
+    triangles those that are nearest to these vertices.
+    """
+    bound = motion.correspondence
+    if bound.weights is not None:
+        nearest = np.asarray(bound.weights.argmax(axis=1)).ravel()
+        bound = bound._replace(seen=bound.seen & part[..., nearest])
+    return replace(motion, observed=seen(motion) & part, correspondence=bound)
 
 
 def seen(motion: Motion) -> Flags:

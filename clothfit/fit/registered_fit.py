@@ -80,7 +80,10 @@ def put_right(
     anything, and what is said of it.
     """
     shown = given if options.holdout is None else split(scene, given, options.holdout, options.holdout_of)[0]
-    known = [mistaken(own, motion, late=options.fit_time) for motion, own in shown]
+    known = [
+        Markers() if motion.correspondence.weights is not None else mistaken(own, motion, late=options.fit_time)
+        for motion, own in shown
+    ]
     hints = [
         Hint(code, f"{motion.name}: {text}; --keep-markers takes them as they are")
         for (motion, own), each in zip(given, known, strict=True) for code, text in each.sentences(own.vertex_counts)

@@ -24,6 +24,7 @@ from clothfit.fit.alternatives import Alternatives, alternatives, in_words
 from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence, residual_variance
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut, Judged
+from clothfit.motion.correspondence import Correspondence
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.identifiability import Correlation
 from clothfit.objective.memory_needs import Needs
@@ -134,6 +135,7 @@ class Fit:
     whole: float | None = None  # m, the error over whole motions, where windows were compared
     registration: list[Registration] | None = None  # of each target; None: none was looked for
     followed: int = 0  # held vertices that follow the targets
+    correspondence: Correspondence | None = None  # of the points of the first target; None: there is none
     markers: list[Markers] | None = None  # of each target, those that were mistaken; None: none was
     start: Scene | None = None  # where the fit began
     stage: str = ""  # of the search, the last one: a method, or what prepares it

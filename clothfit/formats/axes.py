@@ -99,6 +99,10 @@ class Convention:
         return default._replace(**{name: value for name, value in said.items() if value is not None})
 
 
+AUTO, ORDER, SURFACE = BINDINGS = ("auto", "order", "surface")
+"""What the points of a file may be: the scene's vertices in order, places on its surface, or whichever fits."""
+
+
 @dataclass(frozen=True)
 class Reading(Convention):
     """How to read a file; None: as the file or its format says. Raises InvalidInput on an impossible value."""
@@ -106,10 +110,15 @@ class Reading(Convention):
     fps: float | None = None  # frames per second, above 0; None: as the file says, else one frame per time step
     frames: str | None = None  # which frames, as in a slice "A:B" of a list; they keep their times
     markers: str | os.PathLike[str] | None = None  # a CSV file of marker, object, vertex; None: the nearest vertices
+    bind: str | None = None  # what the file's points are, one of `BINDINGS`; None: auto
 
     def __post_init__(self) -> None:
         super().__post_init__()
         positive("fps", self.fps)
+        if self.bind == "scan":
+            raise InvalidInput("bind: scans, whose points differ from frame to frame, cannot be compared yet")
+        if self.bind not in (None, *BINDINGS):
+            raise InvalidInput(f"bind must be {', '.join(BINDINGS[:-1])} or {BINDINGS[-1]}; {self.bind!r} was given")
         self.chosen()
 
     @property

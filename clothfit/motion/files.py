@@ -25,7 +25,7 @@ from clothfit.formats.registry import FORMATS, Format, foreign, module_of
 from clothfit.motion import motion as own
 from clothfit.motion.foreign import load
 from clothfit.motion.motion import Motion, arrays_of
-from clothfit.scene.mesh_numbering import mesh_counts, picks, unwelded
+from clothfit.scene.mesh_numbering import mesh_counts, picks, triangles_of, unwelded
 from clothfit.scene.scene import Scene
 
 SMALLEST, LARGEST = (float(size) for size in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
@@ -43,10 +43,7 @@ def load_motion(
     `.npy`. Raises InvalidMotion when the file cannot be read or does not fit the scene, InvalidInput when the library
     that reads it is missing.
     """
-    if isinstance(path_or_file, (str, os.PathLike)) and (foreign(path_or_file) or not reading.plain):
-        loaded = load(path_or_file, scene, reading, name).motion
-    else:
-        loaded = own.load_motion(path_or_file, scene, name)
+    loaded = load(path_or_file, scene, reading, name).motion
     belongs(loaded, scene)
     return loaded
 
@@ -126,12 +123,6 @@ def write_all(files: Mapping[str, Data]) -> None:
             with suppress(OSError):
                 os.unlink(path)
         raise
-
-
-def triangles_of(scene: Scene) -> Indices:
-    """The faces (T, 3) of all objects of a scene, whose vertices are numbered through."""
-    starts = np.cumsum([0, *scene.vertex_counts])
-    return np.concatenate([cloth.triangles + start for cloth, start in zip(scene.cloths, starts, strict=False)])
 
 
 def for_tools(motion: Motion, scene: Scene, found: Format) -> tuple[Motion, Indices]:

@@ -24,10 +24,11 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted, metres
 from clothfit.formats.animation import ASSUMED_RATE, Animation
-from clothfit.formats.axes import HANDS, SCENE, UPS, Axes, Reading, facing, from_scene, to_scene
+from clothfit.formats.axes import AUTO, HANDS, ORDER, SCENE, SURFACE, UPS, Axes, Reading, facing, from_scene, to_scene
 from clothfit.formats.files import name_of
 from clothfit.formats.markers import METRES_PER_UNIT
 from clothfit.formats.registry import NATIVE, Format, foreign, format_of, read, suffix_of
+from clothfit.motion.correspondence import MARKERS, SAME, Bound, Correspondence, TooFar, bind
 from clothfit.motion.markers import Matches, initial, matched
 from clothfit.motion.motion import Motion, at_frames, check_motion, opened, path_of, read_motion
 from clothfit.scene.mesh_numbering import mesh_counts, picks
@@ -41,6 +42,9 @@ MISTAKEN = 0.25
 
 SAID = ("fps", "scale", "up", "handedness")
 """What keys of a scene can say of their file as well."""
+
+NEAR_BY = 0.1
+"""The distance of points from vertices, relative to the scene's size, up to which they are on one surface."""
 
 MUCH_NEARER = 0.2
 """A change that leaves less than this share of the distance is worth trying."""
@@ -160,7 +164,7 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     observed: Flags = np.asarray(np.isfinite(positions).all(axis=2))
     if read.observed is not None:
         observed &= read.observed
-    matches = None
+    matches, corresponds = None, Correspondence()
     if scene is not None and _are_markers(read, found, scene, reading):
         names = read.names or tuple(str(i) for i in range(points))
         matches = matched(positions, observed, names, scene, reading.markers, name)
@@ -170,16 +174,40 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
         positions[:, matches.vertices] = np.where(seen[..., None], of_markers, np.nan)
         observed = np.zeros(positions.shape[:2], bool)
         observed[:, matches.vertices] = seen
-    elif scene is not None and points != sum(scene.vertex_counts) and points == sum(mesh_counts(scene)):
-        positions, observed = positions[:, picks(scene)], observed[:, picks(scene)]
-        notes.append(f"its vertices are those of the mesh before welding to {positions.shape[1]}")
+        corresponds = Correspondence(MARKERS, len(matches.columns) / points)
+    elif scene is not None:
+        asked = replace(reading, bind=ORDER) if found.markers and reading.bind is None else reading  # in their table
+        made = _bound(positions, observed, scene, asked, axes, name)
+        positions, observed, corresponds = made.positions, made.observed, made.correspondence
+        if made.note:
+            notes.append(made.note)
+        elif corresponds.kind == SAME and points != positions.shape[1]:
+            notes.append(f"its vertices are those of the mesh before welding to {positions.shape[1]}")
     own: Any = scene or Points((points,), name)
     _check_count(positions.shape[1], own, name)
     arrays = {"positions": positions, "times": times, "observed": observed}
-    motion = replace(check_motion(arrays, own, name), unit=axes.scale)
+    motion = replace(check_motion(arrays, own, name), unit=axes.scale, correspondence=corresponds)
     known = Interpretation(name, found.name, axes, 0, points, 0.0, rate, tuple(notes), matches)
     loaded = Loaded(motion, known, read.triangles, read.names if scene is None else None, timed)
     return _as_asked(loaded, scene, reading)
+
+
+def _bound(points: Array, seen: Flags, scene: Scene, reading: Reading, axes: Axes, name: str) -> Bound:
+    """The vertices of a scene that points (frames, m, 3), m, `seen` (frames, m), show. Raises InvalidMotion."""
+    count, start, chosen, how = points.shape[1], initial(scene), None, reading.bind or AUTO
+    if count == len(start):
+        chosen = np.arange(count, dtype=np.int32)
+    elif count == sum(mesh_counts(scene)):
+        chosen = picks(scene)
+    if not count or (chosen is None and how == ORDER):
+        _check_count(count, scene, name)
+    try:
+        return bind(points, seen, scene, start, how, chosen, name)
+    except TooFar as error:
+        first = from_scene(points[0, seen[0]], axes)
+        better = other_axes(first, start, axes, NEAR_BY * size(start)) if len(first) else None
+        remedy = f"{better} would fit" if better else "export it from the mesh that the scene was made from"
+        raise InvalidMotion(f"{error}; {remedy}") from None
 
 
 def _as_asked(found: Loaded, scene: Scene | None, reading: Reading) -> Loaded:
@@ -206,6 +234,8 @@ def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading)
     """Whether the points are markers of some vertices, and not the vertices themselves, written as v0, v1, …."""
     if reading.markers is not None:
         return True
+    if reading.bind == SURFACE:
+        return False
     totals = (sum(scene.vertex_counts), sum(mesh_counts(scene)))
     if read.names is not None:
         return all(read.names != tuple(f"v{i}" for i in range(total)) for total in totals)
@@ -222,18 +252,34 @@ def _native(
         if isinstance(path, (str, os.PathLike)) and suffix_of(path) not in ("", *NATIVE) and _is_strange(file):
             format_of(path)  # which refuses its suffix
         counts, timed, triangles = _described(file)
-        own: Any = scene or Points(counts, name)
+        other = scene is None or sum(counts) not in (0, sum(scene.vertex_counts))
+        own: Any = Points(counts, name) if other else scene
         motion = read_motion(file, own, name)
     rate = f"{_rate(motion.times)} by its own times" if timed else _per_step(scene)
     if reading.fps is not None:
         motion = replace(motion, times=np.arange(len(motion.times)) / reading.fps)
         rate, timed = f"{reading.fps:g} frames a second as given", True
-    _check_count(motion.positions.shape[1], own, name)
-    axes = reading.axes(SCENE)
+    axes, points, notes = reading.axes(SCENE), motion.positions.shape[1], list[str]()
+    _check_count(points, own, name)
     if axes != SCENE:
         motion = replace(motion, positions=to_scene(motion.positions, axes), unit=axes.scale)
-    taken = Interpretation(name, "npz", axes, 0, motion.positions.shape[1], 0.0, rate)
+    if scene is not None:
+        made = _bound(motion.positions, motion.seen(), scene, reading, axes, name)
+        motion = _as_bound(motion, made, scene)
+        notes += [made.note] if made.note else []
+    taken = Interpretation(name, "npz", axes, 0, points, 0.0, rate, tuple(notes))
     return _as_asked(Loaded(motion, taken, triangles, timed=timed), scene, reading)
+
+
+def _as_bound(motion: Motion, made: Bound, scene: Scene) -> Motion:
+    """A motion of this program as the scene has it; weights of points that are no vertices go."""
+    if made.correspondence.kind == SAME and motion.vertex_counts == scene.vertex_counts:
+        return motion
+    return replace(
+        motion, positions=made.positions, observed=None if made.observed.all() else made.observed,
+        vertex_counts=scene.vertex_counts, correspondence=made.correspondence,
+        weights=None if motion.weights is None or made.order is None else motion.weights[:, made.order],
+    )  # fmt: skip
 
 
 def _is_strange(file: IO[bytes]) -> bool:
@@ -342,6 +388,13 @@ def advice(points: Array, start: Array, axes: Axes, bar: float) -> str | None:
         if unordered(to_scene(points, each), start) < bar:
             return f"{f'with {options(each, axes)} ' if each != axes else ''}its vertices would fit in another order"
     return None
+
+
+def other_axes(points: Array, start: Array, axes: Axes, bar: float) -> str | None:
+    """Which axes or unit would bring points (m, 3), as in the file, within `bar`, m, of the start (n, 3)."""
+    others = [Axes(up, hand, scale) for up, hand, scale in product(UPS, HANDS, sorted({*METRES_PER_UNIT.values()}))]
+    best = min(others, key=lambda each: (unordered(to_scene(points, each), start), differences(each, axes)))
+    return options(best, axes) if unordered(to_scene(points, best), start) < bar else None
 
 
 def unordered(points: Array, others: Array) -> float:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import IO, Any
@@ -32,6 +32,7 @@ from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.engine.inputs.sampling import axes
 from clothfit.formats.animation import increasing
 from clothfit.formats.files import check_room
+from clothfit.motion.correspondence import IN_ORDER, Correspondence
 from clothfit.scene.scene import Scene
 
 ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
@@ -55,6 +56,7 @@ class Motion:
     unit: float = 1.0  # of the numbers in its file, m
     path: str | None = None  # of that file; what became of its positions since, this does not say
     said: Mapping[str, Any] = field(default_factory=dict)  # fps, scale, up, handedness, as the user gave them for it
+    correspondence: Correspondence = IN_ORDER  # what the points of its file are
 
     def __repr__(self) -> str:
         frames, vertices, _ = self.positions.shape
@@ -79,6 +81,12 @@ class Motion:
         """How often each position (frames, n) of one object counts; None: all once."""
         return None if self.weights is None else self.weights[:, self.part(cloth)]
 
+    def moved(self, move: Callable[[Array], Array]) -> Motion:
+        """The same with all of its positions (frames, n, 3) as an affine `move` of each frame takes them."""
+        points = self.correspondence
+        points = points if points.weights is None else points._replace(points=move(points.points))
+        return replace(self, positions=move(self.positions), correspondence=points)
+
     def part(self, cloth: int) -> slice:
         """The vertices of an object."""
         start = sum(self.vertex_counts[:cloth])
@@ -93,7 +101,8 @@ def arrays_of(motion: Motion) -> dict[str, Any]:
 
 def at_frames(motion: Motion, frames: slice) -> Motion:
     """The motion at some of its frames only; its arrays are views."""
-    return replace(motion, **{name: array[frames] for name, array in arrays_of(motion).items()})
+    arrays = {name: array[frames] for name, array in arrays_of(motion).items()}
+    return replace(motion, correspondence=motion.correspondence.at(frames), **arrays)
 
 
 def as_motion(
@@ -118,7 +127,8 @@ def checked_motion(motion: Motion, scene: Scene) -> Motion:
     """A motion made by hand, checked as one from a file is. Raises InvalidMotion when it does not fit the scene."""
     check_counts(motion, scene)
     arrays = {key: np.asarray(array) for key, array in arrays_of(motion).items()}
-    return replace(check_motion(arrays, scene, motion.name), unit=motion.unit, path=motion.path, said=motion.said)
+    kept = {name: getattr(motion, name) for name in ("unit", "path", "said", "correspondence")}
+    return replace(check_motion(arrays, scene, motion.name), **kept)
 
 
 def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:
@@ -272,13 +282,9 @@ def _short(error: BaseException) -> str:
 
 def in_world(motion: Motion, scene: Scene) -> Motion:
     """A motion in the scene's axes, in those of the world; the same object where these do not move."""
-    if scene.frame is None:
-        return motion
-    return replace(motion, positions=axes(scene.frame, motion.times).world(motion.positions))
+    return motion if scene.frame is None else motion.moved(axes(scene.frame, motion.times).world)
 
 
 def in_scene(motion: Motion, scene: Scene) -> Motion:
     """The inverse of `in_world`."""
-    if scene.frame is None:
-        return motion
-    return replace(motion, positions=axes(scene.frame, motion.times).own(motion.positions))
+    return motion if scene.frame is None else motion.moved(axes(scene.frame, motion.times).own)

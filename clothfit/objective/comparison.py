@@ -33,7 +33,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import meant
 from clothfit.engine.system import System
 from clothfit.motion.times import interpolation
-from clothfit.objective.measures import EdgeLength, Maker, Measure, Position, Spectrum, Velocity
+from clothfit.objective.measures import EdgeLength, Maker, Measure, OnSurface, Position, Spectrum, Surface, Velocity
 from clothfit.objective.target import Target
 
 if TYPE_CHECKING:
@@ -136,23 +136,33 @@ class Comparison:
         weights: Mapping[str, float] | None = None,
         loss: Loss | None = None,
         name: str = "motion",
+        surface: Surface | None = None,
     ) -> None:
-        """`weights` of the objectives (default: position alone), `name` of the motion for messages.
+        """`weights` of the objectives (default: position alone), `name` of the motion for messages, `surface`: points
+        that are compared in place of vertices.
 
         Raises InvalidMotion where an objective cannot use the motion.
         """
-        self.goal, self.loss = goal, loss or Loss()
+        self.goal, self.loss, self.surface = goal, loss or Loss(), surface
         self.scales = dict(weights or {"position": 1.0})
         self.measures: dict[str, Measure] = {k: OBJECTIVES[k](goal, system, name) for k in self.scales}
+        if surface and "position" in self.measures:
+            self.measures["position"] = OnSurface(goal, surface)
         self.last_step = goal.last_step
         alone = list(self.scales) == ["position"] and self.loss.is_linear
-        self.distance_scale = self.scales["position"] if alone else None  # G is this times the squared distances
+        self.plain = alone and self.scales["position"] == 1.0 and not len(goal.weights)  # G: squared distances, m²
+        # G is this times the squared distances of vertices
+        self.distance_scale = self.scales["position"] if alone and not surface else None
         self._constant: dict[str, csr_array] = {}
 
     @property
-    def plain(self) -> bool:
-        """Whether G is the sum of squared distances, in m², and nothing else."""
-        return self.distance_scale == 1.0 and not len(self.goal.weights)
+    def observed(self) -> Flags:
+        """Which vertices (F, n), or points (F, m), the target shows."""
+        return self.surface.seen if self.surface else self.goal.observed
+
+    def shown(self, s: Array) -> Array:
+        """The vertices (F, n, 3), or the points (F, m, 3), of states s (F, n, 3)."""
+        return self.surface.shown(s) if self.surface else s
 
     @property
     def seen(self) -> Flags:

@@ -9,7 +9,8 @@ as observing twice.
 
 To add an objective, write such a class and a line in `comparison.OBJECTIVES`.
 
-Positions: each observed vertex should be where the target has it. d = s − s*, m; a group is a vertex in a frame.
+Positions: each observed vertex should be where the target has it. d = s − s*, m; a group is a vertex in a frame. Where
+the target's points are bound inside triangles (`motion.correspondence`), it is a point in a frame, and d = B s − y.
 
 Velocities: from frame to frame, each vertex should move as the target does, wherever it is.
 
@@ -40,7 +41,7 @@ Proceedings of the IEEE 66 (1978).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,7 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
 from clothfit.engine.system import System
+from clothfit.motion.motion import Motion
 from clothfit.motion.times import TIME_SLACK
 from clothfit.objective.target import Target
 
@@ -133,6 +135,64 @@ class Position:
         frame, vertex = np.nonzero(self.observed)
         columns = coordinates(frame, vertex, s.shape[1])
         return matrix(np.arange(columns.size).reshape(columns.shape), columns, np.ones(1), (columns.size, s.size))
+
+
+class Surface(NamedTuple):
+    """Points inside triangles of one cloth, in F frames."""
+
+    weights: csr_array  # B (m, n), of the cloth's vertices
+    points: Array  # (F, m, 3), m
+    seen: Flags  # (F, m)
+
+    def shown(self, s: Array) -> Array:
+        """B s (F, m, 3) of states s (F, n, 3)."""
+        return np.stack([self.weights @ each for each in s]) if len(s) else self.points[:0]
+
+    def within(self, goal: Target, start: bool) -> Surface:
+        """The same in the frames of a target, with those of the `start` or without."""
+        count = len(goal.step)
+        return self._replace(points=self.points[:count], seen=self.seen[:count] & (start | (goal.places > 0))[:, None])
+
+
+def surface_of(motion: Motion, cloth: int) -> Surface | None:
+    """The points of a motion inside triangles of one cloth; None where they are vertices."""
+    weights, points, seen = motion.correspondence[2:]
+    if weights is None:
+        return None
+    own = weights.tocsc()[:, motion.part(cloth)].tocsr()
+    rows = np.flatnonzero(np.diff(own.indptr))
+    return Surface(own[rows], np.ascontiguousarray(points[:, rows]), seen[:, rows])
+
+
+class OnSurface:
+    """Differences of points inside triangles from where the target has them; R seen points, c = 3."""
+
+    linear = True
+    reach = 3
+    weights: Array | None = None
+
+    def __init__(self, goal: Target, surface: Surface) -> None:
+        self.surface, self.groups = surface, int(surface.seen.sum())
+        later = np.flatnonzero(surface.seen[goal.places > 0].any(axis=0))
+        self.seen = marked(surface.weights[later].indices, surface.weights.shape[1])
+
+    def residual(self, s: Array) -> Array:
+        """B s − y (R, 3), m."""
+        return np.asarray((self.surface.shown(s) - self.surface.points)[self.surface.seen])
+
+    def pullback(self, s: Array, r: Array) -> Array:
+        """Jᵀ r (F, n, 3)."""
+        each = np.zeros_like(self.surface.points)
+        each[self.surface.seen] = r
+        return np.stack([self.surface.weights.T @ frame for frame in each])
+
+    def jacobian(self, s: Array) -> csr_array:
+        """J (3 R, 3 F n)."""
+        from scipy.sparse import csr_array, eye_array, kron
+
+        rows = np.flatnonzero(self.surface.seen)
+        whole = kron(eye_array(len(s)), self.surface.weights, format="csr")[rows]
+        return csr_array(kron(whole, eye_array(3), format="csr"))
 
 
 class Velocity:

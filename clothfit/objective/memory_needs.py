@@ -104,7 +104,8 @@ def snapshot_bytes(system: System) -> int:
 
 def motion_bytes(motion: Motion) -> int:
     """Bytes of the arrays of a target."""
-    return sum(array.nbytes for array in (motion.positions, motion.observed, motion.weights) if array is not None)
+    arrays = (motion.positions, motion.observed, motion.weights, *motion.correspondence[3:])
+    return sum(array.nbytes for array in arrays if array is not None)
 
 
 def run_bytes(run: Run, targets: Sequence[Motion]) -> int:

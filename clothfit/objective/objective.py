@@ -33,10 +33,11 @@ from clothfit.objective import memory_needs as storage
 from clothfit.objective.comparison import OWN, Comparison, loss_named, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.identifiability import identifiable
+from clothfit.objective.measures import surface_of
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, unseen
 from clothfit.objective.run import Recent, Run, at_rest, seen_in, still
-from clothfit.objective.running_cost import KeptStates, SquaredDistances, running_cost
+from clothfit.objective.running_cost import KeptStates, running_cost
 from clothfit.objective.target import first_step, target, without_start
 from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters
 from clothfit.scene.scene import Scene, check_is_scene
@@ -93,8 +94,12 @@ class Objective:
 
     def _run(self, number: int, experiment: Experiment, cloth: int, frames: int | None) -> Run:
         motion, scene = experiment
-        goal = target(in_world(motion, scene), cloth, scene.delta, None if frames is None else frames - 1)
-        if scene.cloths[cloth].mode("shift") != "n":
+        there = in_world(motion, scene)
+        goal = target(there, cloth, scene.delta, None if frames is None else frames - 1)
+        shifted = scene.cloths[cloth].mode("shift") != "n"
+        surface = surface_of(there, cloth)
+        surface = surface and surface.within(goal, start=not shifted)
+        if shifted:
             goal = without_start(goal, np.concatenate([pin.vertices for pin in scene.cloths[cloth].pins]))
         system = build(scene, cloth, steps=goal.last_step)
         if self.own:
@@ -102,7 +107,8 @@ class Objective:
                 raise InvalidInput(f"{scene.name}: frame: a cost of one's own needs axes that do not move")
             whole = self.wholes.setdefault(number, Whole(self.own, scene, motion, goal, self.cloths))
             return Run(cloth, scene, system, OwnComparison(whole, goal, cloth), number)
-        return Run(cloth, scene, system, Comparison(goal, system, self.weights, self.loss, motion.name), number)
+        compared = Comparison(goal, system, self.weights, self.loss, motion.name, surface)
+        return Run(cloth, scene, system, compared, number)
 
     def until(self, frames: int | Sequence[int], tolerance: float | None = None) -> Objective:
         """The same objective over the first `frames` frames, one number for all targets or one for each, solved to
@@ -164,7 +170,8 @@ class Objective:
         """Root mean square distance of the observed positions, m, in motions that `show` shows to an observer."""
         squares = 0.0
         for run in self.runs:
-            distances = SquaredDistances(run.comparison.goal._replace(weights=np.zeros((0, 0))))  # each counts once
+            goal = run.comparison.goal._replace(weights=np.zeros((0, 0)))  # each counts once
+            distances = running_cost(Comparison(goal, run.system, surface=run.comparison.surface))
             show(run, distances.update)
             squares += distances.value
         return float(np.sqrt(squares / max(self.observations, 1)))
@@ -193,7 +200,7 @@ class Objective:
     @property
     def first_step(self) -> int:
         """The first step after the start at which, or before which, anything is observed; 0 where nothing is."""
-        return first_step(run.comparison.goal for run in self.runs)
+        return first_step((run.comparison.goal, run.comparison.observed) for run in self.runs)
 
     @property
     def steps(self) -> int:
@@ -208,7 +215,7 @@ class Objective:
     @property
     def observations(self) -> int:
         """Number of vertex positions that are compared."""
-        return sum(int(run.comparison.goal.observed.sum()) for run in self.runs)
+        return sum(int(run.comparison.observed.sum()) for run in self.runs)
 
     @property
     def frames(self) -> int:

@@ -132,7 +132,7 @@ class OwnComparison(Comparison):
         """`whole` is shared by all objects of a target, `goal` the target's part for this one."""
         self.whole, self.goal, self.cloth, self.loss = whole, goal, cloth, Loss()
         self.scales, self.measures = {OWN: 1.0}, {}
-        self.last_step, self.distance_scale = goal.last_step, None
+        self.last_step, self.distance_scale, self.plain, self.surface = goal.last_step, None, False, None
 
     @cached_property
     def total_weight(self) -> float:

@@ -85,9 +85,11 @@ class Frames:
         return Target(shifted, goal.fraction[frames], goal.positions[frames], goal.observed[frames], weights)
 
 
-def first_step(targets: Iterable[Target]) -> int:
-    """The first step after the start at which, or before which, any target shows anything; 0 where none does."""
-    shown = [goal.places[goal.observed.any(axis=1) & (goal.places > 0)] for goal in targets]
+def first_step(targets: Iterable[tuple[Target, Flags]]) -> int:
+    """The first step after the start at which, or before which, any target shows some of what is observed (F, …); 0
+    where none does.
+    """
+    shown = [goal.places[observed.any(axis=1) & (goal.places > 0)] for goal, observed in targets]
     return int(np.ceil(min((places[0] for places in shown if places.size), default=0)))
 
 

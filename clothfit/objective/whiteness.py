@@ -207,10 +207,14 @@ class Watch:
         self.goal, self.loss, self.velocities, self.edges = run.comparison.goal, loss, velocities, edges
         self.frames, self.free, self.ends = Frames(self.goal), mobile(run.system), np.asarray(run.system.springs.ends)
         self.shown, none = movable(self.goal, self.free), np.zeros((0, 2), np.int32)
-        count = len(self.ends) if edges else len(self.free)
+        self.surface = None if velocities or edges else run.comparison.surface
+        if self.surface:
+            moves = self.surface.weights @ self.free.astype(float) != 0.0
+            self.shown, self.ends = self.surface.seen & moves & (self.goal.places > 0)[:, None], none
+        count = len(self.ends) if edges else self.shown.shape[1]
         self.residuals = Series(count, none if edges else self.ends, lag=2 if velocities else 1)
         self.motion = Series(len(self.free), none)
-        self.bias = Bias(len(self.free), 0 if velocities or edges else len(self.goal.step))
+        self.bias = Bias(count, 0 if velocities or edges else len(self.goal.step))
         self.before: Array | None = None  # (n, 3) gaps and states of the frame before
         self.state: Array | None = None
 
@@ -222,7 +226,8 @@ class Watch:
             self._take(s, target, self.shown[i], i)
 
     def _take(self, s: Array, target: Array, seen: Flags, frame: int) -> None:
-        gap = np.where(seen[:, None], s - np.where(seen[:, None], target, 0.0), 0.0)
+        own, target = (s, target) if self.surface is None else (self.surface.weights @ s, self.surface.points[frame])
+        gap = np.where(seen[:, None], own - np.where(seen[:, None], target, 0.0), 0.0)
         if self.edges:
             both = np.asarray(seen[self.ends].all(axis=1))
             lengths = [np.linalg.norm(x[self.ends[:, 0]] - x[self.ends[:, 1]], axis=1) for x in (s, s - gap)]

@@ -62,8 +62,7 @@ class Registration:
         times = self.times(motion.times)
         begun = at_frames(motion, slice(int(np.searchsorted(times, -TIME_SLACK * delta)), None))
         own = self.times(begun.times)
-        return replace(begun, times=np.where(np.abs(own) <= TIME_SLACK * delta, 0.0, own),
-                       positions=self.placed(begun.positions))  # fmt: skip
+        return replace(begun.moved(self.placed), times=np.where(np.abs(own) <= TIME_SLACK * delta, 0.0, own))
 
     @property
     def angles(self) -> Array:

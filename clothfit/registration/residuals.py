@@ -33,6 +33,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
+from clothfit.objective.measures import surface_of
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.gauss_newton import Model
 from clothfit.registration.record import Registration, rotation, rotation_derivative
@@ -74,9 +75,16 @@ class Around:
         )  # fmt: skip
 
 
+def shown(motion: Motion) -> tuple[Array, Flags]:
+    """The points (F, m, 3), m, that a motion shows, vertices or places inside triangles, and which it does (F, m)."""
+    bound = motion.correspondence
+    return (motion.positions, motion.seen()) if bound.weights is None else (bound.points, bound.seen)
+
+
 def around(base: Registration, motion: Motion) -> Around:
     """The registrations of a motion around one."""
-    points = base.placed(motion.positions[motion.seen()])
+    points, seen = shown(motion)
+    points = base.placed(points[seen])
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     duration = float(np.ptp(motion.times)) or 1.0
     turn, move = LARGE
@@ -137,7 +145,7 @@ class Unknowns:
     @property
     def residuals(self) -> int:
         """How many there are."""
-        return 3 * sum(int(each.motion.seen().sum()) for each in self.given)
+        return 3 * sum(int(shown(each.motion)[1].sum()) for each in self.given)
 
     def z(self, y: Array, theta: float = 0.0) -> Array:
         """z of coordinates y (P,) of the values, and of a θ all of whose numbers are the same."""
@@ -189,6 +197,14 @@ class Unknowns:
         motion, scene = self.given[k]
         now, own = self.where[k].at(theta), motion.weights_of(cloth)
         times, points, seen = now.times(motion.times), motion.of(cloth), motion.seen(cloth)
+        surface = surface_of(motion, cloth)
+        if surface:
+            points, seen = surface.points, surface.seen
+
+        def of_points(x: Array) -> Array:
+            """Values (n, …) of vertices as points have them."""
+            return x if surface is None else (surface.weights @ x.reshape(len(x), -1)).reshape(-1, *x.shape[1:])
+
         at = np.maximum(times, 0.0)
         steps = int(at.max(initial=0.0) / scene.delta) + 1
         system = with_elements(self._system(k, cloth, steps), elements(scene, cloth, p))
@@ -196,21 +212,22 @@ class Unknowns:
         count, column = len(p) if derivative else 0, np.arange(len(p), dtype=np.int32)
         wanted = columns(system, blocks, p, column, self.coordinates.change(p), count)
         free = mobile(system)
-        held, size = (~free).astype(int), count + THETA
+        held, size = (of_points(free.astype(float)) == 0.0).astype(int), count + THETA
         cost, H, g, means = 0.0, np.zeros((size, size)), np.zeros(size), np.full((len(times), 2), np.nan)
         for i, (s, change, sensitivity) in enumerate(states(system, at / scene.delta, wanted, self.tolerance)):
             placed = now.placed(np.where(seen[i][:, None], points[i], 0.0))
             weight = seen[i] * (1.0 if own is None else own[i])
-            gaps = s - placed
+            gaps = of_points(s) - placed
             squares = (gaps**2).sum(axis=1)
             total, number = (np.bincount(held, each, 2) for each in (weight * squares, weight))
             means[i, number > 0] = total[number > 0] / number[number > 0]
             weight = weight if weights is None else weight * weights[i, held]
             cost += float(weight @ self.loss.value(squares))
             if derivative:
-                J = np.zeros((len(free), 3, size))
-                J[free, :, :count] = sensitivity.reshape(-1, 3, count)
-                u = (times[i] > 0.0) * change / scene.delta
+                moved, J = np.zeros((len(free), 3, count)), np.zeros((len(held), 3, size))
+                moved[free] = sensitivity.reshape(-1, 3, count)
+                J[..., :count] = of_points(moved)
+                u = (times[i] > 0.0) * of_points(change) / scene.delta
                 J[..., count:] = by_registration(u, at[i], placed, self.where[k], theta, now.rate)
                 root = np.sqrt(weight * self.loss.derivative(squares))
                 rows = (root[:, None, None] * J).reshape(-1, size)

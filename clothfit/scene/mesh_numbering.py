@@ -58,6 +58,12 @@ def mesh_counts(scene: Scene) -> tuple[int, ...]:
     return tuple(map(len, _complete(scene)))
 
 
+def triangles_of(scene: Scene) -> Indices:
+    """The faces (T, 3) of all objects of a scene, whose vertices are numbered through."""
+    starts = np.cumsum([0, *scene.vertex_counts])
+    return np.concatenate([cloth.triangles + start for cloth, start in zip(scene.cloths, starts, strict=False)])
+
+
 def unwelded(scene: Scene, positions: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Positions (frames, vertices, 3) of the scene, or other values of its vertices, spread to the vertices of its
     meshes (frames, points, 3); those in no triangle, which were left out, follow their object's first vertex. Raises

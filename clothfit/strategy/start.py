@@ -37,7 +37,7 @@ from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
 from clothfit.objective.comparison import WHOLE
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
-from clothfit.objective.target import first_step, target
+from clothfit.objective.target import first_step
 from clothfit.scene.block import Block
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.factors import geometric_mean
@@ -55,8 +55,9 @@ Exponents = tuple[float, ...]  # of ten, one per kind that is searched
 def best_scales(objective: Objective, patterns: Sequence[Array]) -> list[Array]:
     """The patterns (P,) with the masses and stiffnesses of each cloth multiplied by the best factors, best first."""
     frames = []
-    for motion, scene in objective.experiments:
-        shown = first_step(target(motion, i, scene.delta) for i in range(len(scene.cloths)))
+    for k, (_, scene) in enumerate(objective.experiments):
+        own = [run.comparison for run in objective.runs if run.experiment == k]
+        shown = first_step((each.goal, each.observed) for each in own)
         every = bool(WHOLE & set(objective.weights))  # a spectrum needs all frames
         frames.append(scene.frames if every else min(scene.frames, shown + COARSE_FRAMES - 1))
     early = objective.until(frames, COARSE_TOLERANCE)

@@ -148,7 +148,7 @@ FILES = [
     ("estimate scene.json --target absent.npz@t.json", "t.json: there is no such file"),
     ("estimate scene.json --target=", "…"),
     ("estimate scene.json --start=", "…"),
-    ("estimate other.json --target t.npz", "t.npz: positions: has shape (5, 16, 3), (frames, 12, 3) fits other.json"),
+    ("estimate other.json --target t.npz", "t.npz: has 16 points, other.json has 12 vertices; …they span 0 …"),
     ("evaluate scene.json absent.json", "absent.json: there is no such file"),
     ("evaluate scene.json other.json", "other.json: its objects have "),
     ("evaluate scene.json fitted.json --target absent.npz", "absent.npz: there is no such file"),

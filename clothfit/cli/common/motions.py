@@ -85,7 +85,7 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
     from clothfit.motion import foreign
 
     loaded = foreign.load(sys.stdin.buffer if path == STREAM else path, scene, reading)
-    if assumed:
+    if assumed or loaded.interpretation.notes:
         console.say(str(loaded.interpretation))
     console.warn(*loaded.interpretation.doubts)
     return loaded
@@ -93,7 +93,8 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
 
 def arguments(reading: Reading) -> list[str]:
     """The options of a command that say the same."""
-    said = {"map" if name == "markers" else name: value for name, value in vars(reading).items() if value is not None}
+    own = {name: value for name, value in vars(reading).items() if value is not None and name != "bind"}
+    said = {"map" if name == "markers" else name: value for name, value in own.items()}
     return [word for name, value in said.items() for word in (f"--{name}", str(value))]
 
 

@@ -80,7 +80,7 @@ def gathered(name: str, kind: type[Any], *options: Callable[[Any], Any]) -> Call
     def decorate(function: Action) -> Action:
         @wraps(function)
         def run(**rest: Any) -> int | None:
-            own = {each.name: rest.pop(each.name) for each in fields}
+            own = {each.name: rest.pop(each.name) for each in fields if each.name in rest}
             return function(**rest, **{name: kind(**own)})
 
         made: Action = run

@@ -216,6 +216,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "registration": found.registration and [each.summary() for each in found.registration],
         "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
         "pins": {"followed": found.followed},
+        "correspondence": found.correspondence and found.correspondence.summary(),
         "output": out.path,
     })  # fmt: skip
     return told
