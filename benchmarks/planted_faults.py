@@ -182,8 +182,8 @@ FAULTS = (
           "report/test_contents.py report/test_page.py report"),
     Fault("report/residuals: frames beyond the fitted ones", "np.nanmean((left[near] ** 2).sum(axis=2), axis=0)",
           "np.nanmean((left ** 2).sum(axis=2), axis=0)", "report/test_contents.py report"),
-    Fault("report/findings: half of an interval", "median([high - low for low, high in pairs]) / 2:.5g}",
-          "median([high - low for low, high in pairs]):.5g}", "report/test_contents.py report"),
+    Fault("report/findings: half of an interval", "median([high - low for low, high in pairs]) / 2)}",
+          "median([high - low for low, high in pairs]))}", "report/test_contents.py report"),
     Fault("pictures/camera: mirrored view", "right = np.array([np.cos(turn), 0.0, -np.sin(turn)])",
           "right = np.array([np.cos(turn), 0.0, np.sin(turn)])", "pictures/test_camera.py pictures"),
     # other tools
