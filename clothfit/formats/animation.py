@@ -69,10 +69,10 @@ def check_times(times: Array, place: str) -> None:
         raise InvalidMotion(f"{place}: times: must be finite and increasing")
 
 
-def check_finite(name: str, *arrays: Array | None) -> None:
-    """Raise InvalidMotion where positions or times of a file are not finite."""
-    if not all(each is None or np.isfinite(each).all() for each in arrays):
-        raise InvalidMotion(f"{name}: some of its positions are not finite numbers")
+def check_finite(name: str, positions: Array, times: Array | None = None) -> None:
+    """Raise InvalidMotion where positions of a file are infinite, not NaN, which were not seen, or times not finite."""
+    if np.isinf(positions).any() or not (times is None or np.isfinite(times).all()):
+        raise InvalidMotion(f"{name}: some of its positions or times are infinite")
 
 
 def check_polygons(lengths: NDArray[Any], corners: NDArray[Any], count: int, place: str) -> None:

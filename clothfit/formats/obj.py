@@ -15,6 +15,7 @@ import os
 import re
 from array import array
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain, pairwise
 from typing import IO
@@ -23,7 +24,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
-from clothfit.base.messages import unreadable
+from clothfit.base.messages import counted, unreadable
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation, Parts, fans, known, parts_of
 from clothfit.formats.axes import RIGHT
@@ -55,8 +56,17 @@ LONGEST_FACE = 1_000_000
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
-    """A file, as an animation of one frame, or a sequence, with the faces of its first frame. Raises InvalidMotion."""
-    return read_frames(frames_of(path), path)
+    """A file, as an animation of one frame, or a sequence, with the faces of its first frame; frames that are missing
+    in it were not seen. Raises InvalidMotion.
+    """
+    places = frames_at(path)
+    read, there = read_frames(list(places.values()), path), list(places)
+    if (missing := there[-1] + 1 - len(there)) == 0:
+        return read
+    positions = np.full((there[-1] + 1, *read.positions.shape[1:]), np.nan)
+    positions[there] = read.positions
+    note = f"{counted(missing, 'frame is missing and counts', 'frames are missing and count')} as not seen"
+    return replace(read, positions=positions, notes=(*read.notes, note))
 
 
 def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation:
@@ -82,9 +92,14 @@ def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation
 
 def frames_of(path: str | os.PathLike[str]) -> list[str]:
     """The files of a sequence in the order of their numbers, or the one file. Raises InvalidMotion."""
+    return list(frames_at(path).values())
+
+
+def frames_at(path: str | os.PathLike[str]) -> dict[int, str]:
+    """The same by their places, from 0, of which some may be missing, but less than there are. Raises InvalidMotion."""
     text = os.fspath(path)
     if ANY not in text:
-        return [text]
+        return {0: text}
     found: dict[int, str] = {}
     for number, each in sorted(numbered(text)):
         if number in found:
@@ -93,12 +108,14 @@ def frames_of(path: str | os.PathLike[str]) -> list[str]:
         found[number] = each
     if not found:
         raise InvalidMotion(f"{name_of(text)}: there is no file of that name with a number in place of {ANY}")
-    numbers = list(found)
-    steps = set(np.diff(numbers).tolist())
-    if len(steps) > 1:
-        after = next(a for a, b in pairwise(numbers) if b - a > min(steps))
-        raise InvalidMotion(f"{name_of(text)}: a frame is missing after number {after}")
-    return list(found.values())
+    first, *others = numbers = list(found)
+    step = min((b - a for a, b in pairwise(numbers)), default=1)
+    odd = next((number for number in others if (number - first) % step), None)
+    if odd is not None:
+        raise InvalidMotion(f"{name_of(text)}: number {odd} is none of {first}, {first + step}, {first + 2 * step} …")
+    if (places := 1 + (numbers[-1] - first) // step) >= 2 * len(numbers):
+        raise InvalidMotion(f"{name_of(text)}: only {len(numbers)} of {places} frames are there")
+    return {(number - first) // step: each for number, each in found.items()}
 
 
 def numbered(path: str) -> list[tuple[int, str]]:
@@ -165,11 +182,11 @@ class _Text:
         try:
             numbers = np.fromiter(map(float, chain.from_iterable(coordinates)), np.float64)
         except ValueError:
-            numbers = np.full(1, np.nan)
+            numbers = np.zeros(0)
         count = len(VERTEX_LINE.findall(self.data))
         if not count:
             raise InvalidMotion(f"{self.name}: has no vertices (lines v x y z); is it an OBJ file?")
-        if len(numbers) != 3 * count or not np.isfinite(numbers).all():
+        if len(numbers) != 3 * count or np.isinf(numbers).any():
             raise InvalidMotion(f"{self.name}: line {self._wrong()}: a vertex needs three finite numbers")
         return numbers.reshape(count, 3)
 
@@ -200,7 +217,7 @@ class _Text:
         for begin in VERTEX_LINE.finditer(self.data):
             match = VERTEX.match(self.data, begin.start())
             try:
-                good = match is not None and all(np.isfinite(float(word)) for word in match.groups())
+                good = match is not None and not any(np.isinf(float(word)) for word in match.groups())
             except ValueError:
                 good = False
             if not good:

@@ -17,7 +17,7 @@ import numpy as np
 from clothfit.base import memory
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats.animation import Animation, fans, known
+from clothfit.formats.animation import Animation, check_finite, fans, known
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
 
@@ -64,9 +64,11 @@ def read(path: str | os.PathLike[str]) -> Animation:
     check_room(PLY_COPIES * len(data), path)
     try:
         elements, order, begin = _header(data)
-        return _animation(_body(data[begin:], elements, order))
+        found = _animation(_body(data[begin:], elements, order))
     except (ValueError, OverflowError) as error:
         raise InvalidMotion(f"{name_of(path)}: cannot be read as .ply: {error}") from None
+    check_finite(name_of(path), found.positions)
+    return found
 
 
 def _header(data: bytes) -> tuple[list[Element], str, int]:

@@ -88,17 +88,17 @@ class _Cache:
 
     def numbers(self, count: int) -> Array:
         """The next numbers, as float64."""
-        with np.errstate(invalid="ignore"):  # some NaN signal; they are refused where they may not be
+        with np.errstate(invalid="ignore"):  # some NaN signal
             return np.fromfile(self.file, self.dtype, count).astype(np.float64)
 
     def positions(self, frames: int, points: int) -> Array:
-        """The positions (frames, points, 3) that follow. Raises InvalidMotion where one is not finite."""
+        """The positions (frames, points, 3) that follow. Raises InvalidMotion where one is infinite."""
         positions = np.empty((frames, points, 3))
         for frame, room in enumerate(positions):  # one by one: no second array as large as `positions`
             room.reshape(-1)[:] = self.numbers(3 * points)
-            if not np.isfinite(room).all():
-                point = int(np.argmin(np.isfinite(room).all(axis=1)))
-                raise InvalidMotion(f"{self.name}: frame {frame}, point {point}: its position is not finite")
+            if np.isinf(room).any():
+                point = int(np.argmax(np.isinf(room).any(axis=1)))
+                raise InvalidMotion(f"{self.name}: frame {frame}, point {point}: its position is infinite")
         return positions
 
 

@@ -97,6 +97,8 @@ def read_mesh(
     near = (np.abs(positions) <= FARTHEST_VERTEX).all(axis=1)  # False for NaN
     if not near.all():
         wrong = int(near.argmin())
+        if np.isnan(positions[wrong]).any():
+            raise InvalidInput(f"{name}: vertex {wrong} has no position (NaN) in the first frame; export that again")
         raise InvalidInput(
             f"{name}: vertex {wrong} is not within {FARTHEST_VERTEX:g} m of the origin; is the unit right?"
         )

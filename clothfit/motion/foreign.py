@@ -30,7 +30,16 @@ from clothfit.formats.markers import METRES_PER_UNIT
 from clothfit.formats.registry import NATIVE, Format, foreign, format_of, read, suffix_of
 from clothfit.motion.correspondence import MARKERS, SAME, Bound, Correspondence, TooFar, bind
 from clothfit.motion.markers import Matches, initial, matched
-from clothfit.motion.motion import Motion, at_frames, check_motion, opened, path_of, read_motion
+from clothfit.motion.motion import (
+    Motion,
+    at_frames,
+    check_motion,
+    check_positions,
+    opened,
+    path_of,
+    read_motion,
+    unseen_in,
+)
 from clothfit.scene.mesh_numbering import mesh_counts, picks
 from clothfit.scene.scene import Scene
 
@@ -161,9 +170,11 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
         notes.append(f"its first frame, at {times[0]:g} s, is taken as the start")
         times = times - times[0]
     positions = to_scene(read.positions, axes)
-    observed: Flags = np.asarray(np.isfinite(positions).all(axis=2))
-    if read.observed is not None:
-        observed &= read.observed
+    observed = np.ones(positions.shape[:2], bool) if read.observed is None else read.observed
+    if (unseen := unseen_in(positions)) is not None:
+        observed = observed & ~unseen
+        notes += unseen_share(unseen) if read.observed is None else []
+    check_positions(positions, observed, name)
     matches, corresponds = None, Correspondence()
     if scene is not None and _are_markers(read, found, scene, reading):
         names = read.names or tuple(str(i) for i in range(points))
@@ -190,6 +201,13 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     known = Interpretation(name, found.name, axes, 0, points, 0.0, rate, tuple(notes), matches)
     loaded = Loaded(motion, known, read.triangles, read.names if scene is None else None, timed)
     return _as_asked(loaded, scene, reading)
+
+
+def unseen_share(unseen: Flags) -> list[str]:
+    """A note on positions (frames, points) that are no numbers, but for frames that are missing as a whole."""
+    partly = unseen[~unseen.all(axis=1)]
+    share = 100 * partly.mean() if len(partly) else 0.0
+    return [f"{share:.2g} % of its positions are NaN and count as not seen"] if share else []
 
 
 def _bound(points: Array, seen: Flags, scene: Scene, reading: Reading, axes: Axes, name: str) -> Bound:
@@ -251,7 +269,7 @@ def _native(
     with opened(path, name) as file:
         if isinstance(path, (str, os.PathLike)) and suffix_of(path) not in ("", *NATIVE) and _is_strange(file):
             format_of(path)  # which refuses its suffix
-        counts, timed, triangles = _described(file)
+        counts, timed, triangles, marked = _described(file)
         other = scene is None or sum(counts) not in (0, sum(scene.vertex_counts))
         own: Any = Points(counts, name) if other else scene
         motion = read_motion(file, own, name)
@@ -264,6 +282,7 @@ def _native(
     if axes != SCENE:
         motion = replace(motion, positions=to_scene(motion.positions, axes), unit=axes.scale)
     if scene is not None:
+        notes += [] if marked or motion.observed is None else unseen_share(~motion.observed)
         made = _bound(motion.positions, motion.seen(), scene, reading, axes, name)
         motion = _as_bound(motion, made, scene)
         notes += [made.note] if made.note else []
@@ -297,23 +316,24 @@ def _is_strange(file: IO[bytes]) -> bool:
         file.seek(0)
 
 
-def _described(file: IO[bytes]) -> tuple[tuple[int, ...], bool, Indices | None]:
-    """What a file says before the scene is known: the points of each object, whether it has times, and its faces
-    (T, 3), None without any. Nothing of a damaged one, as reading it raises the error.
+def _described(file: IO[bytes]) -> tuple[tuple[int, ...], bool, Indices | None, bool]:
+    """What a file says before the scene is known: the points of each object, whether it has times, its faces (T, 3),
+    None without any, and whether it marks what was observed. Nothing of a damaged one, as reading it raises the error.
     """
     try:
-        stored = npz.stored(file, ("positions", "times", "vertex_counts", "triangles"), "positions")
+        stored = npz.stored(file, ("positions", "times", "vertex_counts", "triangles", "observed"), "positions")
         total = stored["positions"].shape[1]
         counts, triangles = _whole(stored.get("vertex_counts"), 1), _whole(stored.get("triangles"), 2)
     except (*npz.FAULTS, KeyError, IndexError, TypeError):
-        return (0,), True, None
+        return (0,), True, None, True
     finally:
         file.seek(0)
     fits = counts is not None and (counts >= 0).all() and counts.sum() == total
     if triangles is not None and not (triangles.shape[1] == 3 and ((triangles >= 0) & (triangles < total)).all()):
         triangles = None
     own = tuple(counts.tolist()) if counts is not None and fits else (total,)
-    return own, "times" in stored, None if triangles is None else triangles.astype(np.int32)
+    faces = None if triangles is None else triangles.astype(np.int32)
+    return own, "times" in stored, faces, "observed" in stored
 
 
 def _whole(stored: npz.Stored | None, dimensions: int) -> NDArray[Any] | None:

@@ -142,11 +142,19 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
     times = arrays.get("times", np.arange(frames) * scene.delta).astype(np.float64)
     require(increasing(times), f"{name}: times", "must be finite and increasing")
     observed = arrays.get("observed")
+    if (unseen := unseen_in(positions)) is not None:
+        observed = ~unseen if observed is None else observed & ~unseen
     if observed is not None and observed.all():
         observed = None
     check_positions(positions, observed, name)
     weights = checked_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
     return Motion(positions, times, counts, observed, name, weights=weights)
+
+
+def unseen_in(positions: Array) -> Flags | None:
+    """Which positions (frames, n) are NaN, which means that they were not seen; None where none is."""
+    unseen = np.stack([np.isnan(frame).any(axis=1) for frame in positions])  # one by one, as in `check_positions`
+    return unseen if unseen.any() else None
 
 
 def check_loaded(motion: object) -> None:
@@ -186,13 +194,13 @@ def check_shapes(arrays: Mapping[str, NDArray[Any] | npz.Stored], scene: Scene, 
 def check_positions(positions: Array, observed: Flags | None, name: str) -> None:
     """Raise InvalidMotion where an observed position is not finite, or absurdly far away."""
     for frame in range(len(positions)):  # one by one: an array as large as `positions` would take as much memory again
-        bad = ~(np.abs(positions[frame]) < FARTHEST).all(axis=1)  # NaN as well
+        bad = ~(np.abs(positions[frame]) < FARTHEST).all(axis=1)
         if observed is not None:
             bad &= observed[frame]
         if bad.any():
             vertex = int(np.argmax(bad))
             finite = np.isfinite(positions[frame, vertex]).all()
-            wrong = f"lies {FARTHEST:g} m away or more" if finite else "is not finite"
+            wrong = f"lies {FARTHEST:g} m away or more" if finite else "is infinite"
             require(False, f"{name}: positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
 
 

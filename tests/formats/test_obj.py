@@ -124,7 +124,7 @@ def test_many_frames_need_a_place_for_their_numbers():
         (b"v 1 2 3\nv 1 2\n", "line 2: a vertex needs three finite numbers"),
         (b"v\nv 1 2 3\n", "line 1: a vertex"),
         (b"v 1 2 3\r\n\r\nv 1 2 x\r\n", "line 3: a vertex"),
-        (b"v 1 2 \\\n 3\nv 1 nan 3", "line 3: a vertex"),
+        (b"v 1 2 \\\n 3\nv 1 inf 3", "line 3: a vertex"),
         (b"v 1 2 1e999", "line 1: a vertex"),
         (SQUARE + b"f 1 2", "line 5: a face needs three corners"),
         (SQUARE + b"f 1 2 0", "line 5: a face"),
@@ -145,7 +145,8 @@ def test_wrong_text_is_told_with_its_line(read, data, message):
     [
         ({}, "there is no file of that name with a number"),
         ({"a1.obj": SQUARE, "a01.obj": SQUARE}, "a01.obj and a1.obj are both frame 1"),
-        ({"a1.obj": SQUARE, "a2.obj": SQUARE, "a4.obj": SQUARE}, "a frame is missing after number 2"),
+        ({"a1.obj": SQUARE, "a4.obj": SQUARE, "a6.obj": SQUARE}, "number 4 is none of 1, 3, 5 …"),
+        ({"a1.obj": SQUARE, "a2.obj": SQUARE, "a4.obj": SQUARE, "a8.obj": SQUARE}, "only 4 of 8 frames are there"),
         ({"a1.obj": SQUARE, "a2.obj": SQUARE + b"v 0 0 0"}, "a2.obj: has 5 vertices, a1.obj has 4"),
         ({"a1.obj": SQUARE + b"f 1 2 3", "a2.obj": SQUARE + b"f 1 2 3\nf 1 3 4"}, "a2.obj: has other faces"),
         ({"a1.obj": SQUARE, "a2.obj": b"v 1 2"}, "a2.obj: line 1"),
@@ -163,3 +164,11 @@ def test_no_such_files(tmp_path, monkeypatch, path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InvalidMotion):
         obj.read(Path(path) if "\0" not in path and path else path)
+
+
+def test_frames_that_are_missing_were_not_seen(tmp_path):
+    for number in (2, 4, 10):
+        (tmp_path / f"a{number}.obj").write_bytes(SQUARE)
+    found = obj.read(tmp_path / "a*.obj")
+    assert np.isnan(found.positions).all(axis=(1, 2)).tolist() == [False, False, True, True, False]
+    assert found.notes == ("2 frames are missing and count as not seen",)
