@@ -35,7 +35,7 @@ from clothfit.fit.options import (
     settled,
 )
 from clothfit.fit.preparation import flagged, in_time, in_windows, with_whole
-from clothfit.fit.registered_fit import SAME_FALL, Look, put_right
+from clothfit.fit.registered_fit import SAME_FALL, Look, begun, put_right
 from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
 from clothfit.fit.result import (
     UNKNOWN,
@@ -224,7 +224,10 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
             options = options.within(max(rounding(each.motion) for each in given))
         found = registered_fit(Look.first(scene, given, options), start, options, began)
     else:
-        found = one_fit(scene, given, start, options, began)
+        given, starts, late = begun(given)
+        say(late, options)
+        found = replace(one_fit(scene, given, start, options, began), registration=starts)
+        hints = [*hints, *late]
     corresponds = Correspondence(*given[0].motion.correspondence[:2])
     return replace(found, hints=[*hints, *found.hints], markers=markers, correspondence=corresponds)
 

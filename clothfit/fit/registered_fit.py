@@ -34,6 +34,7 @@ from clothfit.objective.comparison import Loss, loss_named
 from clothfit.objective.experiment import Experiment, flagged_as
 from clothfit.optimise.evidence import inverse, variance
 from clothfit.optimise.prior import WIDEST
+from clothfit.registration.free_fall import late_start
 from clothfit.registration.mistaken import mistaken
 from clothfit.registration.record import Markers, Registration
 from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns
@@ -92,6 +93,19 @@ def put_right(
     return right, known if any(known) else None, hints
 
 
+def begun(given: Sequence[Experiment]) -> tuple[list[Experiment], list[Registration] | None, list[Hint]]:
+    """The targets from where their cloths begin to move, those clocks, if one begins late, and what is said of it."""
+    starts = [Registration(offset=late_start(own, motion)) for motion, own in given]
+    if not any(each.offset for each in starts):
+        return list(given), None, []
+    hints = [
+        Hint("late_start", f"{motion.name}: its cloth stands still for {each.offset:.3g} s; the fit begins after that")
+        for (motion, _), each in zip(given, starts, strict=True) if each.offset
+    ]  # fmt: skip
+    pairs = zip(given, starts, strict=True)
+    return [Experiment(each.applied(e.motion, e.scene.delta), e.scene) for e, each in pairs], starts, hints
+
+
 @dataclass(frozen=True)
 class Look:
     """A look at the registrations of targets, as they came, whose coordinates (9,) that are `free` are unknown."""
@@ -109,7 +123,10 @@ class Look:
             what = "where a target's clock or place is to be found"
             raise InvalidInput(f"frame: the axes of the scene must not move {what}")
         free = sought(options.fit_time, options.fit_placement, options.fit_scale)
-        late = [Registration(offset=float(each.motion.times[0]) * options.fit_time) for each in given]
+        late = [
+            Registration(offset=(float(motion.times[0]) + late_start(own, motion)) * options.fit_time)
+            for motion, own in given
+        ]
         begun = cls(scene, given, free, loss_named(options.loss, options.loss_scale), [Registration()] * len(given))
         search = partial(find, few(scene, cut(given, late, scene, scene), free, begun.loss))
         return begun.after(in_time(search, begun.known, options.budget))

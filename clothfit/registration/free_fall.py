@@ -42,6 +42,15 @@ OFF, SURE, SMOOTH = 0.135, 6.0, 0.01
 what the regression may leave, relative to the fall: more is not a free fall.
 """
 
+STANDS, FALLS = 0.25, (0.3, 2.2)
+"""The mean way, relative to that of a free fall in one frame, up to which a cloth stands still; and that after it,
+relative to that of a free fall, that is one: implicit Euler is twice as fast in its first step.
+"""
+
+LATE, AFTER = 2, 3
+"""Frames at least in which it stands still, and those after them that must show the fall."""
+
+
 class Fall(NamedTuple):
     """How a cloth begins to fall."""
 
@@ -126,3 +135,26 @@ def acceleration(times: Array, fallen: Array, depth: float, g: float) -> float |
     before = a * (1.0 + max(damping, 0.0) * t[0])  # an implicit step damps the gravity as well
     apart = max(min(a, before) - g, g - max(a, before)) - SURE * error
     return a if starts and free and apart > OFF * g and a > 0 else None
+
+
+def late_start(scene: Scene, motion: Motion) -> float:
+    """What the motion's clock shows, s, when its cloths begin to fall, where they stand still until then; 0 where they
+    do not, or something else may hold them and let them go.
+    """
+    g, t = float(np.linalg.norm(scene.gravity)), motion.times
+    if scene.moves or scene.frame or scene.forces or not g > 0 or len(t) < LATE + AFTER + 1 or t[0] != 0.0:
+        return 0.0
+    moved = motion.positions - motion.positions[0]
+    seen, fixed = motion.seen(), np.concatenate([cloth.fixed for cloth in scene.cloths])
+    free = np.concatenate([graph_distance(cloth) >= FEWEST_EDGES for cloth in scene.cloths]) & ~fixed & seen[0]
+    if not free.any():
+        return 0.0
+    way = np.ma.masked_array(moved @ (scene.gravity / g), ~seen)[:, free].mean(axis=1).filled(0.0)
+    still = int(np.argmax(np.append(np.abs(way) > STANDS * 0.5 * g * t[1] ** 2, True))) - 1  # the last such frame
+    after = slice(still + 1, still + 1 + AFTER)
+    if still < LATE or len(way[after]) < AFTER:
+        return 0.0
+    falls = way[after] / (0.5 * g * (t[after] - t[still]) ** 2)
+    held = np.linalg.norm(moved[after][:, fixed & seen[after].all(axis=0)], axis=-1).max(initial=0.0)
+    is_fall = (FALLS[0] < falls).all() and (falls < FALLS[1]).all() and held < STANDS * abs(way[after]).max()
+    return float(t[still]) if is_fall else 0.0

@@ -89,8 +89,9 @@ class Registration:
 
     def __str__(self) -> str:
         parts = []
+        rate = f"runs at a rate of {self.rate:.4g}, and " if self.rate != 1.0 else ""
         if (self.rate, self.offset) != (1.0, 0.0):
-            parts.append(f"its clock runs at a rate of {self.rate:.4g}, and shows {self.offset:.3g} s at the start")
+            parts.append(f"its clock {rate}shows {self.offset:.3g} s at the start")
         if not np.array_equal(self.rotation, np.eye(3)) or self.translation.any():
             turn, move = (", ".join(f"{x:.3g}" for x in each + 0.0) for each in (self.angles, self.translation))
             parts.append(f"turned by ({turn})° and moved by ({move}) m")

@@ -5,7 +5,7 @@ import pytest
 from helpers.strangers import sheet
 
 from clothfit.motion.motion import as_motion
-from clothfit.registration.free_fall import other_fall
+from clothfit.registration.free_fall import late_start, other_fall
 
 H = 0.005
 
@@ -25,3 +25,23 @@ def test_the_rate_of_a_clock_is_the_root_of_the_gravity_over_the_fall_that_it_sh
     assert fall.acceleration == pytest.approx(9.81 / rate**2, rel=1e-9)  # rounding of a regression
     assert fall.rate == pytest.approx(rate, rel=1e-9)
     assert other_fall(scene, as_motion(scene, positions, times)) is None
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.5 * H], ids=["exact", "implicit Euler"])
+@pytest.mark.parametrize("noise", [0.0, 2e-6])
+def test_a_cloth_that_stands_still_at_first_begins_to_fall_late(ahead, noise):
+    """A fall of 1.2e-4 m in a frame, seen through noise that the mean of 18 vertices takes a quarter of."""
+    scene, late = sheet(delta=H), 10
+    times = H * np.arange(40)
+    t = np.maximum(times - H * late, 0.0)
+    rest = scene.cloths[0].positions
+    free = np.where(scene.cloths[0].fixed[:, None], 0.0, 1.0)
+    fallen = (0.5 * t**2 + ahead * t)[:, None, None] * scene.gravity * free
+    seen = rest + fallen + noise * np.random.default_rng(0).normal(size=(40, *rest.shape))
+    assert late_start(scene, as_motion(scene, seen, times)) == pytest.approx(H * late, rel=1e-12)
+    assert late_start(scene, as_motion(scene, seen[late:], times[:-late])) == 0.0  # at once
+    waved = rest + np.sin(20.0 * t)[:, None, None] * 0.01 * scene.gravity  # what is held moves, too
+    assert late_start(scene, as_motion(scene, waved, times)) == 0.0
+    assert late_start(scene, as_motion(scene, rest + 0.0 * fallen, times)) == 0.0  # always
+    rising = rest - fallen
+    assert late_start(scene, as_motion(scene, rising, times)) == 0.0
