@@ -22,7 +22,7 @@ OF_THE_COMMAND = {"json", "version", "quiet", "verbose", "help", "watch", "force
 """What a caller asks for otherwise: forces belong to the scene (`Scene.with_forces`), a subspace gives a start."""
 SIMULATORS = {"simulator", "iterations", "bends-by", "blender"}
 """Options of fits in the model of another tool, which functions of their own do."""
-READING = {"fps", "frames", "scale", "up", "handedness", "map"}
+READING = {"fps", "frames", "scale", "up", "handedness", "map", "bind"}
 MANY = {"starts", "seed", "jobs", "cluster"}
 
 
