@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,7 @@ from clothfit.many.job import INTERRUPTED
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
+    from clothfit.fit.hints import Hint
     from clothfit.scene.scene import Scene
 
 @standard_command("estimate")
@@ -188,7 +190,7 @@ def fit_one(
             own = replace(
                 options, on_progress=told, checkpoint=kept, resume=files.resume,
                 on_memory=lambda needs: (console.detail if needs.snapshots is None else console.say)(str(needs)),
-                on_hint=lambda hint: console.say(f"hint: {hint.text}"), on_found=partial(output.keep_scene, out=out),
+                on_hint=partial(tell, readings=readings, console=console), on_found=partial(output.keep_scene, out=out),
             )  # fmt: skip
             found = fitting.by_options(scene, targets or None, first, own)
         with output.uninterrupted(), checkpoints.named_if_lost(kept):
@@ -203,6 +205,13 @@ def fit_one(
     if page:
         page.write(scene_path, scene, found, files, out, targets, console)
     return code
+
+
+def tell(hint: Hint, readings: Sequence[Mapping[str, Any]], console: Console) -> None:
+    """Say what a target shows before a fit; not again where reading it has named the unit or the axes that would fit.
+    """
+    if not (hint.code in ("scale", "placement", "rest_lengths") and any(each["advice"] for each in readings)):
+        console.say(f"hint: {hint.text}")
 
 
 def check_start(scene: Scene, start: Any) -> None:

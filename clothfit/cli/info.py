@@ -101,8 +101,6 @@ def of_scene(scene_path: str, console: Console) -> None:
         console.result("a fit chooses by itself (auto) among what is to fit")
     for each in moving:
         console.result(str(each))
-    if foreign := overview.beyond_editor(scene):
-        console.result(foreign)
     for begin in range(0, len(objects), BESIDE):
         chosen = range(len(objects))[begin : begin + BESIDE]
         columns = [column(objects[index], [each for each in wanted if each.object == index]) for index in chosen]

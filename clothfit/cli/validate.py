@@ -10,7 +10,7 @@ import click
 
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.options import option, standard_command
 from clothfit.cli.common.output import STREAM, print_json
 from clothfit.cli.common.scenes import better, one_stream, split
 
@@ -27,17 +27,19 @@ class Verdict:
 
 @standard_command("validate")
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
-def command(scene_paths: tuple[str, ...], console: Console) -> None:
+@option("--for TOOL", "Say what this tool would play otherwise: unity.", click.Choice(["unity"]), name="tool")
+def command(scene_paths: tuple[str, ...], tool: str | None, console: Console) -> None:
     """Check scenes and print every problem, without simulating.
 
     \b
     clothfit validate scene.json
     clothfit validate scenes/*.json --json
+    clothfit validate scene.json --for unity
 
     The exit code is 0 if all scenes are valid, else 3.
     """
     one_stream(*scene_paths)
-    verdicts = [judge(path) for path in scene_paths]
+    verdicts = [judge(path, tool) for path in scene_paths]
     for verdict in verdicts:
         show(verdict, len(verdicts) == 1, console)
     wrong = [verdict for verdict in verdicts if verdict.error is not None]
@@ -50,8 +52,8 @@ def command(scene_paths: tuple[str, ...], console: Console) -> None:
         raise InvalidInput(f"{len(wrong)} of {len(verdicts)} scenes are not valid: {names}")
 
 
-def judge(path: str) -> Verdict:
-    """Look at a file."""
+def judge(path: str, tool: str | None = None) -> Verdict:
+    """Look at a file, and at what a tool would play otherwise."""
     from clothfit.evaluation.forecast import check
     from clothfit.evaluation.overview import beyond_editor, misspelt_fields
     from clothfit.scene.mesh_numbering import numberings
@@ -65,7 +67,8 @@ def judge(path: str) -> Verdict:
     except InvalidScene as error:
         return Verdict(path, better(error, path), ())
     warnings = (*scene.warnings, *misspelt_fields(scene))
-    return Verdict(scene.name if path == STREAM else path, None, warnings, beyond_editor(scene))
+    note = None if tool is None else beyond_editor(scene)
+    return Verdict(scene.name if path == STREAM else path, None, warnings, note)
 
 
 def show(verdict: Verdict, alone: bool, console: Console) -> None:

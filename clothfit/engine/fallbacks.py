@@ -31,15 +31,12 @@ class Fallbacks(NamedTuple):
 
     def sentences(self, steps: int) -> list[str]:
         """What a user should know, for motions of this many steps in all."""
-        finer = "a smaller delta (in a fit --substeps) helps"
+        finer = "shorter steps (delta, or --substeps) need less of it"
         said = (
-            "{} times a step was hard to compute; that takes time, and the motion is as accurate as elsewhere",
-            f"in {{}} of {steps} steps the cloth was compressed so strongly that it could fold either way; its folds "
-            f"are smoother there than the cloth's, and values that depend on them are less certain; {finer}",
-            f"in {{}} of {steps} steps the cloth moved too fast for its stiffness and the time step, and was slowed "
-            f"down; damping and stiffness may come out wrong there; {finer}",
-            f"in {{}} of {steps} steps the cloth met a sphere so fast that it was deep in it at once; how it comes off "
-            f"is less certain there; {finer}",
+            "{} times a step was hard to compute; that takes time alone",
+            f"{{}} of {steps} steps were stabilised (strong compression): folds are smoother there; {finer}",
+            f"{{}} of {steps} steps were stabilised (too fast for the step): the cloth is slowed down there; {finer}",
+            f"{{}} of {steps} steps were stabilised (deep in a sphere at once): it comes off otherwise there; {finer}",
         )
         return [sentence.format(count) for count, sentence in zip(self, said, strict=True) if count]
 

@@ -29,8 +29,10 @@ KEYED = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "scaleKeys", "motio
 ALIKE = 0.85
 """Share of letters in order that two names have in common which may be meant for each other."""
 
-LENGTHS = (1e-3, 100.0)  # m, of the largest side: a doll's handkerchief, a circus tent
+LENGTHS = (1e-2, 20.0)  # m, of the largest side: a doll's handkerchief, a stage curtain
 MASSES = (1e-6, 1e4)  # kg
+UNITS = {0.01: "centimetres", 0.001: "millimetres", 100.0: "units of 100 m", 1000.0: "kilometres"}
+USUAL = (0.2, 10.0)  # m, of the largest side in the right unit
 
 PLAIN = frozenset({"edges", "bending", "other"})
 """Families of a mesh without directions."""
@@ -215,7 +217,10 @@ def doubts(size: Sequence[float], mass: float | None = None) -> list[str]:
     found = []
     longest = max(size, default=0.0)
     if longest > 0 and not LENGTHS[0] <= longest <= LENGTHS[1]:
-        found.append(f"it is {metres(longest)} across; is the unit right (--scale)?")
+        scale = next((each for each in UNITS if USUAL[0] <= each * longest <= USUAL[1]), None)
+        unit = "; is the unit right (--scale)?"
+        remedy = f": if the file is in {UNITS[scale]}, add --scale {scale:g}" if scale else unit
+        return [f"it is {metres(longest)} across" + (f", and weighs {kilograms(mass)}" if mass else "") + remedy]
     if mass is not None and mass > 0 and not MASSES[0] <= mass <= MASSES[1]:
         found.append(f"it weighs {kilograms(mass)}; are size and mass per area right?")
     return found

@@ -82,7 +82,8 @@ def hints_of(scene: Scene, motion: Motion) -> Iterator[Hint]:
     for i, cloth in enumerate(scene.cloths):
         positions, seen = motion.of(i), motion.seen(i)
         yield from held_that_move(cloth, positions, seen, f"objects[{i}]")
-        yield from shrunk(cloth, positions, seen, f"objects[{i}]")
+        if not any(hint.code == "scale" for hint in moved):
+            yield from shrunk(cloth, positions, seen, f"objects[{i}]")
 
 
 def placed(scene: Scene, motion: Motion) -> Iterator[Hint]:

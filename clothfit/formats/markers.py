@@ -50,7 +50,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
 from clothfit.base.reading import MOST_TEXT
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation, check_times, rate_of, times_of, with_gaps
+from clothfit.formats.animation import Animation, check_times, rate_of, times_of, unused, with_gaps
 from clothfit.formats.axes import HANDS, RIGHT, UPS, Axes
 from clothfit.formats.files import check_room, content, name_of
 
@@ -473,10 +473,13 @@ def label(text: str) -> str:
 
 
 def labels_of(animation: Animation) -> list[str]:
-    """The names of the points; `v0`, `v1`, … where there are none."""
+    """The names of the points, no two the same; `v0`, `v1`, … where there are none."""
     if animation.names is None:
         return [f"v{point}" for point in range(animation.positions.shape[1])]
-    return [label(name) for name in animation.names]
+    found: dict[str, None] = {}
+    for name in map(label, animation.names):
+        found[unused(name, found) if name in found else name] = None
+    return list(found)
 
 
 def number(cell: str, place: str) -> float:

@@ -1,11 +1,14 @@
 """Inputs over time: frames of reference that move, files, and motions with all inputs at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.physics import METHODS, VARIANTS, ball, chain, keys, scene, sheet, xyz
 
 from clothfit import InvalidScene, energies, estimate, load, save, simulate
 from clothfit.engine.inputs import knots, sampling
+from clothfit.engine.inputs.files import loaded
 from clothfit.engine.inputs.interpolation import interpolated
 from clothfit.engine.system import build
 from clothfit.evaluation.reference import converged
@@ -167,6 +170,27 @@ def test_a_smooth_rotation_that_is_not_found_is_refused():
     times, angles = np.cumsum(np.where(g.random(12) < 0.5, 1e-6, 0.1)), g.uniform(-180, 180, (12, 3))
     with pytest.raises(InvalidScene, match=r"^frame\.rotKeys: no smooth rotation goes through keys"):
         sampling.turned(Keys(times, angles, "smooth", place="frame.rotKeys"), np.zeros(1))
+
+
+def test_a_smooth_rotation_goes_through_unevenly_spaced_keys():
+    """SciPy's spline of rates misses some of these sets, by up to half a turn, or raises."""
+    for seed in (5, 16, 33, 49):
+        g = np.random.default_rng(seed)
+        times, angles = np.sort(g.uniform(0, 4, 200)), g.uniform(-30, 30, (200, 3))
+        found = sampling.turned(Keys(times, angles, "smooth", place="frame.rotKeys"), times)
+        turns = sampling.rotation(angles)
+        np.testing.assert_allclose(found, (turns * turns[0].inv()).as_matrix(), atol=1e-6)  # `MISSED`
+
+
+def test_only_paths_of_pins_have_several_points(tmp_path):
+    file = tmp_path / "k.npz"
+    np.savez(file, times=[0.0, 0.1], positions=np.zeros((2, 4, 3)))
+    for place in ("windVelKeys", "gravityKeys", "frame.rotKeys", "objects[0].pins[1].rotKeys", "colliders[0].posKeys"):
+        keys = Keys(np.zeros(0), np.zeros((0, 3)), file=str(file), place=place)
+        with pytest.raises(InvalidScene, match=r"has 4 points, and one vector is needed"):
+            loaded(keys)
+        assert loaded(replace(keys, points=(2,))).values.shape == (2, 3)
+    assert loaded(replace(keys, place="objects[0].pins[12].posKeys")).values.shape == (2, 4, 3)
 
 
 def test_angles_turn_as_in_unity():

@@ -14,7 +14,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import Action, F, gathered, option
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.axes import HANDS, UPS, Convention, Reading
-from clothfit.formats.registry import foreign
+from clothfit.formats.registry import foreign, format_of
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Indices
@@ -112,7 +112,7 @@ def check(
     from clothfit.formats.obj import ANY, numbered
     from clothfit.motion.files import check_gaps, check_place, sources
 
-    found = foreign(out.path)
+    found = None if out.is_stream else format_of(out.path, writing=True)
     if found is None:
         if convention != Convention():
             raise InvalidInput(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -24,6 +25,9 @@ from clothfit.formats.files import content, name_of, refused
 from clothfit.formats.registry import foreign, read
 from clothfit.scene.keys import Keys, times_problem
 
+PATHS = re.compile(r"\.pins\[\d+\]\.posKeys$|\.(motion|mesh)$")
+"""Places of keys that may be of several points; all others are one vector."""
+
 MOST_TEXT = 1 << 28
 """Bytes of a table, at most."""
 
@@ -38,9 +42,18 @@ def loaded(keys: Keys) -> Keys:
         else:
             times, places, angles = joint_of(keys.file, keys.joint, said, stamp)
             values = angles if keys.turns else places
+        if values.ndim == 3 and not PATHS.search(keys.place):
+            values = the_one(values)
     except (InvalidMotion, InvalidInput) as error:
         raise InvalidScene(f"{keys.place}.file: {error}") from None
     return replace(keys, times=times, values=values)
+
+
+def the_one(values: Array) -> Array:
+    """The values (K, 3) of the only point of a motion (K, P, 3). Raises InvalidInput where there are several."""
+    if values.shape[1] != 1:
+        raise InvalidInput(f'has {values.shape[1]} points, and one vector is needed; choose one: "points": [0]')
+    return values[:, 0]
 
 
 def stamp_of(path: str) -> tuple[int, int, int] | None:

@@ -21,6 +21,8 @@ from clothfit.scene.cloth import AXIS_OF_SIZE, CAPSULE, MESH, SPHERE, Cloth, Col
 from clothfit.scene.keys import Frame, Keys, Pin
 from clothfit.scene.scene import Scene
 
+FARTHEST_TURN = 0.8 * np.pi  # rad from the first key, up to which rotation vectors do not jump
+MISSED = 1e-6  # rad by which a spline may miss its keys
 ANY_NUMBER = 2**31  # of steps: tables without rows have no end
 
 
@@ -148,24 +150,34 @@ def rotation(angles: Array) -> Any:
 
 def turned(keys: Keys, times: Array) -> Array:
     """The rotations (T, 3, 3) since time 0 at times (T,), s; between two keys about one axis, at one rate or, smooth,
-    by a spline. Raises InvalidScene where no spline is found.
+    by a spline of angular rates, or where that is not found by one of rotation vectors. Raises InvalidScene where these
+    go round too far for that.
     """
-    from scipy.spatial.transform import RotationSpline, Slerp
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
     known = resolved(keys)
     own, angles = known.times, rotation(known.values)
     inside = np.clip(np.append(0.0, times), own[0], own[-1])
     if known.interpolation == "hold" or len(own) == 1:
         found = angles[np.searchsorted(own, inside, side="right") - 1]
+    elif known.interpolation != "smooth":
+        found = Slerp(own, angles)(inside)
     else:
         try:
             with np.errstate(all="ignore"):  # its iterations may grow without bounds
-                found = (RotationSpline if known.interpolation == "smooth" else Slerp)(own, angles)(inside)
+                spline = RotationSpline(own, angles)
+                if not (spline(own) * angles.inv()).magnitude().max() <= MISSED:
+                    raise ValueError
+            found = spline(inside)
         except (ValueError, np.linalg.LinAlgError):
-            raise InvalidScene(
-                f"{keys.place}: no smooth rotation goes through keys that turn so far in so little time; give more "
-                'keys, or "interpolation": "linear"'
-            ) from None
+            vectors = (angles * angles[0].inv()).as_rotvec()
+            if np.linalg.norm(vectors, axis=1).max() > FARTHEST_TURN:
+                raise InvalidScene(
+                    f"{keys.place}: no smooth rotation goes through keys that turn so far in so little time; give more "
+                    'keys, or "interpolation": "linear"'
+                ) from None
+            found = Rotation.from_rotvec(CubicSpline(own, vectors)(inside)) * angles[0]
     return np.asarray((found[1:] * found[0].inv()).as_matrix())
 
 
