@@ -38,6 +38,12 @@ LONGEST_NAME, MOST_PARTS = 60, 64
 ASSUMED_RATE = 30.0
 """Frames per second where neither the file nor the user gives a rate."""
 
+MOST_NAMED = 12
+"""Names in a message."""
+
+HALF = 0.5
+"""The weight from which a vertex is held."""
+
 EVEN = 1e-3
 """How far a frame may be from its place in an even rate, as a share of the time between two frames."""
 
@@ -55,6 +61,7 @@ class Animation:
     notes: tuple[str, ...] = ()  # sentences on what was assumed
     texture: Array | None = None  # (T, 3, 2), texture coordinates u, v of the corners of the triangles; NaN unknown
     parts: Parts = ()  # of a mesh, as the file names them
+    pins: Indices | None = None  # vertices that the file marks as held, rising; None: it marks none
     spacing: float = 1.0  # frames of the file's own counting between two of these, where it has no times
 
 
@@ -81,6 +88,64 @@ def check_polygons(lengths: NDArray[Any], corners: NDArray[Any], count: int, pla
         raise InvalidMotion(f"{place}: its faces need {lengths.sum()} corners and have {len(corners)}")
     if len(corners) and not 0 <= corners.min() <= corners.max() < count:
         raise InvalidMotion(f"{place}: a triangle names a vertex beyond the {count} of its mesh")
+
+
+def chosen(shapes: Sequence[Shape], paths: Sequence[str], wanted: str, place: str) -> list[Shape]:
+    """The meshes of a file that are `wanted`: names with commas between. A name is a path, or the end of one; or that
+    of a node that a mesh, or several, are below. Raises InvalidMotion where there is none of it, or more than one.
+    """
+    found: list[Shape] = []
+    for name in filter(None, (each.strip() for each in wanted.split(","))):
+        own = list(zip(shapes, map(_names, paths), strict=True))
+        steps = _names(name)
+        ranked = (
+            [shape for shape, path in own if path == steps],
+            [shape for shape, path in own if path[-len(steps) :] == steps],
+            [shape for shape, path in own if path[-len(steps) - 1 : -1] == steps],
+            [shape for shape, path in own if steps[0] in path[:-1] and len(steps) == 1],
+        )
+        rank = next((k for k, each in enumerate(ranked) if each), None)
+        if rank is None:
+            raise InvalidMotion(f"{place}: there is no mesh {named(name)} in it; it has {listed(short(paths))}")
+        if rank < len(ranked) - 1 and len(ranked[rank]) > 1:
+            there = [paths[shapes.index(each)] for each in ranked[rank]]
+            raise InvalidMotion(f"{place}: several of its meshes have the name {named(name)}; name {listed(there)}")
+        found += [each for each in ranked[rank] if each not in found]
+    return found
+
+
+def _names(path: str) -> list[str]:
+    return [each for each in path.split("/") if each]
+
+
+def listed(names: Sequence[str]) -> str:
+    """The first few names."""
+    return ", ".join(map(named, names[:MOST_NAMED])) + (", …" if len(names) > MOST_NAMED else "")
+
+
+def short(paths: Sequence[str]) -> list[str]:
+    """For each path of a mesh the shortest name that is only its own: that of its object, of the mesh, or the path."""
+    split = [_names(path) for path in paths]
+    ends = [[path[-2] if len(path) > 1 else path[-1] for path in split], [path[-1] for path in split]]
+    found = []
+    for i, path in enumerate(paths):
+        own = [name for name in (ends[0][i], ends[1][i]) if sum(name in other for other in split) == 1]
+        found.append(own[0] if own and "," not in own[0] else path)
+    return found
+
+
+def is_pin(name: str) -> bool:
+    """Whether an attribute of this name marks held vertices."""
+    return "pin" in name.lower()
+
+
+def pins_of(weights: NDArray[Any], count: int) -> Indices | None:
+    """The vertices with a weight of a half or more among `count`; None where there is not one weight each, or none is
+    held.
+    """
+    values = np.asarray(weights, np.float64).reshape(-1)
+    held = np.flatnonzero(values >= HALF).astype(np.int32) if len(values) == count else np.zeros(0, np.int32)
+    return held if len(held) else None
 
 
 def moving(shapes: Sequence[Shape], moves: Callable[[Shape], bool], notes: list[str]) -> tuple[Sequence[Shape], bool]:

@@ -106,6 +106,7 @@ class Reading(Convention):
     fps: float | None = None  # frames per second, above 0; None: as the file says, else one frame per time step
     frames: str | None = None  # which frames, as in a slice "A:B" of a list; they keep their times
     markers: str | os.PathLike[str] | None = None  # a CSV file of marker, object, vertex; None: the nearest vertices
+    mesh: str | None = None  # of several in a file, by names with commas between; None: those that move
 
     def __post_init__(self) -> None:
         super().__post_init__()
