@@ -112,7 +112,8 @@ class Asked:
     def check(self, is_plane: bool) -> None:
         """Raise UsageError where options do not go together, InvalidInput where a text is none of its option."""
         for name in OF_MESHES if is_plane else OF_PLANES:
-            if getattr(self, name) not in (None, False, ()):
+            value = getattr(self, name)
+            if value is not None and value is not False and value != ():
                 owners = "meshes from files" if is_plane else "planes"
                 raise click.UsageError(f"--{name.replace('_', '-')} is for {owners}; leave it out")
         if self.delta is not None and self.fps:
@@ -377,7 +378,7 @@ def summary(scene: Scene, cloths: list[Cloth], bodies: list[new_shot.Solid], out
         "scene": scene.title,
         **objects[0],
         **({"objects": objects} if len(objects) > 1 else {}),
-        "colliders": [{"name": each.name, "vertices": each.vertices, "moves": each.moves} for each in bodies],
+        **({"colliders": [each.summary for each in bodies]} if bodies else {}),
         "output": out.path,
     }
 

@@ -49,6 +49,11 @@ class Solid(NamedTuple):
         back = "; it is open, and has got a back" if self.opened else ""
         return f"collider {self.name}: {counted(self.vertices, 'vertex', 'vertices')}, {how}{back}"
 
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What --json prints of it."""
+        return {"name": self.name, "vertices": self.vertices, "moves": self.moves, "closed": not self.opened}
+
     def write(self) -> None:
         """Write the file of its motion."""
         if self.out is not None:
