@@ -58,6 +58,12 @@ from clothfit.strategy.trajectory_fit import (
 CHOICE = 0.7
 """Share of the time of a fit that the choice of its model may take, with that of the step."""
 
+FEWEST, BRIEFLY = "F", 0.2
+"""The model that a fit that chooses by itself begins with, and the share of its time that this may take."""
+
+ALIKE_MOTION = 1e-4
+"""Error relative to how far the target moves that the rounding of files may leave."""
+
 MOMENT = 0.5
 """Seconds for the costs of the values that were found, where the time is up."""
 
@@ -88,6 +94,7 @@ class Fitting:
     left_out: Sequence[str] = ()  # kinds that are not fitted
     tried: tuple[Step, ...] = ()  # time steps
     kinds: Sequence[kinds.Choice] = ()  # what was found of them
+    notes: Sequence[str] = ()  # on what was chosen
     judged: list[Judged] | None = None  # the models among which one was chosen
     wanted: list[str] | None = None  # models that are left to try, where no values reproduce the target
     as_it_is: float = np.inf  # cost of the scene's own values, where equal ones are fitted
@@ -228,6 +235,24 @@ def as_before(fit: Fitting) -> None:
     fit.search.restore(state)
 
 
+def by_few_kinds(fit: Fitting) -> None:
+    """One factor on stiffnesses, and damping, where these alone reproduce the target but for noise or rounding: with
+    more values a motion that touches something has more minima.
+    """
+    whole, gone = fit.search.objective, ("drag", *kinds.CHOSEN)
+    fewer = whole.flagging(ladder.as_model(kinds.without(whole.scene, fit.first, gone), FEWEST, exactly=True))
+    search = fit.search.beside(fewer, parameters(fewer.scene), np.inf)
+    limit = LONGEST if fit.options.budget is None else fit.options.budget
+    search.longest = search.progress.computing + BRIEFLY * limit
+    trial = Trial(search)
+    trial.run(step_choice.by_windows_of_noise)
+    if not search.best.cost <= ALIKE_MOTION**2 * whole.still and (trial.ended or not step_choice.leaves_noise(search)):
+        return
+    fit.adopt(fewer, search.best.p, search.best.cost)
+    fit.left_out, fit.model, fit.known = gone, FEWEST, True
+    fit.notes = ["one factor on the stiffnesses, and the damping, reproduce the target; nothing else is fitted"]
+
+
 def with_best_step(fit: Fitting) -> None:
     """The step that gains most."""
     root = fit.search.beside(fit.search.objective, fit.search.start, np.inf)
@@ -305,9 +330,11 @@ CHOICES = (
     Route("smooth balances",
           lambda fit: not (fit.hidden or fit.state) and fit.start is None and fit.options.method == AUTO,
           with_smooth_balances),
-    Route("time step", lambda fit: bool(fit.counts), with_best_step),
+    Route("few kinds", lambda fit: fit.options.auto and not (fit.hidden or fit.state), by_few_kinds),
+    Route("time step", lambda fit: bool(fit.counts) and not fit.model, with_best_step),
     Route("kinds", lambda fit: fit.options.auto and fit.wanted is not None, without_kinds),
-    Route("model", lambda fit: fit.options.model == AUTO and not (fit.hidden or fit.state), with_best_model),
+    Route("model", lambda fit: fit.options.model == AUTO and not (fit.hidden or fit.state or fit.model),
+          with_best_model),
     Route("start", lambda fit: not (fit.known or fit.state), from_first_point),
     Route("known start", lambda fit: fit.known, warned),
     Route("pattern", lambda fit: fit.start is None and not fit.hidden, beside_the_pattern),

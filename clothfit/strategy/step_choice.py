@@ -343,7 +343,12 @@ def is_enough(search: Search) -> bool:
     """Whether the step can be no better: the motion is the target's but for noise. A request to end counts as no, and
     is heard by the next simulation.
     """
-    if is_near(search):
+    return is_near(search) or leaves_noise(search)
+
+
+def leaves_noise(search: Search) -> bool:
+    """Whether the motion at the best point is the target's but for noise."""
+    if search.objective.rmse(search.best.cost) <= search.rmse_tolerance:
         return True
     try:
         with threads.single(), interrupts.heard():
