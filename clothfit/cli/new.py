@@ -313,9 +313,8 @@ def made_of(cloth: Cloth, asked: Asked, bodies: list[dict[str, Any]], mesh_path:
 
 def rounded_step(step: float) -> float:
     """A time step without the rounding errors of the times that it is from."""
-    plain = float(f"{step:.9g}")
     rate = round(1.0 / step, 6) if step > 0 else 0.0
-    return 1.0 / rate if rate and abs(1.0 / rate - step) <= 1e-6 * step else plain
+    return 1.0 / rate if rate and abs(1.0 / rate - step) <= 1e-9 * step else step
 
 
 def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:

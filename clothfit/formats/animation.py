@@ -38,6 +38,9 @@ LONGEST_NAME, MOST_PARTS = 60, 64
 ASSUMED_RATE = 30.0
 """Frames per second where neither the file nor the user gives a rate."""
 
+SINGLE = 2.0**-23
+"""Rounding of numbers in single precision, and of what is computed with them."""
+
 MOST_NAMED = 12
 """Names in a message."""
 
@@ -201,6 +204,19 @@ def rate_of(animation: Animation) -> float | None:
     step = float(times[-1] - times[0]) / (len(times) - 1)
     away = np.abs(times - times[0] - step * np.arange(len(times)))
     return rounded(1 / step) if away.max() <= EVEN * step else None
+
+
+def unrounded(times: Array) -> Array:
+    """Times (frames,), s, of single precision, without its rounding where they are at an even rate of few digits."""
+    near = SINGLE * float(np.abs(times).max(initial=0.0))
+    if len(times) < 2 or not np.diff(times).min() > 0.0:
+        return times
+    for digits in (0, 3):
+        rate = round((len(times) - 1) / float(times[-1] - times[0]), digits)
+        plain = (round(float(times[0]) * rate) + np.arange(len(times))) / rate if rate > 0.0 else times
+        if np.abs(plain - times).max() <= near:
+            return plain
+    return times
 
 
 def rated(path: str | os.PathLike[str], animation: Animation) -> float:

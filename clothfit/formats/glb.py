@@ -36,7 +36,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.memory import human
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation, check_finite, moving, times_of
+from clothfit.formats.animation import Animation, check_finite, moving, times_of, unrounded
 from clothfit.formats.animation import chosen as selected
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, name_of
@@ -94,7 +94,7 @@ def read(path: str | os.PathLike[str], wanted: str = "") -> Animation:
     with np.errstate(all="ignore"):  # what overflows is reported below
         positions, faces = meshes_at(doc, chosen, tracks, times if len(times) else np.zeros(1))
     check_finite(doc.name, positions)
-    own_times = times if len(times) else None
+    own_times = unrounded(times) if len(times) else None
     return Animation(positions, RIGHT, own_times, notes=tuple(notes), pins=pins(doc, chosen), **faces.found())
 
 
