@@ -310,7 +310,7 @@ def _animation(file: Ogawa, name: str, wanted: str) -> animation.Animation:
         start += count
     animation.check_finite(name, positions)
     own_times = times if len(times) > 1 else None
-    pins = _pins(file, shapes, counts)
+    pins = _pins(file, shapes, counts).found(notes)
     return animation.Animation(positions, RIGHT, own_times, notes=tuple(notes), pins=pins, **faces.found())
 
 
@@ -320,22 +320,24 @@ def _transform_times(file: Ogawa, shapes: Sequence[Shape]) -> Array:
     return np.unique(np.concatenate([np.zeros(0), *(file.times(own) for own in values if own.moves)]))
 
 
-def _pins(file: Ogawa, shapes: Sequence[Shape], counts: Sequence[int]) -> Any:
+def _pins(file: Ogawa, shapes: Sequence[Shape], counts: Sequence[int]) -> animation.Pins:
     """The vertices, of all meshes one after another, that a parameter of their own marks as held."""
-    held, start = [], 0
+    found = animation.Pins()
     for shape, count in zip(shapes, counts, strict=True):
-        own = shape.properties.get(".arbGeomParams")
+        own, weights = shape.properties.get(".arbGeomParams"), []
         for key, each in (file.properties(own.place) if own else {}).items():
             if animation.is_pin(key):
-                parts = {".vals": each} if each.width else file.properties(each.place)
                 with suppress(ValueError, KeyError, IndexError):  # of no numbers
-                    values = file.sample(parts[".vals"], 0)
-                    if ".indices" in parts:
-                        values = values[file.sample(parts[".indices"], 0).reshape(-1).astype(np.int64)]
-                    found = animation.pins_of(values, count)
-                    held += [] if found is None else [start + found]
-        start += count
-    return np.unique(np.concatenate(held)).astype(np.int32) if held else None
+                    weights.append((key, _values(file, each)))
+        found.add(count, weights)
+    return found
+
+
+def _values(file: Ogawa, own: Property) -> Array:
+    """The values (items, extent) of a parameter at its first sample, which may have indices of its own."""
+    parts = file.properties(own.place) if not own.width else {".vals": own}
+    values = file.sample(parts[".vals"], 0)
+    return values[file.sample(parts[".indices"], 0).reshape(-1).astype(np.int64)] if ".indices" in parts else values
 
 
 def _shapes(file: Ogawa) -> Iterator[Shape]:
@@ -430,10 +432,7 @@ def _texture(file: Ogawa, shape: Shape, corners: int) -> Array:
     if own is None:
         return nothing
     try:
-        parts = file.properties(own.place) if not own.width else {".vals": own}
-        values = file.sample(parts[".vals"], 0)
-        if ".indices" in parts:
-            values = values[file.sample(parts[".indices"], 0).reshape(-1).astype(np.int64)]
+        values = _values(file, own)
     except (ValueError, KeyError, IndexError):
         return nothing
     return values if values.shape == nothing.shape else nothing

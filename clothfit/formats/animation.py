@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.messages import named
+from clothfit.base.messages import counted, named
 from clothfit.formats.axes import Axes
 from clothfit.formats.files import name_of
 
@@ -37,6 +37,9 @@ LONGEST_NAME, MOST_PARTS = 60, 64
 
 ASSUMED_RATE = 30.0
 """Frames per second where neither the file nor the user gives a rate."""
+
+BELOW = 3
+"""The rank of a name that may be that of several meshes."""
 
 SINGLE = 2.0**-23
 """Rounding of numbers in single precision, and of what is computed with them."""
@@ -95,7 +98,8 @@ def check_polygons(lengths: NDArray[Any], corners: NDArray[Any], count: int, pla
 
 def chosen(shapes: Sequence[Shape], paths: Sequence[str], wanted: str, place: str) -> list[Shape]:
     """The meshes of a file that are `wanted`: names with commas between. A name is a path, or the end of one; or that
-    of a node that a mesh, or several, are below. Raises InvalidMotion where there is none of it, or more than one.
+    of a node that a mesh, or several, are below; or how a name begins, in either case. Raises InvalidMotion where there
+    is none of it, or more than one.
     """
     found: list[Shape] = []
     for name in filter(None, (each.strip() for each in wanted.split(","))):
@@ -105,12 +109,13 @@ def chosen(shapes: Sequence[Shape], paths: Sequence[str], wanted: str, place: st
             [shape for shape, path in own if path == steps],
             [shape for shape, path in own if path[-len(steps) :] == steps],
             [shape for shape, path in own if path[-len(steps) - 1 : -1] == steps],
-            [shape for shape, path in own if steps[0] in path[:-1] and len(steps) == 1],
+            [shape for shape, path in own if [name] == steps and name in path[:-1]],
+            [shape for shape, path in own if any(each.lower().startswith(name.lower()) for each in path[-2:])],
         )
         rank = next((k for k, each in enumerate(ranked) if each), None)
         if rank is None:
             raise InvalidMotion(f"{place}: there is no mesh {named(name)} in it; it has {listed(short(paths))}")
-        if rank < len(ranked) - 1 and len(ranked[rank]) > 1:
+        if rank != BELOW and len(ranked[rank]) > 1:
             there = [paths[shapes.index(each)] for each in ranked[rank]]
             raise InvalidMotion(f"{place}: several of its meshes have the name {named(name)}; name {listed(there)}")
         found += [each for each in ranked[rank] if each not in found]
@@ -137,18 +142,38 @@ def short(paths: Sequence[str]) -> list[str]:
     return found
 
 
+class Pins:
+    """The vertices that attributes of meshes, one after another, mark as held."""
+
+    def __init__(self) -> None:
+        self._held: list[NDArray[Any]] = []
+        self._start = 0
+        self.names: list[str] = []
+
+    def add(self, count: int, attributes: Iterable[tuple[str, NDArray[Any]]]) -> None:
+        """Add a mesh of so many vertices, with the names and the weights of its attributes, of which those count that
+        have one for each vertex.
+        """
+        for name, weights in attributes:
+            values = np.asarray(weights, np.float64).reshape(-1)
+            if len(values) == count and (values >= HALF).any():
+                self._held.append(self._start + np.flatnonzero(values >= HALF))
+                self.names.append(name)
+        self._start += count
+
+    def found(self, notes: list[str]) -> Indices | None:
+        """All of them, rising, with a note on what marks them; None where nothing does."""
+        if not self._held:
+            return None
+        found = np.unique(np.concatenate(self._held)).astype(np.int32)
+        held = counted(len(found), "vertex", "vertices")
+        notes.append(f"its attribute {listed(sorted(set(self.names)))} holds {held}")
+        return found
+
+
 def is_pin(name: str) -> bool:
     """Whether an attribute of this name marks held vertices."""
     return "pin" in name.lower()
-
-
-def pins_of(weights: NDArray[Any], count: int) -> Indices | None:
-    """The vertices with a weight of a half or more among `count`; None where there is not one weight each, or none is
-    held.
-    """
-    values = np.asarray(weights, np.float64).reshape(-1)
-    held = np.flatnonzero(values >= HALF).astype(np.int32) if len(values) == count else np.zeros(0, np.int32)
-    return held if len(held) else None
 
 
 def moving(shapes: Sequence[Shape], moves: Callable[[Shape], bool], notes: list[str]) -> tuple[Sequence[Shape], bool]:

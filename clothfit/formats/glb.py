@@ -94,8 +94,8 @@ def read(path: str | os.PathLike[str], wanted: str = "") -> Animation:
     with np.errstate(all="ignore"):  # what overflows is reported below
         positions, faces = meshes_at(doc, chosen, tracks, times if len(times) else np.zeros(1))
     check_finite(doc.name, positions)
-    own_times = unrounded(times) if len(times) else None
-    return Animation(positions, RIGHT, own_times, notes=tuple(notes), pins=pins(doc, chosen), **faces.found())
+    own_times, held = unrounded(times) if len(times) else None, pins(doc, chosen).found(notes)
+    return Animation(positions, RIGHT, own_times, notes=tuple(notes), pins=held, **faces.found())
 
 
 def paths(path: str | os.PathLike[str]) -> list[str]:

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import named, shown
-from clothfit.formats.animation import Faces, check_times, is_pin, pins_of
+from clothfit.formats.animation import Faces, Pins, check_times, is_pin
 from clothfit.formats.files import check_room, content, name_of
 
 GLB_MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
@@ -410,22 +410,20 @@ def path_of(doc: Document, node: Placed) -> str:
     return "/".join(filter(None, [*names, mesh if mesh != names[-1] else ""])) or f"node {node.node}"
 
 
-def pins(doc: Document, nodes: Sequence[Placed]) -> Indices | None:
+def pins(doc: Document, nodes: Sequence[Placed]) -> Pins:
     """The vertices, of all meshes one after another, that an attribute such as _PIN marks as held."""
-    held, start = list[Indices](), 0
+    found = Pins()
     for node in nodes:
         shared: set[Any] = set()
         for primitive in doc.items(doc.item("meshes", doc.item("nodes", node.node)["mesh"]), "primitives"):
             if (key := _sources(doc, primitive)) in shared:
                 continue
             shared.add(key)
-            count = len(doc.accessor(key[0], "VEC3"))
-            for name, index in primitive.get("attributes", {}).items():
-                if is_pin(name) and doc.item("accessors", index).get("type") == "SCALAR":
-                    own = pins_of(doc.accessor(index, "SCALAR"), count)
-                    held += [] if own is None else [start + own]
-            start += count
-    return np.unique(np.concatenate(held)).astype(np.int32) if held else None
+            there = [(name, index) for name, index in primitive.get("attributes", {}).items() if is_pin(name)]
+            numbers = [pair for pair in there if doc.item("accessors", pair[1]).get("type") == "SCALAR"]
+            weights = ((name, doc.accessor(index, "SCALAR")) for name, index in numbers)
+            found.add(len(doc.accessor(key[0], "VEC3")), weights)
+    return found
 
 
 def _texture(doc: Document, primitive: dict[str, Any], count: int) -> Array:

@@ -74,7 +74,7 @@ def parsed(path: str, name: str, wanted: str = "") -> animation.Animation:
     faces = _faces(chosen, codes, mirrored, name, notes)
     seconds = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
     animation.check_finite(name, positions, seconds)
-    pins = _pins(chosen, codes[0])
+    pins = _pins(chosen, codes[0]).found(notes)
     return animation.Animation(positions, axes, seconds, notes=tuple(notes), pins=pins, **faces.found())
 
 
@@ -236,14 +236,13 @@ def _faces(
     return faces
 
 
-def _pins(shapes: Sequence[Any], code: Any) -> NDArray[np.int32] | None:
-    """The vertices that a primvar, or another attribute, of the meshes marks as held."""
+def _pins(shapes: Sequence[Any], code: Any) -> animation.Pins:
+    """The vertices that a primvar of the meshes marks as held."""
     from pxr import UsdGeom
 
-    held: list[NDArray[np.int32]] = []
-    start = 0
+    found = animation.Pins()
     for prim in shapes:
-        count = len(UsdGeom.PointBased(prim).GetPointsAttr().Get(code) or [])
+        count, weights = len(UsdGeom.PointBased(prim).GetPointsAttr().Get(code) or []), list[tuple[str, Array]]()
         for each in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithValues():
             if not animation.is_pin(str(each.GetPrimvarName())):
                 continue
@@ -254,10 +253,9 @@ def _pins(shapes: Sequence[Any], code: Any) -> NDArray[np.int32] | None:
                     largest = np.zeros(count)
                     np.maximum.at(largest, corners, values)
                     values = largest
-                own = animation.pins_of(values, count)
-                held += [] if own is None else [start + own]
-        start += count
-    return np.unique(np.concatenate(held)).astype(np.int32) if held else None
+                weights.append((str(each.GetPrimvarName()), values))
+        found.add(count, weights)
+    return found
 
 
 def _constant(attribute: Any, code: Any, place: str) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.base.messages import counted, spans
+from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, Output, output_for
 from clothfit.formats.axes import Reading
@@ -209,10 +209,3 @@ def hint(fixed: Sequence[Flags], cloths: Sequence[Any], path: str, console: Cons
         what = counted(count, "held vertex moves", "held vertices move")
         console.say(f"hint: {what} in {path}; with estimate --target {path} they follow it (new --pins-from {path} "
                     "writes that into the scene)")
-
-
-def listing(groups: Sequence[Any]) -> str:
-    """Groups of held vertices for people, as --fix-vertices takes them."""
-    words = (f"{','.join(spans(each.vertices.tolist()))} ({'one rigid body' if each.moves else 'still'})"
-             for each in groups)
-    return "; ".join(words)
