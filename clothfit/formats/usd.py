@@ -60,6 +60,19 @@ def paths(path: str | os.PathLike[str]) -> list[str]:
     return found
 
 
+def with_points(path: str | os.PathLike[str], out: str, positions: Array, wanted: str) -> Data:
+    """A copy of a file, as text where `out` ends so, in which the meshes that `read` takes have other points, (frames,
+    n, 3), in its axes and unit. Raises InvalidMotion.
+    """
+    with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:
+        points = os.path.join(folder, "points.npy")
+        np.save(points, positions)
+        made = os.path.join(folder, "made" + os.path.splitext(out)[1].lower())
+        arrays_of(path, "replace", wanted, points, made)
+        with open(made, "rb") as file:
+            return file.read()
+
+
 def arrays_of(path: str | os.PathLike[str], *asked: str) -> dict[str, Any]:
     """The arrays that the reader finds in a file, of what is `asked` of it. Raises InvalidMotion."""
     name, data = name_of(path), content(path)

@@ -42,6 +42,9 @@ TEXTURE_NAME = "st"
 PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]")
 """The types of primvars whose values are pairs of numbers, as texture coordinates are."""
 
+STALE = ("normals", "velocities", "accelerations", "primvars:normals")
+"""What belongs to the points that a copy has no more."""
+
 OPENING_BYTES, OPENING_RATIO = 1 << 29, 100
 """Bytes that opening a file may take: a fixed number, and some for each byte of the file, whose arrays are packed."""
 
@@ -50,9 +53,22 @@ def parsed(path: str, name: str, wanted: str = "") -> animation.Animation:
     """The meshes of a file that are `wanted`, or move, or all; its points where it has none. Raises InvalidMotion, and
     what the library raises.
     """
+    stage, notes = _opened(path)
+    chosen, codes, rate, axes = _chosen(stage, wanted, name, notes)
+    positions, mirrored = _positions(chosen, codes, name)
+    faces = _faces(chosen, codes, mirrored, name, notes)
+    seconds = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
+    animation.check_finite(name, positions, seconds)
+    pins = _pins(chosen, codes[0]).found(notes)
+    return animation.Animation(positions, axes, seconds, notes=tuple(notes), pins=pins, **faces.found())
+
+
+def _chosen(stage: Any, wanted: str, name: str, notes: list[str]) -> tuple[Sequence[Any], list[Any], float, Axes]:
+    """The shapes of a stage that are `wanted`, or move, or all; the time codes of their frames, codes per second, and
+    axes. Raises InvalidMotion.
+    """
     from pxr import Usd, UsdGeom
 
-    stage, notes = _opened(path)
     every, shapes = _shapes(stage, notes, name)
     samples = {prim: UsdGeom.PointBased(prim).GetPointsAttr().GetTimeSamples() for prim in shapes}
     axes, rate = units(stage, any(len(own) > 1 for own in samples.values()), name, notes)
@@ -69,13 +85,7 @@ def parsed(path: str, name: str, wanted: str = "") -> animation.Animation:
         times = sorted({time for prim in chosen for time in _transform_times(prim)})
         if wanted and len(times) > 1:  # between the keys it turns
             times = (baked(np.array(sorted({*times, *(t for own in samples.values() for t in own)})) / rate) * rate)
-    codes = [Usd.TimeCode(float(time)) for time in times] or [Usd.TimeCode.EarliestTime()]
-    positions, mirrored = _positions(chosen, codes, name)
-    faces = _faces(chosen, codes, mirrored, name, notes)
-    seconds = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
-    animation.check_finite(name, positions, seconds)
-    pins = _pins(chosen, codes[0]).found(notes)
-    return animation.Animation(positions, axes, seconds, notes=tuple(notes), pins=pins, **faces.found())
+    return chosen, [Usd.TimeCode(float(time)) for time in times] or [Usd.TimeCode.EarliestTime()], rate, axes
 
 
 def _shapes(stage: Any, notes: Sequence[str], name: str) -> tuple[list[Any], list[Any]]:
@@ -123,6 +133,37 @@ def joint(path: str, name: str, wanted: str) -> dict[str, Any]:
         place = UsdGeom.XformCache(Usd.TimeCode(float(begin + time * rate)))
         matrices[k] = np.array(query.ComputeJointWorldTransforms(place)[index]).T  # USD multiplies rows
     return {"times": times, "matrices": matrices, "axes": np.array([*map(str, axes)])}
+
+
+def replaced(path: str, name: str, wanted: str, points: str, made: str) -> dict[str, Any]:
+    """Write a copy of a file to `made`, in which the meshes that are `wanted`, or move, have the points of the array
+    (frames, n, 3) in the file `points`, at their own time codes. Raises InvalidMotion.
+    """
+    from pxr import Sdf, UsdGeom, Vt
+
+    stage, notes = _opened(path)
+    chosen, codes = _chosen(stage, wanted, name, notes)[:2]
+    frames, start = np.load(points, allow_pickle=False), 0
+    layer = Sdf.Layer.FindOrOpen(path)
+    for prim in chosen:
+        count = len(_points(prim, codes[0], name))
+        own = layer.GetPrimAtPath(prim.GetPath())
+        for each in STALE:
+            if own is not None and each in own.properties:
+                del own.properties[each]
+        place = prim.GetPath().AppendProperty("points")
+        for k, code in enumerate(codes):
+            matrix = np.linalg.inv(np.array(UsdGeom.XformCache(code).GetLocalToWorldTransform(prim)))
+            local = frames[k, start : start + count] @ matrix[:3, :3] + matrix[3, :3]
+            value = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(local, np.float32))
+            layer.SetTimeSample(place, code.GetValue(), value)
+            corners = np.ascontiguousarray([local.min(axis=0), local.max(axis=0)], np.float32)
+            extent = prim.GetPath().AppendProperty("extent")
+            if layer.GetAttributeAtPath(extent):
+                layer.SetTimeSample(extent, code.GetValue(), Vt.Vec3fArray.FromNumpy(corners))
+        start += count
+    layer.Export(made)
+    return {"codes": np.array([code.GetValue() for code in codes])}
 
 
 def _opened(path: str) -> tuple[Any, list[str]]:
@@ -344,7 +385,7 @@ def _arrays(path: str, name: str, wanted: str = "") -> dict[str, Any]:
     return {"axes_and_notes": json.dumps([*found.axes, *found.notes]), **present}
 
 
-READ: dict[str, Callable[..., dict[str, Any]]] = {"mesh": _arrays, "joint": joint, "list": listed}
+READ: dict[str, Callable[..., dict[str, Any]]] = {"mesh": _arrays, "joint": joint, "list": listed, "replace": replaced}
 """What can be read of a file."""
 
 
