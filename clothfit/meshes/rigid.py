@@ -110,7 +110,7 @@ def shifted(frames: Array, left: Flags, near: float) -> list[Indices]:
     own = np.flatnonzero(left)
     ways = (frames - frames[0])[:, own]
     few = ways[np.unique(np.linspace(0, len(ways) - 1, FEW_FRAMES).astype(int))]
-    pairs = KDTree(np.swapaxes(few, 0, 1).reshape(len(own), -1)).query_pairs(near, output_type="ndarray")
+    pairs = KDTree(np.swapaxes(few, 0, 1).reshape(len(own), 3 * len(few))).query_pairs(near, output_type="ndarray")
     pairs = pairs[[bool((np.linalg.norm(ways[:, a] - ways[:, b], axis=1) <= near).all()) for a, b in pairs]]
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(own),) * 2)
     _, label = connected_components(graph, directed=False)
