@@ -38,7 +38,8 @@ from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Budget, Status, Stop
-from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.fit_vector import of_kinds, parameters, with_parameters
+from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
 from clothfit.strategy import auto, kinds, ladder, step_choice
 from clothfit.strategy.few_values import FEW_VALUES
@@ -237,20 +238,38 @@ def as_before(fit: Fitting) -> None:
 
 def by_few_kinds(fit: Fitting) -> None:
     """One factor on stiffnesses, and damping, where these alone reproduce the target but for noise or rounding: with
-    more values a motion that touches something has more minima.
+    more values a motion that touches something has more minima. The friction is that of the scene, else none, else one
+    value that is fitted.
     """
-    whole, gone = fit.search.objective, ("drag", *kinds.CHOSEN)
-    fewer = whole.flagging(ladder.as_model(kinds.without(whole.scene, fit.first, gone), FEWEST, exactly=True))
+    scene = fit.search.objective.scene
+    smooth = parameters(with_parameters(scene, fit.first))
+    smooth[of_kinds(scene, ("friction",))] = 0.0
+    for start, others in ((fit.first, ()), (smooth, ()), (fit.first, ("friction",))):
+        if by_few(fit, start, others) or not scene.laws:
+            break
+
+
+def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> bool:
+    """One factor on stiffnesses, damping, and some others alone, the rest as in the `start` (P,); whether they
+    reproduce the target.
+    """
+    whole, gone = fit.search.objective, tuple(kind for kind in ("drag", *kinds.CHOSEN) if kind not in others)
+    fewer = whole.flagging(ladder.as_model(kinds.without(whole.scene, start, gone), FEWEST, exactly=True))
     search = fit.search.beside(fewer, parameters(fewer.scene), np.inf)
     limit = LONGEST if fit.options.budget is None else fit.options.budget
     search.longest = search.progress.computing + BRIEFLY * limit
     trial = Trial(search)
-    trial.run(step_choice.by_windows_of_noise)
+    trial.run(step_choice.by_exact_windows)
     if not search.best.cost <= ALIKE_MOTION**2 * whole.still and (trial.ended or not step_choice.leaves_noise(search)):
-        return
+        return False
+    before = fit.first
     fit.adopt(fewer, search.best.p, search.best.cost)
-    fit.left_out, fit.model, fit.known = gone, FEWEST, True
-    fit.notes = ["one factor on the stiffnesses, and the damping, reproduce the target; nothing else is fitted"]
+    fit.first, fit.left_out, fit.model, fit.known = start, gone, FEWEST, True
+    known = " and ".join(["the damping", *(KIND[kind].title for kind in others)])
+    if not np.array_equal(start, before):
+        known += ", without friction"
+    fit.notes = [f"one factor on the stiffnesses, and {known}, reproduce the target; nothing else is fitted"]
+    return True
 
 
 def with_best_step(fit: Fitting) -> None:

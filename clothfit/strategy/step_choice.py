@@ -33,7 +33,7 @@ from clothfit.strategy import continuation, ladder
 from clothfit.strategy.auto import balances_can_hold
 from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
-from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
+from clothfit.strategy.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_explain
 
 LONGEST, CLOSE, LONGEST_TRIAL = 25.0, 12.0, 10.0
 """Seconds of computing that a choice may take, those more where coarse steps come close, from where finer models soon
@@ -264,6 +264,14 @@ def by_windows_of_noise(own: Search) -> None:
         p = through_windows(own, slice(0, 1))
         if first[0].cost_or_infinity(p) < UNLIKE**2 * first[0].still or is_noise(first[0], p):
             own.visit(through_windows(own, slice(1, None)))
+            to_the_minimum(own)
+
+
+def by_exact_windows(own: Search) -> None:
+    """Windows of more and more frames to the minimum, as far as each is reproduced. Raises Stop."""
+    if own.fitted.sum() <= FEW_VALUES:
+        through_windows(own, bar=NEAR_ERROR)
+        if own.best.cost < UNLIKE**2 * own.objective.still:
             to_the_minimum(own)
 
 

@@ -88,7 +88,8 @@ def test_a_name_must_be_one_and_a_marked_vertex_is_held(folder, said):
     code, _, err = said("new first.usda --cloth Skirt")
     assert (code, err) == (3, "error: first.usda: there is no mesh Skirt in it; it has Cloth, Body, Table\n")
     code, _, err = said("new first.usda --collider Table")
-    assert (code, err) == (2, "error: --cloth says which of Cloth, Body is the cloth; add it (see clothfit new --help)\n")
+    assert code == 2
+    assert err.startswith("error: --cloth says which of Cloth, Body is the cloth; add it")
     write("pinned.usda", SHEET.positions + np.zeros((FRAMES, 1, 1)), pin=[0.5, *[0.0] * 47, 1.0])
     code, _, err = said("new pinned.usda --cloth Cloth")
     assert code == 0
