@@ -59,8 +59,10 @@ from clothfit.strategy.trajectory_fit import (
 CHOICE = 0.7
 """Share of the time of a fit that the choice of its model may take, with that of the step."""
 
-FEWEST, BRIEFLY = "F", 0.2
-"""The model that a fit that chooses by itself begins with, and the share of its time that this may take."""
+FEWEST, PART = "F", 0.5
+"""The model that a fit that chooses by itself begins with, and the share of its time that this may take, as long as it
+reproduces the first frames.
+"""
 
 ALIKE_MOTION = 1e-4
 """Error relative to how far the target moves that the rounding of files may leave."""
@@ -257,7 +259,7 @@ def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> bool:
     fewer = whole.flagging(ladder.as_model(kinds.without(whole.scene, start, gone), FEWEST, exactly=True))
     search = fit.search.beside(fewer, parameters(fewer.scene), np.inf)
     limit = LONGEST if fit.options.budget is None else fit.options.budget
-    search.longest = search.progress.computing + BRIEFLY * limit
+    search.longest = PART * limit
     trial = Trial(search)
     trial.run(step_choice.by_exact_windows)
     if not search.best.cost <= ALIKE_MOTION**2 * whole.still and (trial.ended or not step_choice.leaves_noise(search)):
