@@ -267,10 +267,12 @@ def by_windows_of_noise(own: Search) -> None:
             to_the_minimum(own)
 
 
-def by_exact_windows(own: Search) -> None:
-    """Windows of more and more frames to the minimum, as far as each is reproduced. Raises Stop."""
+def by_exact_windows(own: Search, exact: list[tuple[Objective, Array]]) -> None:
+    """Windows of more and more frames to the minimum, as far as each is reproduced; those that are, with the values
+    (P,) that do so, go to `exact`. Raises Stop.
+    """
     if own.fitted.sum() <= FEW_VALUES:
-        through_windows(own, bar=NEAR_ERROR)
+        through_windows(own, bar=NEAR_ERROR, reproduced=exact)
         if own.best.cost < UNLIKE**2 * own.objective.still:
             to_the_minimum(own)
 
