@@ -368,7 +368,10 @@ CHOICES = (
     Route("smooth balances",
           lambda fit: not (fit.hidden or fit.state) and fit.start is None and fit.options.method == AUTO,
           with_smooth_balances),
-    Route("few kinds", lambda fit: fit.options.auto and not (fit.hidden or fit.state), by_few_kinds),
+    Route("few kinds",
+          lambda fit: fit.options.auto and not (fit.hidden or fit.state or fit.options.windows)
+          and fit.options.model in (None, AUTO) and fit.options.method == AUTO,
+          by_few_kinds),
     Route("time step", lambda fit: bool(fit.counts) and not fit.model, with_best_step),
     Route("kinds", lambda fit: fit.options.auto and fit.wanted is not None, without_kinds),
     Route("model", lambda fit: fit.options.model == AUTO and not (fit.hidden or fit.state or fit.model),
