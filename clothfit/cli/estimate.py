@@ -20,7 +20,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least, check_numbers, gathered, option, refuse, section, standard_command
 from clothfit.cli.common.progress import progress
 from clothfit.cli.common.scenes import read_scene, under_forces, warn_of_steps
-from clothfit.cli.parts import estimate_results, estimate_simulator
+from clothfit.cli.parts import estimate_cache, estimate_results, estimate_simulator
 from clothfit.cli.parts.estimate_files import Effort, Files, bounds_of, filled, read_start, read_target, weights
 from clothfit.cli.parts.estimate_results import Page, Recording
 from clothfit.fit.options import FitOptions, asked_fit
@@ -82,6 +82,8 @@ if TYPE_CHECKING:
 @option("--no-intervals", "Skip the analysis of which parameters the motion determines, and the 95 % intervals.")
 @section("What is written")
 @option("-o --output SCENE", "File of the fitted scene.  [default: <stem>.fitted<suffix>]", name="path")
+@option("--cache MOTION", "Write the fitted motion too, with the target's frames, axes and unit; for a USD target a "
+        "copy of its file with the fitted cloth in it.")
 @option("--report FILE", "Write a page that shows the fit, as clothfit report does.", name="report_path")
 @option("--in-place", "Write the fitted values into SCENE itself.")
 @option("--log FILE", "Write a line of JSON for each iteration, and the summary.")
@@ -145,7 +147,10 @@ def command(
     single = len(scene_paths) == 1 and effort.starts == 1 and effort.cluster is None
     estimate_results.check_page(report_path, scene_paths, single, files)
     if not single:
-        alone = {"--plot": pictures.plot, "--gif": pictures.gif, "--log": log, "--forces": files.forces_path}
+        alone = {
+            "--cache": files.cache, "--plot": pictures.plot, "--gif": pictures.gif, "--log": log,
+            "--forces": files.forces_path,
+        }  # fmt: skip
         refuse(alone, "{} is for one scene fitted from one start on this machine")
         from clothfit.cli.parts import estimate_many
 
@@ -161,6 +166,8 @@ def fit_one(
     scene = under_forces(read_scene(scene_path, console), files.forces_path)
     out = files.output(scene_path)
     used = [scene_path, *files.inputs, out.path]
+    cache = estimate_cache.place_of(files, used)
+    used += [cache.path] if cache else []
     place = output.beside("--report", report_path and filled(report_path, scene_path), used)
     page = place and Page(place, report.command_line(click.get_current_context()))
     defer(LINEAR_ALGEBRA)
@@ -197,6 +204,8 @@ def fit_one(
             more = motions.readings_summary(readings)
             code = estimate_results.finish(scene, found, out, console, more, recording.log)
             checkpoints.of_fit(kept, files, found.status, console)
+        if cache and found.status != Status.DIVERGED:
+            estimate_cache.write(found.scene, files, cache, console)
         late = interrupts.requested() and found.status != Status.INTERRUPTED
     if late:
         return INTERRUPTED

@@ -16,13 +16,14 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import gathered, given, option, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
+from clothfit.cli.parts import new_shot
 from clothfit.formats.axes import positive
 from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS, INTEGRATORS
 
 if TYPE_CHECKING:
-    from clothfit.base.arrays import Flags, Indices
+    from clothfit.base.arrays import Array, Flags, Indices
     from clothfit.evaluation.overview import Divisions
-    from clothfit.meshes.mesh import Mesh
+    from clothfit.meshes.mesh import Mesh, Shape
     from clothfit.meshes.problems import Problem
     from clothfit.scene.cloth import Cloth as SceneCloth
     from clothfit.scene.scene import Scene
@@ -43,7 +44,7 @@ Corner = tuple[float, ...]
 """Three coordinates, m."""
 
 OF_PLANES = ("size", "divisions", "upright")
-OF_MESHES = ("scale", "up", "handedness", "weld")
+OF_MESHES = ("cloth", "collider", "pins_from", "scale", "up", "handedness", "weld")
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,11 @@ class Asked:
     divisions: int | None = given("--divisions N", "Give the longer side of the plane N + 2 vertices.  [default: 10]",
         click.IntRange(0))
     upright: bool = given("--upright", "Make the plane stand instead of lie.")
-    scale: float | None = given("--scale METRES", "Metres per unit of the file.  [default: the format's]", float,
-        title="A mesh from a file")
+    cloth: tuple[str, ...] = given("--cloth NAME", "Mesh of the file that is the cloth; each is an object.  [default: "
+        "those that move and are no --collider]", multiple=True, title="A mesh from a file")
+    collider: tuple[str, ...] = given("--collider NAME", "Mesh of the file that the cloth touches, moving or not.",
+        multiple=True)
+    scale: float | None = given("--scale METRES", "Metres per unit of the file.  [default: the format's]", float)
     up: str | None = given("--up", "Axis of the file that points up.  [default: the format's]",
         click.Choice(["y", "z"]))
     handedness: str | None = given("--handedness", "Handedness of its axes.  [default: the format's]",
@@ -86,6 +90,7 @@ class Asked:
     fix_vertices: str | None = given("--fix-vertices 0,11,20-30", "Fix vertices by their numbers in the mesh.")
     fix_side: tuple[str, ...] = given("--fix-side SIDE[=METRES]", "Fix the vertices within a distance of the top, "
         "bottom, left, right, front or back.  [distance: 0.001 of the size]", multiple=True)
+    pins_from: str | None = given("--pins-from MOTION", "Let the fixed vertices follow this motion of the mesh.")
     sphere: tuple[str, ...] = given("--sphere X,Y,Z,R", "Add a sphere to fall on: centre and radius in m.",
         multiple=True, title="The world")
     wind: str | None = given("--wind X,Y,Z", "Wind in m/s.  [default: none]")
@@ -95,9 +100,11 @@ class Asked:
         multiple=True, title="Simulation and fit")
     integrator: str = given("--integrator NAME", "Integrator: bdf2, of second order; or implicit, symplectic or "
         "explicit, of first order, which the editor in Unity can play.  [default: bdf2]", default="bdf2")
-    delta: float | None = given("--delta SECONDS", "Time step in s.  [default: 0.02]", float)
+    delta: float | None = given("--delta SECONDS", "Time step in s.  [default: that of the file's frames, else 0.02]",
+        float)
     fps: float | None = given("--fps F", "Time steps per second, instead of --delta.", float)
-    frames: int = given("--frames N", "Number of frames that a fit compares.  [default: 100]", int, default=100)
+    frames: int | None = given("--frames N", "Number of frames that a fit compares.  [default: the file's, else 100]",
+        int)
     tolerance: float = given("--tolerance T", "Relative tolerance of the linear solver.  [default: 1e-8]", float,
         default=1e-08)
     title: str | None = given("--title TEXT", "Name of the scene.  [default: the file's]", title="What is written")
@@ -105,22 +112,33 @@ class Asked:
     def check(self, is_plane: bool) -> None:
         """Raise UsageError where options do not go together, InvalidInput where a text is none of its option."""
         for name in OF_MESHES if is_plane else OF_PLANES:
-            if getattr(self, name) is not None and getattr(self, name) is not False:
-                raise click.UsageError(f"--{name} is for {'meshes from files' if is_plane else 'planes'}; leave it out")
+            value = getattr(self, name)
+            if value is not None and value is not False and value != ():
+                owners = "meshes from files" if is_plane else "planes"
+                raise click.UsageError(f"--{name.replace('_', '-')} is for {owners}; leave it out")
         if self.delta is not None and self.fps:
             raise click.UsageError("--delta and --fps say the same; give one of them")
         if self.bending is not None and self.no_bending:
             raise click.UsageError("--bending and --no-bending say the same; give one of them")
         if AUTO in self.fit and len(set(self.fit)) > 1:
             raise click.UsageError("--fit auto chooses what to fit by itself; leave the others out")
+        if (self.rotate or self.move) and (self.collider or self.pins_from):
+            raise click.UsageError("--rotate and --move move only the cloth; leave them out, or --collider and "
+                                   "--pins-from")
+        if self.fix_vertices is not None and len(self.cloth) > 1:
+            raise click.UsageError("--fix-vertices is for one cloth; use --fix-box or --fix-side for several")
         positive("--fps", self.fps)
 
-    @property
-    def step(self) -> float:
-        """The time step, s."""
+    def timing(self, times: Array | None) -> tuple[float, int]:
+        """The time step, s, and the number of frames, by the times (F,) of a file's frames where it has some."""
+        shown = times is not None and len(times) > 1
+        step = 0.02 if self.delta is None else self.delta
         if self.fps is not None:
-            return 1.0 / self.fps
-        return 0.02 if self.delta is None else self.delta
+            step = 1.0 / self.fps
+        elif self.delta is None and times is not None and shown:
+            step = rounded_step(float(times[-1] - times[0]) / (len(times) - 1))
+        own = round(float(times[-1] - times[0]) / step) + 1 if times is not None and shown and step > 0 else 100
+        return step, own if self.frames is None else self.frames
 
     @property
     def blows(self) -> tuple[float, ...]:
@@ -237,11 +255,13 @@ def refuse_text(option: str, text: str, example: str) -> NoReturn:
 @gathered("asked", Asked)
 @option("-o --output SCENE", "Scene file.  [default: <stem>.json]", name="path")
 def command(cloth_path: str | None, path: str | None, asked: Asked, console: Console) -> None:
-    """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …).
+    """Make a scene of a cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …), at the first frame of its
+    motion; other meshes of the file may be what it touches.
 
     \b
     clothfit new plane --size 7 --fix-side front
     clothfit new shirt.obj --weld --fix-vertices 0,11,20-30 --fit GG
+    clothfit new shot.usdc --cloth Skirt --collider Body --collider Table --fit auto
     clothfit new flag.glb --up z --scale 0.01 --fix-side left --wind 8,0,2 --drag air -o flag.json
 
     --fix-box, --fix-side, --sphere and --fit may be repeated. Coordinates are in the scene's axes: y up, z forward.
@@ -250,24 +270,51 @@ def command(cloth_path: str | None, path: str | None, asked: Asked, console: Con
     is_plane = mesh_path == PLANE
     asked.check(is_plane)
     out = output(mesh_path, path, is_plane)
-    cloth = plane(asked) if is_plane else mesh(mesh_path, asked, console)
-    cloth = cloth._replace(mesh=cloth.mesh._replace(positions=placed(cloth.mesh, asked)))
-    from clothfit.meshes.new_scene import new_scene
+    cloths, bodies = [plane(asked)], list[new_shot.Solid]()
+    if not is_plane:
+        wanted, others = new_shot.meshes(mesh_path, asked.cloth, asked.collider, console)
+        cloths = [mesh(mesh_path, name, asked, console) for name in wanted]
+        times = cloths[0].shape.times if cloths[0].shape else None
+        convention = asked.up, asked.handedness, asked.scale
+        bodies = [new_shot.solid(mesh_path, name, convention, times, out) for name in others]
+    from clothfit.meshes.new_scene import joined
     from clothfit.scene.scene import dumps
 
-    scene = new_scene(
-        cloth.mesh, held(cloth, asked), density=asked.density, stiffness=asked.stiffness,
+    made = [made_of(cloth, asked, [each.document for each in bodies], mesh_path, console) for cloth in cloths]
+    scene = replace(joined(made) if len(made) > 1 else made[0], folder=out.folder)
+    if asked.pins_from:
+        scene = new_shot.following(scene, asked.pins_from, *convention, console)
+    for each in bodies:
+        each.write()
+    out.write(dumps(scene))
+    report(scene, cloths, bodies, out, console)
+    if not is_plane and not asked.pins_from:
+        new_shot.hint([own.fixed for own in scene.cloths], cloths, mesh_path, console)
+    print_json(summary(scene, cloths, bodies, out))
+
+
+def made_of(cloth: Cloth, asked: Asked, bodies: list[dict[str, Any]], mesh_path: str, console: Console) -> Scene:
+    """The scene of one cloth. Raises InvalidInput."""
+    from clothfit.meshes.new_scene import new_scene
+
+    cloth = cloth._replace(mesh=cloth.mesh._replace(positions=placed(cloth.mesh, asked)))
+    delta, frames = asked.timing(cloth.shape.times if cloth.shape else None)
+    return new_scene(
+        cloth.mesh, held(cloth, asked, console), density=asked.density, stiffness=asked.stiffness,
         bending=not asked.no_bending if asked.bending is None else asked.bending, damping=asked.damping,
         drag=asked.drag_of(cloth.mesh), drag_law=asked.drag_law, fit=asked.letters, fits=asked.kinds,
-        spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere],
-        wind=asked.blows, integrator=asked.integrator, delta=asked.step, frames=asked.frames, tolerance=asked.tolerance,
-        title=asked.title or stem_of(mesh_path), numbering=cloth.numbering,
+        spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere], colliders=bodies,
+        wind=asked.blows, integrator=asked.integrator, delta=delta, frames=frames, tolerance=asked.tolerance,
+        title=asked.title or stem_of(mesh_path), numbering=cloth.numbering, name=cloth.name or None,
         warp=None if asked.warp is None else tuple(float(axis == asked.warp) for axis in "xyz"),
         regions=regions(cloth, asked),
     )  # fmt: skip
-    out.write(dumps(scene))
-    report(scene, cloth, out, console)
-    print_json(summary(scene, cloth, out))
+
+
+def rounded_step(step: float) -> float:
+    """A time step without the rounding errors of the times that it is from."""
+    rate = round(1.0 / step, 6) if step > 0 else 0.0
+    return 1.0 / rate if rate and abs(1.0 / rate - step) <= 1e-9 * step else step
 
 
 def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:
@@ -287,7 +334,7 @@ def stem_of(mesh_path: str) -> str:
     return Path(mesh_path).stem.replace("*", "").rstrip("_-. ") or "mesh"
 
 
-def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
+def report(scene: Scene, cloths: list[Cloth], bodies: list[new_shot.Solid], out: Output, console: Console) -> None:
     """Say what the scene holds, and what about it is not as one may think."""
     import numpy as np
 
@@ -296,21 +343,23 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     console.warn(*beyond_bounds(scene), of=out.name)
     if INTEGRATORS[scene.method] not in UNLIMITED:  # to know what limits it takes the numerical libraries
         warn_of_steps(scene, scene.frames, console)
-    (own,) = scene.cloths
-    fixed = own.fixed.nonzero()[0].tolist()
-    parts = spans(fixed)
-    named = ", ".join(parts[:MOST_NAMED]) + (", …" if len(parts) > MOST_NAMED else "")
-    held = f"{counted(len(fixed), 'vertex', 'vertices')} ({named})" if fixed else "none, so it falls"
-    console.say(f"fixed: {held}")
-    console.say(*divided(own).sentences)
-    size = np.ptp(own.positions, axis=0).tolist()
-    console.warn(*doubts(size, float(own.mass.sum())), of=out.name)
-    console.detail(f"drag {own.drag:.4g}, damping {own.damping:.4g}")
-    console.say(
-        f"{scene.title}: {len(own.mass)} vertices, {counted(len(own.triangles), 'triangle', 'triangles')}, "
-        f"{len(own.springs)} springs, {extent(size)}, {own.mass.sum():.4g} kg, {scene.frames} frames of "
-        f"{scene.delta:.4g} s → {out.name}"
-    )
+    console.say(*(each.sentence for each in bodies))
+    for cloth, own in zip(cloths, scene.cloths, strict=True):
+        of = f"{cloth.name}: " if len(cloths) > 1 else ""
+        fixed = own.fixed.nonzero()[0].tolist()
+        parts = spans(fixed)
+        named = ", ".join(parts[:MOST_NAMED]) + (", …" if len(parts) > MOST_NAMED else "")
+        held = f"{counted(len(fixed), 'vertex', 'vertices')} ({named})" if fixed else "none, so it falls"
+        console.say(f"{of}fixed: {held}")
+        console.say(*divided(own).sentences)
+        size = np.ptp(own.positions, axis=0).tolist()
+        console.warn(*doubts(size, float(own.mass.sum())), of=out.name)
+        console.detail(f"drag {own.drag:.4g}, damping {own.damping:.4g}")
+        console.say(
+            f"{cloth.name if len(cloths) > 1 else scene.title}: {len(own.mass)} vertices, "
+            f"{counted(len(own.triangles), 'triangle', 'triangles')}, {len(own.springs)} springs, {extent(size)}, "
+            f"{own.mass.sum():.4g} kg, {scene.frames} frames of {scene.delta:.4g} s → {out.name}"
+        )
 
 
 def divided(own: SceneCloth) -> Divisions:
@@ -321,13 +370,24 @@ def divided(own: SceneCloth) -> Divisions:
     return Divisions({}, {}) if own.layout is NOTHING else divisions(own)
 
 
-def summary(scene: Scene, cloth: Cloth, out: Output) -> dict[str, Any]:
-    """What --json prints."""
-    (own,) = scene.cloths
+def summary(scene: Scene, cloths: list[Cloth], bodies: list[new_shot.Solid], out: Output) -> dict[str, Any]:
+    """What --json prints: of several cloths that of the first, and of each in a list."""
+    objects = [of_object(own, cloth) for own, cloth in zip(scene.cloths, cloths, strict=True)]
+    return {
+        "scene": scene.title,
+        **objects[0],
+        **({"objects": objects} if len(objects) > 1 else {}),
+        **({"colliders": [each.summary for each in bodies]} if bodies else {}),
+        "output": out.path,
+    }
+
+
+def of_object(own: SceneCloth, cloth: Cloth) -> dict[str, Any]:
+    """What --json prints of one cloth."""
     left = [{"kind": each.kind, "count": each.count, "first": each.first, "message": each.sentence}
             for each in cloth.problems]
     return {
-        "scene": scene.title,
+        **({"name": cloth.name} if cloth.name else {}),
         "vertices": len(own.mass),
         "triangles": len(own.triangles),
         "springs": len(own.springs),
@@ -337,7 +397,6 @@ def summary(scene: Scene, cloth: Cloth, out: Output) -> dict[str, Any]:
         "renumbered": cloth.numbering is not None,
         **asdict(divided(own)),
         "problems": left,
-        "output": out.path,
     }
 
 
@@ -349,6 +408,8 @@ class Cloth(NamedTuple):
     mesh: Mesh
     numbering: Indices | None  # vertex now of each vertex of the file, where welding changed that
     problems: list[Problem]  # that are left
+    name: str = ""  # of the mesh in a file with several
+    shape: Shape | None = None  # what the file has
 
 
 def plane(asked: Asked) -> Cloth:
@@ -359,15 +420,18 @@ def plane(asked: Asked) -> Cloth:
     return Cloth(made(divisions, *asked.extent, upright=asked.upright), None, [])
 
 
-def mesh(path: str, asked: Asked, console: Console) -> Cloth:
-    """The mesh of a file, welded where that is asked for. Raises InvalidInput where no cloth can be made of it."""
+def mesh(path: str, wanted: str, asked: Asked, console: Console) -> Cloth:
+    """The mesh of a file, of several that of this name, welded where that is asked for. Raises InvalidInput where no
+    cloth can be made of it.
+    """
     asked.distance  # noqa: B018  a wrong distance is refused before the file is read
-    from clothfit.meshes.mesh import read_mesh
+    from clothfit.meshes.mesh import read_shape
     from clothfit.meshes.problems import problems, weld
 
-    found, notes = read_mesh(path, asked.up, asked.handedness, asked.scale)
-    name = Path(path).name
-    console.say(*notes, of=name)
+    shape = read_shape(path, asked.up, asked.handedness, asked.scale, wanted)
+    found = shape.mesh
+    name = f"{Path(path).name}: {wanted}" if len(asked.cloth) > 1 else Path(path).name
+    console.say(*shape.notes, of=name)
     numbering = None
     if asked.weld is not None:
         welded = weld(found, asked.distance)
@@ -384,7 +448,7 @@ def mesh(path: str, asked: Asked, console: Console) -> Cloth:
     if fatal:
         more = f" (and {counted(len(fatal) - 1, 'more problem', 'more problems')})" if fatal[1:] else ""
         raise InvalidInput(f"{name}: no cloth can be made of this mesh: {fatal[0]}{more}")
-    return Cloth(found, numbering, harmless)
+    return Cloth(found, numbering, harmless, wanted, shape)
 
 
 def placed(mesh: Mesh, asked: Asked) -> Any:
@@ -399,8 +463,10 @@ def placed(mesh: Mesh, asked: Asked) -> Any:
     return found
 
 
-def held(cloth: Cloth, asked: Asked) -> Flags:
-    """Which vertices do not move. Raises InvalidInput."""
+def held(cloth: Cloth, asked: Asked, console: Console) -> Flags:
+    """Which vertices do not move: those that are asked for, else those that the file marks as held, or that move there
+    as if something held them. Raises InvalidInput.
+    """
     import numpy as np
 
     from clothfit.meshes.new_scene import at_side, in_box
@@ -413,6 +479,9 @@ def held(cloth: Cloth, asked: Asked) -> Flags:
         fixed |= at_side(positions, *side("--fix-side", text))
     if asked.fix_vertices is not None:
         fixed[numbered(cloth, ranges("--fix-vertices", asked.fix_vertices), "fix vertices")] = True
+    if cloth.shape and not (asked.fix_box or asked.fix_side or asked.fix_vertices):
+        own = new_shot.held(cloth.shape, console)
+        fixed[own if cloth.numbering is None else cloth.numbering[own]] = True
     return fixed
 
 

@@ -20,7 +20,7 @@ from clothfit.scene.cloth import Cloth, Layout
 from clothfit.scene.directions import edges_of, keys, opposite, pairs_of
 from clothfit.scene.families import Groups, spring_groups, vertex_groups
 from clothfit.scene.kinds import EDITORS, INTEGRATORS, OF_THE_EDITOR
-from clothfit.scene.mesh_numbering import FIELD
+from clothfit.scene.mesh_numbering import FIELD, NAME
 from clothfit.scene.scene import Scene
 
 KEYED = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "scaleKeys", "motion")
@@ -185,7 +185,7 @@ def unknown_fields(scene: Scene) -> dict[str, str]:
     """
     found: dict[tuple[str, str], tuple[str, str]] = {}
     for kind, path, item in owners(json.loads(scene.source.text)):
-        known = structure.fields(kind) | ({FIELD} if kind == "object" else set())
+        known = structure.fields(kind) | ({FIELD, NAME} if kind == "object" else set())
         for name in sorted(item.keys() - known):
             found.setdefault((kind, name), (place((*path, named(name))), near(name, known - item.keys())))
     return dict(sorted(found.values()))

@@ -310,7 +310,8 @@ def one_fit(
                 fit.search.budget.beside += before.evaluations
                 fit.search.progress.began -= before.seconds
             found = searched(fit)
-            chosen = [Hint("auto", text, early=False) for text in (*beginning(speed), *(k.text for k in fit.kinds))]
+            notes = (*beginning(speed), *fit.notes, *(each.text for each in fit.kinds))
+            chosen = [Hint("auto", text, early=False) for text in notes]
             found = replace(found, hints=[*hints, *chosen, *found.hints])
         found = assessed(found, fit, whole)
         return replace(looked_at(found, with_start, whole or objective, options=options), followed=pinned)

@@ -39,9 +39,10 @@ from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Budget, Status, Stop
-from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.fit_vector import of_kinds, parameters, with_parameters
+from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
-from clothfit.strategy import auto, continuation, kinds, ladder, step_choice
+from clothfit.strategy import auto, chaos, continuation, kinds, ladder, step_choice
 from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by, with_air
 from clothfit.strategy.step_choice import Step, Trial
@@ -61,6 +62,14 @@ CHOICE = 0.7
 
 UNLIKE = 0.02
 """Error relative to how far the target moves above which the time that is left is used."""
+
+FEWEST, PART = "F", 0.5
+"""The model that a fit that chooses by itself begins with, and the share of its time that this may take, as long as it
+reproduces the first frames.
+"""
+
+ALIKE_MOTION = 1e-4
+"""Error relative to how far the target moves that the rounding of files may leave."""
 
 MOMENT = 0.5
 """Seconds for the costs of the values that were found, where the time is up."""
@@ -92,6 +101,8 @@ class Fitting:
     left_out: Sequence[str] = ()  # kinds that are not fitted
     tried: tuple[Step, ...] = ()  # time steps
     kinds: Sequence[kinds.Choice] = ()  # what was found of them
+    notes: Sequence[str] = ()  # on what was chosen
+    chaotic: int = 0  # steps from which on rounding decides how the cloth moves; 0: it does not
     judged: list[Judged] | None = None  # the models among which one was chosen
     wanted: list[str] | None = None  # models that are left to try, where no values reproduce the target
     as_it_is: float = np.inf  # cost of the scene's own values, where equal ones are fitted
@@ -235,6 +246,58 @@ def as_before(fit: Fitting) -> None:
     fit.search.restore(state)
 
 
+class Few(NamedTuple):
+    """What one factor on stiffnesses, damping, and some others alone have come to."""
+
+    objective: Objective
+    p: Array  # (P′,)
+    start: Array  # (P,), which has the rest
+    others: Sequence[str]
+    explains: bool  # the target, but for noise or rounding
+    chaotic: int = 0  # steps that they reproduce before rounding decides
+
+
+def by_few_kinds(fit: Fitting) -> None:
+    """One factor on stiffnesses, and damping, where these alone reproduce the target but for noise or rounding: with
+    more values a motion that touches something has more minima. The friction is that of the scene, else none, else one
+    value that is fitted.
+    """
+    scene, found = fit.search.objective.scene, list[Few]()
+    smooth = parameters(with_parameters(scene, fit.first))
+    smooth[of_kinds(scene, ("friction",))] = 0.0
+    for start, others in ((fit.first, ()), (smooth, ()), (fit.first, ("friction",))):
+        found.append(by_few(fit, start, others))
+        if found[-1].explains or not scene.laws:
+            break
+    best = max(found, key=lambda each: (each.explains, each.chaotic))
+    if not (best.explains or best.chaotic):
+        return
+    known = " and ".join(["the damping", *(KIND[kind].title for kind in best.others)])
+    known += "" if np.array_equal(best.start, fit.first) else ", without friction"
+    what = "the target; nothing else is fitted"
+    if best.chaotic:
+        what = f"the target's first {best.chaotic} steps; {chaos.TEXT}"
+    fit.notes = [f"one factor on the stiffnesses, and {known}, reproduce {what}"]
+    fit.adopt(best.objective, best.p, best.objective.cost_or_infinity(best.p))
+    fit.left_out = tuple(kind for kind in ("drag", *kinds.CHOSEN) if kind not in best.others)
+    fit.first, fit.model, fit.known, fit.chaotic = best.start, FEWEST, True, best.chaotic
+
+
+def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
+    """What few values come to, the rest as in the `start` (P,)."""
+    whole, gone = fit.search.objective, tuple(kind for kind in ("drag", *kinds.CHOSEN) if kind not in others)
+    fewer = whole.flagging(ladder.as_model(kinds.without(whole.scene, start, gone), FEWEST, exactly=True))
+    search = fit.search.beside(fewer, parameters(fewer.scene), np.inf)
+    search.longest = PART * (LONGEST if fit.options.budget is None else fit.options.budget)
+    trial, exact = Trial(search), list[tuple[Objective, Array]]()
+    trial.run(lambda own: step_choice.by_exact_windows(own, exact))
+    near = search.best.cost <= ALIKE_MOTION**2 * whole.still
+    there = np.isfinite(search.best.cost) and not trial.ended
+    if near or (there and step_choice.leaves_noise(search)):
+        return Few(fewer, search.best.p, start, others, True)
+    return Few(fewer, exact[-1][1] if exact else search.best.p, start, others, False, chaos.begins(fewer, exact))
+
+
 def with_best_step(fit: Fitting) -> None:
     """The step that gains most."""
     root = fit.search.beside(fit.search.objective, fit.search.start, np.inf)
@@ -312,9 +375,14 @@ CHOICES = (
     Route("smooth balances",
           lambda fit: not (fit.hidden or fit.state) and fit.start is None and fit.options.method == AUTO,
           with_smooth_balances),
-    Route("time step", lambda fit: bool(fit.counts), with_best_step),
+    Route("few kinds",
+          lambda fit: fit.options.auto and not (fit.hidden or fit.state or fit.options.windows)
+          and fit.options.model in (None, AUTO) and fit.options.method == AUTO,
+          by_few_kinds),
+    Route("time step", lambda fit: bool(fit.counts) and not fit.model, with_best_step),
     Route("kinds", lambda fit: fit.options.auto and fit.wanted is not None, without_kinds),
-    Route("model", lambda fit: fit.options.model == AUTO and not (fit.hidden or fit.state), with_best_model),
+    Route("model", lambda fit: fit.options.model == AUTO and not (fit.hidden or fit.state or fit.model),
+          with_best_model),
     Route("start", lambda fit: not (fit.known or fit.state), from_first_point),
     Route("known start", lambda fit: fit.known, warned),
     Route("pattern", lambda fit: fit.start is None and not fit.hidden, beside_the_pattern),
@@ -502,7 +570,7 @@ def from_other_points(fit: Fitting) -> Status:
 
 ROUTES = (
     Route("as it ended", has_ended, as_it_ended),
-    Route("nothing to fit", lambda fit: not fit.search.fitted.any(), at_the_start),
+    Route("nothing to fit", lambda fit: bool(fit.chaotic) or not fit.search.fitted.any(), at_the_start),
     Route("SciPy", lambda fit: fit.options.method in METHODS, by_scipy),
     Route("momentum alone", lambda fit: fit.options.method == "momentum", by_momentum_alone),
     Route("going on", was_descending, going_on),

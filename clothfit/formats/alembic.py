@@ -21,7 +21,8 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ from clothfit.base.messages import named
 from clothfit.formats import animation
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
+from clothfit.formats.joints import baked
 
 MESH_SCHEMAS = ("AbcGeom_PolyMesh_v1", "AbcGeom_SubD_v1")
 XFORM_SCHEMA = "AbcGeom_Xform_v3"
@@ -233,6 +235,7 @@ class Shape(NamedTuple):
     name: str
     properties: dict[str, Property]
     above: tuple[dict[str, Property], ...]  # of the transforms, from the top
+    path: str  # its name and those of what is above it, with / between
 
     @property
     def points(self) -> Property:
@@ -240,8 +243,20 @@ class Shape(NamedTuple):
         return self.properties["P"]
 
 
-def read(path: str | os.PathLike[str]) -> animation.Animation:
-    """The meshes of a file; one frame where nothing moves. Raises InvalidMotion."""
+def read(path: str | os.PathLike[str], wanted: str = "") -> animation.Animation:
+    """The meshes of a file, or those that are `wanted`; one frame where nothing moves. Raises InvalidMotion."""
+    found: animation.Animation = _opened(path, lambda file, name: _animation(file, name, wanted))
+    return found
+
+
+def paths(path: str | os.PathLike[str]) -> list[str]:
+    """The paths of all meshes of a file. Raises InvalidMotion."""
+    found: list[str] = _opened(path, lambda file, _: [shape.path for shape in _shapes(file)])
+    return found
+
+
+def _opened(path: str | os.PathLike[str], use: Callable[[Ogawa, str], Any]) -> Any:
+    """What is made of a file and its name. Raises InvalidMotion."""
     name, data = name_of(path), content(path)
     if data.startswith(b"\x89HDF"):
         advice = f"convert it with: abcconvert -toOgawa {name} new.abc"
@@ -250,23 +265,30 @@ def read(path: str | os.PathLike[str]) -> animation.Animation:
         raise InvalidMotion(f"{name}: it is not an Alembic file, which begins with Ogawa")
     try:
         with np.errstate(all="ignore"):  # what overflows is reported below
-            return _animation(Ogawa(data), name)
+            return use(Ogawa(data), name)
     except InvalidMotion:
         raise
     except ValueError as error:
         raise InvalidMotion(f"{name}: cannot be read as Alembic: {error}") from None
 
 
-def _animation(file: Ogawa, name: str) -> animation.Animation:
+def _animation(file: Ogawa, name: str, wanted: str) -> animation.Animation:
     notes: list[str] = []
-    shapes, moves = animation.moving(list(_shapes(file)), lambda each: each.points.moves, notes)
+    every = list(_shapes(file))
+    shapes, moves = animation.moving(every, lambda each: each.points.moves, notes)
     if not shapes:
         raise InvalidMotion(f"{name}: there is no mesh in it")
+    if wanted:
+        shapes, notes = animation.chosen(every, [each.path for each in every], wanted, name), []
+        moves = any(each.points.moves for each in shapes)
     if moves:
-        times = animation.common_times(name, [(each.name, file.times(each.points)) for each in shapes])
+        changing = [each for each in shapes if each.points.moves]
+        times = animation.common_times(name, [(each.name, file.times(each.points)) for each in changing])
     else:
-        values = (place[".vals"] for shape in shapes for place in shape.above if ".vals" in place)
-        times = np.unique(np.concatenate([np.zeros(0), *(file.times(own) for own in values if own.moves)]))
+        times = _transform_times(file, shapes)
+        if wanted and len(times):  # between the keys it turns
+            others = [file.times(each.points) for each in every if each.points.moves]
+            times = baked(np.unique(np.concatenate([_transform_times(file, every), *others])))
         times = times if len(times) else np.zeros(1)
     animation.check_times(times, name)
     counts, start, faces = [len(file.sample(shape.points, 0)) for shape in shapes], 0, animation.Faces()
@@ -275,7 +297,7 @@ def _animation(file: Ogawa, name: str) -> animation.Animation:
     for shape, count in zip(shapes, counts, strict=True):
         place, matrices = f"{name}: {named(shape.name)}", _matrices(file, shape, times)
         for frame, matrix in enumerate(matrices):
-            points = file.sample(shape.points, frame)
+            points = file.sample(shape.points, frame if shape.points.moves else 0)
             if points.shape != (count, 3):
                 raise InvalidMotion(f"{place}: its number of points changes over time; it must stay the same")
             positions[frame, start : start + count] = points @ matrix[:3, :3] + matrix[3, :3]
@@ -288,15 +310,43 @@ def _animation(file: Ogawa, name: str) -> animation.Animation:
         start += count
     animation.check_finite(name, positions)
     own_times = times if len(times) > 1 else None
-    return animation.Animation(positions, RIGHT, own_times, notes=tuple(notes), **faces.found())
+    pins = _pins(file, shapes, counts).found(notes)
+    return animation.Animation(positions, RIGHT, own_times, notes=tuple(notes), pins=pins, **faces.found())
+
+
+def _transform_times(file: Ogawa, shapes: Sequence[Shape]) -> Array:
+    """The times at which what is above some meshes has samples that differ."""
+    values = (place[".vals"] for shape in shapes for place in shape.above if ".vals" in place)
+    return np.unique(np.concatenate([np.zeros(0), *(file.times(own) for own in values if own.moves)]))
+
+
+def _pins(file: Ogawa, shapes: Sequence[Shape], counts: Sequence[int]) -> animation.Pins:
+    """The vertices, of all meshes one after another, that a parameter of their own marks as held."""
+    found = animation.Pins()
+    for shape, count in zip(shapes, counts, strict=True):
+        own, weights = shape.properties.get(".arbGeomParams"), []
+        for key, each in (file.properties(own.place) if own else {}).items():
+            if animation.is_pin(key):
+                with suppress(ValueError, KeyError, IndexError):  # of no numbers
+                    weights.append((key, _values(file, each)))
+        found.add(count, weights)
+    return found
+
+
+def _values(file: Ogawa, own: Property) -> Array:
+    """The values (items, extent) of a parameter at its first sample, which may have indices of its own."""
+    parts = file.properties(own.place) if not own.width else {".vals": own}
+    values = file.sample(parts[".vals"], 0)
+    return values[file.sample(parts[".indices"], 0).reshape(-1).astype(np.int64)] if ".indices" in parts else values
 
 
 def _shapes(file: Ogawa) -> Iterator[Shape]:
     """The meshes of a file, in its order."""
-    waiting: list[tuple[Object, tuple[dict[str, Property], ...]]] = [(file.top, ())]
+    waiting: list[tuple[Object, tuple[dict[str, Property], ...], str]] = [(file.top, (), "")]
     met = 0
     while waiting:
-        own, above = waiting.pop()
+        own, above, path = waiting.pop()
+        path = f"{path}/{own.name}" if own.name else ""
         met += 1
         if len(above) > LEVELS or met > MOST_OBJECTS:
             raise ValueError(f"its objects are not a tree of at most {LEVELS} levels; it is damaged, export it again")
@@ -305,13 +355,13 @@ def _shapes(file: Ogawa) -> Iterator[Shape]:
         if own.schema in MESH_SCHEMAS and ".geom" in properties:
             mesh = file.properties(properties[".geom"].place)
             if "P" in mesh and mesh["P"].samples:
-                yield Shape(own.name, mesh, above)
+                yield Shape(own.name, mesh, above, path)
         inner = above
         if own.schema == XFORM_SCHEMA and ".xform" in properties:
             inner = (*above, file.properties(properties[".xform"].place))
         elif own is not file.top:
             inner = (*above, {})
-        waiting += [(each, inner) for each in reversed(list(file.objects(own)))]
+        waiting += [(each, inner, path) for each in reversed(list(file.objects(own)))]
 
 
 def _matrices(file: Ogawa, shape: Shape, times: Array) -> Array:
@@ -382,10 +432,7 @@ def _texture(file: Ogawa, shape: Shape, corners: int) -> Array:
     if own is None:
         return nothing
     try:
-        parts = file.properties(own.place) if not own.width else {".vals": own}
-        values = file.sample(parts[".vals"], 0)
-        if ".indices" in parts:
-            values = values[file.sample(parts[".indices"], 0).reshape(-1).astype(np.int64)]
+        values = _values(file, own)
     except (ValueError, KeyError, IndexError):
         return nothing
     return values if values.shape == nothing.shape else nothing

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.messages import named
+from clothfit.base.messages import counted, named
 from clothfit.formats.axes import Axes
 from clothfit.formats.files import name_of
 
@@ -37,6 +37,18 @@ LONGEST_NAME, MOST_PARTS = 60, 64
 
 ASSUMED_RATE = 30.0
 """Frames per second where neither the file nor the user gives a rate."""
+
+BELOW = 3
+"""The rank of a name that may be that of several meshes."""
+
+SINGLE = 2.0**-23
+"""Rounding of numbers in single precision, and of what is computed with them."""
+
+MOST_NAMED = 12
+"""Names in a message."""
+
+HALF = 0.5
+"""The weight from which a vertex is held."""
 
 EVEN = 1e-3
 """How far a frame may be from its place in an even rate, as a share of the time between two frames."""
@@ -55,6 +67,7 @@ class Animation:
     notes: tuple[str, ...] = ()  # sentences on what was assumed
     texture: Array | None = None  # (T, 3, 2), texture coordinates u, v of the corners of the triangles; NaN unknown
     parts: Parts = ()  # of a mesh, as the file names them
+    pins: Indices | None = None  # vertices that the file marks as held, rising; None: it marks none
     spacing: float = 1.0  # frames of the file's own counting between two of these, where it has no times
 
 
@@ -81,6 +94,86 @@ def check_polygons(lengths: NDArray[Any], corners: NDArray[Any], count: int, pla
         raise InvalidMotion(f"{place}: its faces need {lengths.sum()} corners and have {len(corners)}")
     if len(corners) and not 0 <= corners.min() <= corners.max() < count:
         raise InvalidMotion(f"{place}: a triangle names a vertex beyond the {count} of its mesh")
+
+
+def chosen(shapes: Sequence[Shape], paths: Sequence[str], wanted: str, place: str) -> list[Shape]:
+    """The meshes of a file that are `wanted`: names with commas between. A name is a path, or the end of one; or that
+    of a node that a mesh, or several, are below; or how a name begins, in either case. Raises InvalidMotion where there
+    is none of it, or more than one.
+    """
+    found: list[Shape] = []
+    for name in filter(None, (each.strip() for each in wanted.split(","))):
+        own = list(zip(shapes, map(_names, paths), strict=True))
+        steps = _names(name)
+        ranked = (
+            [shape for shape, path in own if path == steps],
+            [shape for shape, path in own if path[-len(steps) :] == steps],
+            [shape for shape, path in own if path[-len(steps) - 1 : -1] == steps],
+            [shape for shape, path in own if [name] == steps and name in path[:-1]],
+            [shape for shape, path in own if any(each.lower().startswith(name.lower()) for each in path[-2:])],
+        )
+        rank = next((k for k, each in enumerate(ranked) if each), None)
+        if rank is None:
+            raise InvalidMotion(f"{place}: there is no mesh {named(name)} in it; it has {listed(short(paths))}")
+        if rank != BELOW and len(ranked[rank]) > 1:
+            there = [paths[shapes.index(each)] for each in ranked[rank]]
+            raise InvalidMotion(f"{place}: several of its meshes have the name {named(name)}; name {listed(there)}")
+        found += [each for each in ranked[rank] if each not in found]
+    return found
+
+
+def _names(path: str) -> list[str]:
+    return [each for each in path.split("/") if each]
+
+
+def listed(names: Sequence[str]) -> str:
+    """The first few names."""
+    return ", ".join(map(named, names[:MOST_NAMED])) + (", …" if len(names) > MOST_NAMED else "")
+
+
+def short(paths: Sequence[str]) -> list[str]:
+    """For each path of a mesh the shortest name that is only its own: that of its object, of the mesh, or the path."""
+    split = [_names(path) for path in paths]
+    ends = [[path[-2] if len(path) > 1 else path[-1] for path in split], [path[-1] for path in split]]
+    found = []
+    for i, path in enumerate(paths):
+        own = [name for name in (ends[0][i], ends[1][i]) if sum(name in other for other in split) == 1]
+        found.append(own[0] if own and "," not in own[0] else path)
+    return found
+
+
+class Pins:
+    """The vertices that attributes of meshes, one after another, mark as held."""
+
+    def __init__(self) -> None:
+        self._held: list[NDArray[Any]] = []
+        self._start = 0
+        self.names: list[str] = []
+
+    def add(self, count: int, attributes: Iterable[tuple[str, NDArray[Any]]]) -> None:
+        """Add a mesh of so many vertices, with the names and the weights of its attributes, of which those count that
+        have one for each vertex.
+        """
+        for name, weights in attributes:
+            values = np.asarray(weights, np.float64).reshape(-1)
+            if len(values) == count and (values >= HALF).any():
+                self._held.append(self._start + np.flatnonzero(values >= HALF))
+                self.names.append(name)
+        self._start += count
+
+    def found(self, notes: list[str]) -> Indices | None:
+        """All of them, rising, with a note on what marks them; None where nothing does."""
+        if not self._held:
+            return None
+        found = np.unique(np.concatenate(self._held)).astype(np.int32)
+        held = counted(len(found), "vertex", "vertices")
+        notes.append(f"its attribute {listed(sorted(set(self.names)))} holds {held}")
+        return found
+
+
+def is_pin(name: str) -> bool:
+    """Whether an attribute of this name marks held vertices."""
+    return "pin" in name.lower()
 
 
 def moving(shapes: Sequence[Shape], moves: Callable[[Shape], bool], notes: list[str]) -> tuple[Sequence[Shape], bool]:
@@ -136,6 +229,19 @@ def rate_of(animation: Animation) -> float | None:
     step = float(times[-1] - times[0]) / (len(times) - 1)
     away = np.abs(times - times[0] - step * np.arange(len(times)))
     return rounded(1 / step) if away.max() <= EVEN * step else None
+
+
+def unrounded(times: Array) -> Array:
+    """Times (frames,), s, of single precision, without its rounding where they are at an even rate of few digits."""
+    near = SINGLE * float(np.abs(times).max(initial=0.0))
+    if len(times) < 2 or not np.diff(times).min() > 0.0:
+        return times
+    for digits in (0, 3):
+        rate = round((len(times) - 1) / float(times[-1] - times[0]), digits)
+        plain = (round(float(times[0]) * rate) + np.arange(len(times))) / rate if rate > 0.0 else times
+        if np.abs(plain - times).max() <= near:
+            return plain
+    return times
 
 
 def rated(path: str | os.PathLike[str], animation: Animation) -> float:

@@ -111,6 +111,7 @@ class Reading(Convention):
     frames: str | None = None  # which frames, as in a slice "A:B" of a list; they keep their times
     markers: str | os.PathLike[str] | None = None  # a CSV file of marker, object, vertex; None: the nearest vertices
     bind: str | None = None  # what the file's points are, one of `BINDINGS`; None: auto
+    mesh: str | None = None  # of several in a file, by names with commas between; None: those that move
 
     def __post_init__(self) -> None:
         super().__post_init__()

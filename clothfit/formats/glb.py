@@ -26,6 +26,7 @@ import base64
 import json
 import os
 import struct
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,10 +36,24 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.memory import human
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation, check_finite, moving, times_of
+from clothfit.formats.animation import Animation, check_finite, moving, times_of, unrounded
+from clothfit.formats.animation import chosen as selected
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, name_of
-from clothfit.formats.gltf import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document, animated, meshes_at, placed
+from clothfit.formats.gltf import (
+    BIN_CHUNK,
+    GLB_MAGIC,
+    JSON_CHUNK,
+    Document,
+    Placed,
+    Tracks,
+    animated,
+    meshes_at,
+    path_of,
+    pins,
+    placed,
+)
+from clothfit.formats.joints import baked
 
 TOLERANCE = 1e-5
 """The largest error of a position: in m, and as a share of the diagonal of the box around the motion."""
@@ -59,21 +74,38 @@ NUMBERS_AT_ONCE = 4_000_000
 Singles = NDArray[np.float32]
 
 
-def read(path: str | os.PathLike[str]) -> Animation:
-    """The meshes of a file; one frame where nothing moves. Raises InvalidMotion."""
+def read(path: str | os.PathLike[str], wanted: str = "") -> Animation:
+    """The meshes of a file, or those that are `wanted`; one frame where nothing moves. Raises InvalidMotion."""
     doc = Document(path)
     nodes = list(placed(doc))
-    tracks, notes = animated(doc, nodes)
-    chosen, _ = moving(nodes, lambda node: (node.node, "weights") in tracks, notes)
+    every, notes = animated(doc, nodes)
+    if wanted:
+        chosen: Sequence[Placed] = selected(nodes, [path_of(doc, node) for node in nodes], wanted, doc.name)
+        notes = []
+    else:
+        chosen, _ = moving(nodes, lambda node: (node.node, "weights") in every, notes)
     used = {each for node in chosen for each in (*node.above, node.node)}
-    tracks = {key: track for key, track in tracks.items() if key[0] in used}
+    tracks = {key: track for key, track in every.items() if key[0] in used}
     if any(track.kind != "LINEAR" for track in tracks.values()):
         notes.append("between the keys of its animation the motion is not straight; the keys are the frames")
-    times = np.unique(np.concatenate([np.zeros(0), *(track.times for track in tracks.values())]))
+    times = _times(tracks)
+    if wanted and len(times) and not any(what == "weights" for _, what in tracks):  # between the keys it turns
+        times = baked(_times(every))
     with np.errstate(all="ignore"):  # what overflows is reported below
         positions, faces = meshes_at(doc, chosen, tracks, times if len(times) else np.zeros(1))
     check_finite(doc.name, positions)
-    return Animation(positions, RIGHT, times if len(times) else None, notes=tuple(notes), **faces.found())
+    own_times, held = unrounded(times) if len(times) else None, pins(doc, chosen).found(notes)
+    return Animation(positions, RIGHT, own_times, notes=tuple(notes), pins=held, **faces.found())
+
+
+def paths(path: str | os.PathLike[str]) -> list[str]:
+    """The paths of all meshes of a file. Raises InvalidMotion."""
+    doc = Document(path)
+    return [path_of(doc, node) for node in placed(doc)]
+
+
+def _times(tracks: Tracks) -> Array:
+    return np.unique(np.concatenate([np.zeros(0), *(track.times for track in tracks.values())]))
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:

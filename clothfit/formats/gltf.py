@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import named, shown
-from clothfit.formats.animation import Faces, check_times
+from clothfit.formats.animation import Faces, Pins, check_times, is_pin
 from clothfit.formats.files import check_room, content, name_of
 
 GLB_MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
@@ -401,6 +401,29 @@ def _named(doc: Document, kind: str, index: Any) -> str:
     except InvalidMotion:
         return ""
     return name if isinstance(name, str) else ""
+
+
+def path_of(doc: Document, node: Placed) -> str:
+    """The names of a node with a mesh and of those above it, and that of the mesh, with / between."""
+    names = [_named(doc, "nodes", index) for index in (*node.above, node.node)]
+    mesh = _named(doc, "meshes", doc.item("nodes", node.node)["mesh"])
+    return "/".join(filter(None, [*names, mesh if mesh != names[-1] else ""])) or f"node {node.node}"
+
+
+def pins(doc: Document, nodes: Sequence[Placed]) -> Pins:
+    """The vertices, of all meshes one after another, that an attribute such as _PIN marks as held."""
+    found = Pins()
+    for node in nodes:
+        shared: set[Any] = set()
+        for primitive in doc.items(doc.item("meshes", doc.item("nodes", node.node)["mesh"]), "primitives"):
+            if (key := _sources(doc, primitive)) in shared:
+                continue
+            shared.add(key)
+            there = [(name, index) for name, index in primitive.get("attributes", {}).items() if is_pin(name)]
+            numbers = [pair for pair in there if doc.item("accessors", pair[1]).get("type") == "SCALAR"]
+            weights = ((name, doc.accessor(index, "SCALAR")) for name, index in numbers)
+            found.add(len(doc.accessor(key[0], "VEC3")), weights)
+    return found
 
 
 def _texture(doc: Document, primitive: dict[str, Any], count: int) -> Array:

@@ -24,6 +24,9 @@ from clothfit.formats.registry import foreign, module_of, suffix_of
 FINEST = 1.0 / 60.0
 """Longest time between two samples, s."""
 
+SPARSE = 0.1
+"""Time between two keys, s, above which they are no frames."""
+
 MOST_BETWEEN = 100_000
 """Samples between two keys, at most."""
 
@@ -54,7 +57,7 @@ def read(path: str | os.PathLike[str], name: str) -> Joint:
         module_of(found)  # that the library is there
         from clothfit.formats.usd import arrays_of
 
-        arrays = arrays_of(path, name)
+        arrays = arrays_of(path, "joint", name)
         up, handedness, scale = arrays["axes"].tolist()
         return Joint(arrays["times"], arrays["matrices"], Axes(up, handedness, float(scale)))
     if found is None or found.name != "glTF":
@@ -82,6 +85,11 @@ def sampled(keys: Array) -> Array:
         for a, b in pairwise(keys.tolist())
     ]
     return np.concatenate([*parts, keys[-1:]])
+
+
+def baked(keys: Array) -> Array:
+    """The same, where keys (K,) are as dense as frames as they are."""
+    return sampled(keys) if len(keys) > 1 and np.diff(keys).max() > SPARSE else keys
 
 
 def node_named(doc: Document, name: str) -> Placed:

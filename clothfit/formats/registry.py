@@ -2,7 +2,8 @@
 
 The module of a format has
 
-    read(path) -> Animation                      raises InvalidMotion, naming the file and what is wrong with it
+    read(path[, wanted]) -> Animation            raises InvalidMotion, naming the file and what is wrong with it
+    paths(path) -> list                          of all meshes, where files have names of them to be `wanted`
     encoded(path, animation) -> {path: data}     the files to write, in the animation's axes; for a sequence many
 
 and loads its library only when one of them is called. A file may come from anybody: a reader compares the sizes that it
@@ -179,13 +180,23 @@ def module_of(found: Format) -> Any:
     return import_module(f"clothfit.formats.{found.module}")
 
 
-def read(found: Format, path: str | os.PathLike[str]) -> Animation:
-    """Read a file of a format. Raises InvalidMotion, where the content is not that of the suffix with what it is, and
-    InvalidInput when the library that reads it is missing.
+def paths(found: Format | None, path: str | os.PathLike[str]) -> list[str]:
+    """The paths of the meshes in a file; none where its format has no names for them. Raises InvalidMotion."""
+    module: Any = None if found is None else module_of(found)
+    every: list[str] = module.paths(path) if hasattr(module, "paths") else []
+    return every
+
+
+def read(found: Format, path: str | os.PathLike[str], wanted: str = "") -> Animation:
+    """Read a file of a format, of several meshes those that are `wanted`, names with commas between. Raises
+    InvalidMotion, where the content is not that of the suffix with what it is, and InvalidInput when the library that
+    reads it is missing.
     """
     module = module_of(found)
+    if wanted and not hasattr(module, "paths"):
+        raise InvalidInput(f"{name_of(path)}: {found.name} has no names of meshes; leave the name out")
     try:
-        content: Animation = module.read(path)
+        content: Animation = module.read(path, wanted) if wanted else module.read(path)
     except InvalidMotion as error:
         what = mistaken(path, suffix_of(path))
         raise error if what is None else InvalidMotion(f"{name_of(path)}: {what}") from None

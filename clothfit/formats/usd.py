@@ -42,16 +42,35 @@ PART = "part "
 """Before the names of the parts of a mesh, among the arrays of the other process."""
 
 
-def read(path: str | os.PathLike[str]) -> Animation:
-    """The animated mesh of a file, one frame when nothing moves. Raises InvalidMotion."""
-    arrays = arrays_of(path)
+def read(path: str | os.PathLike[str], wanted: str = "") -> Animation:
+    """The animated meshes of a file, or those that are `wanted`, one frame when nothing moves. Raises InvalidMotion."""
+    arrays = arrays_of(path, *(["mesh", wanted] if wanted else []))
     up, handedness, scale, *notes = json.loads(str(arrays["axes_and_notes"]))
     axes = Axes(up, handedness, scale)
     parts = tuple((key.removeprefix(PART), own) for key, own in arrays.items() if key.startswith(PART))
     return Animation(
         arrays["positions"], axes, arrays.get("times"), arrays.get("triangles"), notes=tuple(notes),
-        texture=arrays.get("texture"), parts=parts,
+        texture=arrays.get("texture"), parts=parts, pins=arrays.get("pins"),
     )  # fmt: skip
+
+
+def paths(path: str | os.PathLike[str]) -> list[str]:
+    """The paths of all meshes of a file. Raises InvalidMotion."""
+    found: list[str] = arrays_of(path, "list")["paths"].tolist()
+    return found
+
+
+def with_points(path: str | os.PathLike[str], out: str, positions: Array, wanted: str) -> Data:
+    """A copy of a file, as text where `out` ends so, in which the meshes that `read` takes have other points, (frames,
+    n, 3), in its axes and unit. Raises InvalidMotion.
+    """
+    with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:
+        points = os.path.join(folder, "points.npy")
+        np.save(points, positions)
+        made = os.path.join(folder, "made" + os.path.splitext(out)[1].lower())
+        arrays_of(path, "replace", wanted, points, made)
+        with open(made, "rb") as file:
+            return file.read()
 
 
 def arrays_of(path: str | os.PathLike[str], *asked: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What is in a USD file, read by a process of its own: `python -m clothfit.formats.usd_reader FILE OUT NAME [JOINT]`.
+"""What is in a USD file, read by a process of its own: `python -m clothfit.formats.usd_reader FILE OUT NAME [WHAT]`.
 
 Pixar's library trusts its files: a damaged one can abort the process that reads it, or take all memory. So the user's
 process does not read them. This process writes the arrays that it finds to a file, or prints, as JSON, why there are
@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from clothfit.base.messages import named, shown
 from clothfit.formats import animation
 from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.files import check_room
-from clothfit.formats.joints import absent, sampled
+from clothfit.formats.joints import absent, baked, sampled
 
 CUT = ("clips", "clipSets")
 """Fields of a prim, beside its references, that name other files: those that hold values of attributes."""
@@ -42,34 +42,68 @@ TEXTURE_NAME = "st"
 PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]")
 """The types of primvars whose values are pairs of numbers, as texture coordinates are."""
 
+STALE = ("normals", "velocities", "accelerations", "primvars:normals")
+"""What belongs to the points that a copy has no more."""
+
 OPENING_BYTES, OPENING_RATIO = 1 << 29, 100
 """Bytes that opening a file may take: a fixed number, and some for each byte of the file, whose arrays are packed."""
 
 
-def parsed(path: str, name: str) -> animation.Animation:
-    """The meshes of a file, or its points where it has none. Raises InvalidMotion, and what the library raises."""
+def parsed(path: str, name: str, wanted: str = "") -> animation.Animation:
+    """The meshes of a file that are `wanted`, or move, or all; its points where it has none. Raises InvalidMotion, and
+    what the library raises.
+    """
+    stage, notes = _opened(path)
+    chosen, codes, rate, axes = _chosen(stage, wanted, name, notes)
+    positions, mirrored = _positions(chosen, codes, name)
+    faces = _faces(chosen, codes, mirrored, name, notes)
+    seconds = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
+    animation.check_finite(name, positions, seconds)
+    pins = _pins(chosen, codes[0]).found(notes)
+    return animation.Animation(positions, axes, seconds, notes=tuple(notes), pins=pins, **faces.found())
+
+
+def _chosen(stage: Any, wanted: str, name: str, notes: list[str]) -> tuple[Sequence[Any], list[Any], float, Axes]:
+    """The shapes of a stage that are `wanted`, or move, or all; the time codes of their frames, codes per second, and
+    axes. Raises InvalidMotion.
+    """
     from pxr import Usd, UsdGeom
 
-    stage, notes = _opened(path)
+    every, shapes = _shapes(stage, notes, name)
+    samples = {prim: UsdGeom.PointBased(prim).GetPointsAttr().GetTimeSamples() for prim in shapes}
+    axes, rate = units(stage, any(len(own) > 1 for own in samples.values()), name, notes)
+    if wanted:
+        chosen: Sequence[Any] = animation.chosen(shapes, [str(prim.GetPath()) for prim in shapes], wanted, name)
+        moves = any(len(samples[prim]) > 1 for prim in chosen)
+    else:
+        chosen, moves = animation.moving(shapes, lambda prim: len(samples[prim]) > 1, notes)
+    _check_bones(every, chosen, name)
+    if moves:
+        sampled_ones = [prim for prim in chosen if len(samples[prim]) > 1]
+        times = animation.common_times(name, [(str(prim.GetPath()), samples[prim]) for prim in sampled_ones])
+    else:
+        times = sorted({time for prim in chosen for time in _transform_times(prim)})
+        if wanted and len(times) > 1:  # between the keys it turns
+            times = (baked(np.array(sorted({*times, *(t for own in samples.values() for t in own)})) / rate) * rate)
+    return chosen, [Usd.TimeCode(float(time)) for time in times] or [Usd.TimeCode.EarliestTime()], rate, axes
+
+
+def _shapes(stage: Any, notes: Sequence[str], name: str) -> tuple[list[Any], list[Any]]:
+    """All prims of a stage, and its meshes, or its points where it has none. Raises InvalidMotion."""
+    from pxr import Usd, UsdGeom
+
     every = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     shapes = [prim for prim in every if prim.IsA(UsdGeom.Mesh)] or [prim for prim in every if prim.IsA(UsdGeom.Points)]
     if not shapes:
         others = ", only the names of other files; flatten it first" if notes else ""
         raise InvalidMotion(f"{name}: there is no mesh in it{others}")
-    _check_bones(every, shapes, name)
-    samples = {prim: UsdGeom.PointBased(prim).GetPointsAttr().GetTimeSamples() for prim in shapes}
-    chosen, moves = animation.moving(shapes, lambda prim: len(samples[prim]) > 1, notes)
-    if moves:
-        times = animation.common_times(name, [(str(prim.GetPath()), samples[prim]) for prim in chosen])
-    else:
-        times = sorted({time for prim in chosen for time in _transform_times(prim)})
-    codes = [Usd.TimeCode(time) for time in times] or [Usd.TimeCode.EarliestTime()]
-    positions, mirrored = _positions(chosen, codes, name)
-    faces = _faces(chosen, codes, mirrored, name, notes)
-    axes, rate = units(stage, len(codes) > 1, name, notes)
-    seconds = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
-    animation.check_finite(name, positions, seconds)
-    return animation.Animation(positions, axes, seconds, notes=tuple(notes), **faces.found())
+    return every, shapes
+
+
+def listed(path: str, name: str) -> dict[str, Any]:
+    """The paths of all meshes of a file. Raises InvalidMotion."""
+    stage, notes = _opened(path)
+    return {"paths": np.array([str(prim.GetPath()) for prim in _shapes(stage, notes, name)[1]])}
 
 
 def joint(path: str, name: str, wanted: str) -> dict[str, Any]:
@@ -99,6 +133,37 @@ def joint(path: str, name: str, wanted: str) -> dict[str, Any]:
         place = UsdGeom.XformCache(Usd.TimeCode(float(begin + time * rate)))
         matrices[k] = np.array(query.ComputeJointWorldTransforms(place)[index]).T  # USD multiplies rows
     return {"times": times, "matrices": matrices, "axes": np.array([*map(str, axes)])}
+
+
+def replaced(path: str, name: str, wanted: str, points: str, made: str) -> dict[str, Any]:
+    """Write a copy of a file to `made`, in which the meshes that are `wanted`, or move, have the points of the array
+    (frames, n, 3) in the file `points`, at their own time codes. Raises InvalidMotion.
+    """
+    from pxr import Sdf, UsdGeom, Vt
+
+    stage, notes = _opened(path)
+    chosen, codes = _chosen(stage, wanted, name, notes)[:2]
+    frames, start = np.load(points, allow_pickle=False), 0
+    layer = Sdf.Layer.FindOrOpen(path)
+    for prim in chosen:
+        count = len(_points(prim, codes[0], name))
+        own = layer.GetPrimAtPath(prim.GetPath())
+        for each in STALE:
+            if own is not None and each in own.properties:
+                del own.properties[each]
+        place = prim.GetPath().AppendProperty("points")
+        for k, code in enumerate(codes):
+            matrix = np.linalg.inv(np.array(UsdGeom.XformCache(code).GetLocalToWorldTransform(prim)))
+            local = frames[k, start : start + count] @ matrix[:3, :3] + matrix[3, :3]
+            value = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(local, np.float32))
+            layer.SetTimeSample(place, code.GetValue(), value)
+            corners = np.ascontiguousarray([local.min(axis=0), local.max(axis=0)], np.float32)
+            extent = prim.GetPath().AppendProperty("extent")
+            if layer.GetAttributeAtPath(extent):
+                layer.SetTimeSample(extent, code.GetValue(), Vt.Vec3fArray.FromNumpy(corners))
+        start += count
+    layer.Export(made)
+    return {"codes": np.array([code.GetValue() for code in codes])}
 
 
 def _opened(path: str) -> tuple[Any, list[str]]:
@@ -212,6 +277,28 @@ def _faces(
     return faces
 
 
+def _pins(shapes: Sequence[Any], code: Any) -> animation.Pins:
+    """The vertices that a primvar of the meshes marks as held."""
+    from pxr import UsdGeom
+
+    found = animation.Pins()
+    for prim in shapes:
+        count, weights = len(UsdGeom.PointBased(prim).GetPointsAttr().Get(code) or []), list[tuple[str, Array]]()
+        for each in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithValues():
+            if not animation.is_pin(str(each.GetPrimvarName())):
+                continue
+            with suppress(ValueError, TypeError):  # of no numbers
+                values = np.array(each.ComputeFlattened(code), np.float64)
+                if each.GetInterpolation() == UsdGeom.Tokens.faceVarying and UsdGeom.Mesh(prim):
+                    corners = np.array(UsdGeom.Mesh(prim).GetFaceVertexIndicesAttr().Get(code), np.int64)
+                    largest = np.zeros(count)
+                    np.maximum.at(largest, corners, values)
+                    values = largest
+                weights.append((str(each.GetPrimvarName()), values))
+        found.add(count, weights)
+    return found
+
+
 def _constant(attribute: Any, code: Any, place: str) -> NDArray[np.int64]:
     """Whole numbers that must not change. Raises InvalidMotion where they do."""
     values = [attribute.Get(each) for each in (code, *attribute.GetTimeSamples()[1:])]
@@ -273,14 +360,15 @@ def limit_memory(room: int, only_if_limited: bool = False) -> None:
 
 
 def main(path: str, arrays: str, name: str, *wanted: str) -> int:
-    """Read a file, or the joint `wanted` of it, into an `.npz` of arrays; returns 3, with the reason on standard
-    output, when that fails.
+    """Read a file, or what is `wanted` of it, such as joint and its name, into an `.npz` of arrays; returns 3, with the
+    reason on standard output, when that fails.
     """
     from pxr import Usd, UsdGeom, UsdSkel  # noqa: F401  they take some hundred MB of addresses before they read anything
 
     limit_memory(OPENING_BYTES + OPENING_RATIO * os.path.getsize(path))
     try:
-        made = joint(path, name, *wanted) if wanted else _arrays(parsed(path, name))
+        what, *names = wanted or ("mesh",)
+        made = READ[what](path, name, *names)
     except InvalidMotion as error:
         print(json.dumps(str(error)))
         return 3
@@ -288,12 +376,17 @@ def main(path: str, arrays: str, name: str, *wanted: str) -> int:
     return 0
 
 
-def _arrays(found: animation.Animation) -> dict[str, Any]:
+def _arrays(path: str, name: str, wanted: str = "") -> dict[str, Any]:
     """What an animation has, for `usd.read`."""
-    made = {name: getattr(found, name) for name in ("positions", "times", "triangles", "texture")}
+    found = parsed(path, name, wanted)
+    made = {name: getattr(found, name) for name in ("positions", "times", "triangles", "texture", "pins")}
     present: dict[str, Any] = {key: array for key, array in made.items() if array is not None}
     present |= {f"part {name}": own for name, own in found.parts}
     return {"axes_and_notes": json.dumps([*found.axes, *found.notes]), **present}
+
+
+READ: dict[str, Callable[..., dict[str, Any]]] = {"mesh": _arrays, "joint": joint, "list": listed, "replace": replaced}
+"""What can be read of a file."""
 
 
 if __name__ == "__main__":

@@ -72,6 +72,16 @@ class Springs(NamedTuple):
     bends: Flags  # (S,), joins the vertices opposite an edge; False: lies along an edge
 
 
+class Shape(NamedTuple):
+    """A mesh of a file over time."""
+
+    mesh: Mesh  # at its first frame
+    times: Array | None  # (F,), s, as the file counts them; None: it has no times
+    frames: Array  # (F, n, 3), m
+    pins: Indices | None  # vertices that the file marks as held
+    notes: tuple[str, ...]  # sentences on what was assumed
+
+
 def read_mesh(
     path: str | os.PathLike[str], up: str | None = None, handedness: str | None = None, scale: float | None = None
 ) -> tuple[Mesh, tuple[str, ...]]:
@@ -81,6 +91,15 @@ def read_mesh(
     ("left", "right") and `scale`, m per unit, replace what the file or its format says. Raises InvalidInput when the
     file holds no mesh or cannot be read.
     """
+    found = read_shape(path, up, handedness, scale)
+    return found.mesh, found.notes
+
+
+def read_shape(
+    path: str | os.PathLike[str], up: str | None = None, handedness: str | None = None, scale: float | None = None,
+    wanted: str = "",
+) -> Shape:  # fmt: skip
+    """The same with its motion; of several meshes those that are `wanted`, by names with commas between."""
     name = os.fspath(path)
     suffix, found = suffix_of(name), foreign(name)
     if found is not None and suffix not in MESHES:
@@ -89,11 +108,12 @@ def read_mesh(
         known = f"no mesh format has that suffix; known are {', '.join(MESHES)}; export it as one"
         raise InvalidInput(f"{name}: {mistaken(name, suffix) or known}")
     convention = Convention(scale, up, handedness)
-    animation = read(found, sources(name)[0])
+    animation = read(found, sources(name)[0], wanted)
     axes = convention.axes(animation.axes)
     if animation.triangles is None or not len(animation.triangles):
         raise InvalidInput(f"{name}: has no faces; a cloth is made of triangles")
-    positions = to_scene(np.asarray(animation.positions[0], float), axes)
+    frames = to_scene(np.asarray(animation.positions, float), axes)
+    positions = frames[0]
     near = (np.abs(positions) <= FARTHEST_VERTEX).all(axis=1)  # False for NaN
     if not near.all():
         wrong = int(near.argmin())
@@ -105,7 +125,8 @@ def read_mesh(
     triangles = np.ascontiguousarray(facing(np.asarray(animation.triangles), axes), np.int32)
     order = facing(np.arange(3, dtype=np.int32)[None], axes)[0]
     texture = None if animation.texture is None else animation.texture[:, order]
-    return Mesh(positions, triangles, texture, animation.parts), (f"read as {axes}", *animation.notes)
+    mesh = Mesh(positions, triangles, texture, animation.parts)
+    return Shape(mesh, animation.times, frames, animation.pins, (f"read as {axes}", *animation.notes))
 
 
 def sources(path: str) -> list[str]:

@@ -41,7 +41,7 @@ from clothfit.scene.kinds import (
     PLATE,
     SCENE_KINDS,
 )
-from clothfit.scene.mesh_numbering import FIELD
+from clothfit.scene.mesh_numbering import FIELD, NAME
 from clothfit.scene.scene import Scene, load
 
 
@@ -67,6 +67,8 @@ def new_scene(
     numbering: Indices | None = None,
     warp: Sequence[float] | None = None,
     regions: Mapping[str, npt.ArrayLike] | None = None,
+    colliders: Sequence[Mapping[str, Any]] = (),
+    name: str | None = None,
 ) -> Scene:
     """Make a scene of one cloth, with the springs and masses that the editor would give it.
 
@@ -80,7 +82,8 @@ def new_scene(
     "symplectic" or "explicit" and the `drag_law` "editor". A fit compares `frames` frames. `tolerance` is that of the
     linear solver, relative. `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. `warp` is the
     direction along the cloth, which else is that of the mesh's texture coordinates; `regions` gives the vertices of
-    named regions, which come before the parts of the mesh. Raises InvalidInput when no scene can be made.
+    named regions, which come before the parts of the mesh. `colliders` are others than spheres, as the file has them;
+    `name` is that of the mesh, in a file with several. Raises InvalidInput when no scene can be made.
     """
     if isinstance(mesh, (str, os.PathLike)):
         path = os.fspath(mesh)
@@ -106,6 +109,8 @@ def new_scene(
         cloth["fit"] = own
     if numbering is not None:
         cloth[FIELD] = numbering.tolist()
+    if name is not None:
+        cloth[NAME] = name
     document: dict[str, Any] = {
         "integrationMethod": INTEGRATORS.index(integrator),
         "delta": delta,
@@ -116,7 +121,8 @@ def new_scene(
             {"type": SPHERE, "pos": _vector(centre), "rot": _vector((0, 0, 0)), "scale": _vector((2 * radius,) * 3)}
             | ({"friction": KIND["friction"].neutral[0]} if auto else {})
             for *centre, radius in spheres
-        ],
+        ]
+        + [dict(each) | ({"friction": KIND["friction"].neutral[0]} if auto else {}) for each in colliders],
         "windVel": _vector(wind),
         "printTimes": False,
         "forwardSubSteps": 1,
@@ -125,6 +131,13 @@ def new_scene(
     if whole or auto:
         document["fit"] = whole or AUTO
     return replace(load(io.StringIO(text(document))), name=title)
+
+
+def joined(scenes: Sequence[Scene]) -> Scene:
+    """The first of some scenes, with the objects of all. Raises InvalidInput."""
+    first, *others = (json.loads(each.source.text) for each in scenes)
+    first["objects"] += [cloth for each in others for cloth in each["objects"]]
+    return replace(load(io.StringIO(text(first))), name=scenes[0].name)
 
 
 def _check(**values: float) -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 import zipfile
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import IO, Any, NamedTuple
@@ -23,11 +24,11 @@ from clothfit.base import npz
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted, metres
-from clothfit.formats.animation import ASSUMED_RATE, Animation
+from clothfit.formats.animation import ASSUMED_RATE, Animation, short
 from clothfit.formats.axes import AUTO, HANDS, ORDER, SCENE, SURFACE, UPS, Axes, Reading, facing, from_scene, to_scene
 from clothfit.formats.files import name_of
 from clothfit.formats.markers import METRES_PER_UNIT
-from clothfit.formats.registry import NATIVE, Format, foreign, format_of, read, suffix_of
+from clothfit.formats.registry import NATIVE, Format, foreign, format_of, paths, read, suffix_of
 from clothfit.motion.correspondence import MARKERS, SAME, Bound, Correspondence, TooFar, bind
 from clothfit.motion.markers import Matches, initial, matched
 from clothfit.motion.motion import (
@@ -40,7 +41,8 @@ from clothfit.motion.motion import (
     read_motion,
     unseen_in,
 )
-from clothfit.scene.mesh_numbering import mesh_counts, picks
+from clothfit.scene.keys import SAID
+from clothfit.scene.mesh_numbering import mesh_counts, mesh_names, picks
 from clothfit.scene.scene import Scene
 
 DOUBTFUL_DISTANCE = 0.05
@@ -49,8 +51,8 @@ DOUBTFUL_DISTANCE = 0.05
 MISTAKEN = 0.25
 """The share of the vertices that may be as far away without a word: markers that were mistaken for others."""
 
-SAID = ("fps", "scale", "up", "handedness")
-"""What keys of a scene can say of their file as well."""
+MOST_TRIED = 50
+"""Meshes of a file that are tried."""
 
 NEAR_BY = 0.1
 """The distance of points from vertices, relative to the scene's size, up to which they are on one surface."""
@@ -156,9 +158,41 @@ def load(
     if found is None:
         loaded = _native(path_or_file, scene, reading, name)
     else:
-        loaded = _foreign(read(found, path_or_file), found, scene, reading, name)
+        content, reading, note = _meshes(found, path_or_file, scene, reading)
+        loaded = _foreign(replace(content, notes=(*note, *content.notes)), found, scene, reading, name)
     said = {key: value for key in SAID if (value := getattr(reading, key)) is not None}
     return replace(loaded, motion=replace(loaded.motion, path=path_of(path_or_file), said=said))
+
+
+def _meshes(
+    found: Format, path: str | os.PathLike[str], scene: Scene | None, reading: Reading
+) -> tuple[Animation, Reading, list[str]]:
+    """What a file holds; of several meshes those that are asked for, those that the scene was made of, or the only one
+    with as many points, with a sentence on which that is.
+    """
+    if reading.mesh is not None or scene is None:
+        return read(found, path, reading.mesh or ""), reading, []
+    every = paths(found, path) if (names := mesh_names(scene)) else []
+    if names and len(every) > 1:
+        with suppress(InvalidMotion):  # no meshes of these names
+            return read(found, path, names), replace(reading, mesh=names), [f"the cloth is its mesh {names}"]
+    fault, totals = None, (sum(scene.vertex_counts), sum(mesh_counts(scene)))
+    try:
+        content = read(found, path)
+    except InvalidMotion as error:
+        fault = error
+    if (fault or content.positions.shape[1] not in totals) and len(every := every or paths(found, path)) > 1:
+        each = {}
+        for name in short(every)[:MOST_TRIED]:
+            with suppress(InvalidMotion):
+                each[name] = read(found, path, name)
+        fitting = [name for name, own in each.items() if own.positions.shape[1] in totals]
+        if len(fitting) == 1:
+            note = f"the cloth is its mesh {fitting[0]}, the only one of as many points"
+            return each[fitting[0]], replace(reading, mesh=fitting[0]), [note]
+    if fault:
+        raise fault
+    return content, reading, []
 
 
 def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Reading, name: str) -> Loaded:

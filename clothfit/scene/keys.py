@@ -21,6 +21,9 @@ INTERPOLATIONS = ("linear", "smooth", "hold")
 
 MOST_KEYS = 1_000_000
 
+SAID = ("fps", "scale", "up", "handedness", "mesh")
+"""What keys may say of their file."""
+
 OF_FILES = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "scaleKeys", "motion", "mesh")
 """Fields that may name a file."""
 
@@ -40,7 +43,7 @@ class Keys:
     file: str | None = None  # a path
     points: tuple[int, ...] = ()  # of a motion in the file: which of its points
     joint: str | None = None  # of an animation in the file: the one to follow
-    said: dict[str, Any] = field(default_factory=dict)  # fps, scale, up, handedness of the file
+    said: dict[str, Any] = field(default_factory=dict)  # `SAID` of the file
     place: str = ""  # in the scene, for messages
 
     @property
@@ -90,7 +93,7 @@ def keys(item: Any, place: str, folder: str, problems: list[str]) -> Keys | None
     if "file" in item and own:
         return refuse(problems, place, f"has both a file and {' and '.join(own)}; give one of them")
     kind = item.get("interpolation", "linear")
-    said = {name: item[name] for name in ("fps", "scale", "up", "handedness") if name in item}
+    said = {name: item[name] for name in SAID if name in item}
     if "file" in item:
         path = os.path.join(folder, item["file"])
         points, joint = tuple(item.get("points", ())), item.get("joint")
@@ -101,7 +104,7 @@ def keys(item: Any, place: str, folder: str, problems: list[str]) -> Keys | None
         return refuse(problems, place, "needs times and values, or a file")
     if said or "points" in item or "joint" in item:
         return refuse(
-            problems, place, "fps, scale, up, handedness, points and joint belong to a file, and there is none"
+            problems, place, f"{', '.join(SAID)}, points and joint belong to a file, and there is none"
         )
     times = np.array(item["times"], float)
     values = np.array([[each["x"], each["y"], each["z"]] for each in item["values"]], float).reshape(-1, 3)

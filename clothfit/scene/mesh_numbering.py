@@ -18,6 +18,8 @@ from clothfit.base.errors import InvalidScene
 from clothfit.scene.scene import Scene
 
 FIELD = "meshVertices"
+NAME = "meshName"
+"""The name of the mesh, in a file with several."""
 
 
 def numberings(scene: Scene) -> list[Indices | None]:
@@ -28,6 +30,14 @@ def numberings(scene: Scene) -> list[Indices | None]:
         return [None] * len(scene.cloths)
     objects = json.loads(scene.source.text)["objects"]
     return [_numbering(item.get(FIELD), i, scene) for i, item in enumerate(objects)]
+
+
+def mesh_names(scene: Scene) -> str:
+    """The names of the meshes that the objects were made of, with commas between; empty where one has none."""
+    if f'"{NAME}"' not in scene.source.text:
+        return ""
+    names = [item.get(NAME) for item in json.loads(scene.source.text)["objects"]]
+    return ",".join(names) if all(isinstance(name, str) and name.strip() for name in names) else ""
 
 
 def _complete(scene: Scene) -> list[Indices]:

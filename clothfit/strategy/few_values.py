@@ -121,10 +121,14 @@ below which nothing bars the way.
 """
 
 
-def through_windows(own: Search, windows: slice = slice(None)) -> Array:
+def through_windows(
+    own: Search, windows: slice = slice(None), bar: float = np.inf,
+    reproduced: list[tuple[Objective, Array]] | None = None,
+) -> Array:  # fmt: skip
     """A few steps of Gauss–Newton on the first frames, on more and more, or on some of these windows: they show gravity
     and other values that all frames hide behind what a late frame is off by. None is begun that cannot end in time, as
-    it takes as long for each frame as the one before. Returns the last values (P,).
+    it takes as long for each frame as the one before; nor one after a window whose error, relative to how far its
+    target moves, is above the `bar`; those that are not go to `reproduced`. Returns the last values (P,).
     """
     y, pace = own.y, 0.0
     for number, window in list(enumerate(windows_of(own.objective)))[windows]:
@@ -138,6 +142,10 @@ def through_windows(own: Search, windows: slice = slice(None)) -> Array:
             y = beyond_switches(part, y, most)
         pace = (own.progress.computing - began) / window.steps
         own.visit(own.parameters(y))
+        if part.cost(y) > bar**2 * window.still:
+            break
+        if reproduced is not None:
+            reproduced.append((window, own.parameters(y)))
     return own.parameters(y)
 
 

@@ -33,7 +33,7 @@ from clothfit.strategy import continuation, ladder
 from clothfit.strategy.auto import balances_can_hold
 from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
 from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
-from clothfit.strategy.trajectory_fit import UNLIKE, first_frames, is_near, may_explain
+from clothfit.strategy.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_explain
 
 LONGEST, CLOSE, LONGEST_TRIAL = 25.0, 12.0, 10.0
 """Seconds of computing that a choice may take, those more where coarse steps come close, from where finer models soon
@@ -285,6 +285,16 @@ def by_windows_of_noise(own: Search) -> None:
             to_the_minimum(own)
 
 
+def by_exact_windows(own: Search, exact: list[tuple[Objective, Array]]) -> None:
+    """Windows of more and more frames to the minimum, as far as each is reproduced; those that are, with the values
+    (P,) that do so, go to `exact`. Raises Stop.
+    """
+    if own.fitted.sum() <= FEW_VALUES:
+        through_windows(own, bar=NEAR_ERROR, reproduced=exact)
+        if own.best.cost < UNLIKE**2 * own.objective.still:
+            to_the_minimum(own)
+
+
 def through_windows_to_the_minimum(own: Search) -> None:
     """Come from the start by windows of more and more frames nearly to the minimum. Raises Stop."""
     if own.fitted.sum() <= FEW_VALUES:
@@ -361,7 +371,12 @@ def is_enough(search: Search) -> bool:
     """Whether the step can be no better: the motion is the target's but for noise. A request to end counts as no, and
     is heard by the next simulation.
     """
-    if is_near(search):
+    return is_near(search) or leaves_noise(search)
+
+
+def leaves_noise(search: Search) -> bool:
+    """Whether the motion at the best point is the target's but for noise."""
+    if search.objective.rmse(search.best.cost) <= search.rmse_tolerance:
         return True
     try:
         with threads.single(), interrupts.heard():

@@ -32,8 +32,8 @@ FAULTS = [
     ((*WIND, "times"), [0.0], "windVelKeys.values: has 2 items for 1 times"),
     ((*WIND, "times"), MISSING, "windVelKeys: needs times and values, or a file"),
     ((*WIND, "file"), "gusts.csv", "windVelKeys: has both a file and times and values; give one of them"),
-    ((*WIND, "fps"), 24, "windVelKeys: fps, scale, up, handedness, points and joint belong to a file, and there is "
-     "none"),
+    ((*WIND, "fps"), 24, "windVelKeys: fps, scale, up, handedness, mesh, points and joint belong to a file, and "
+     "there is none"),
     (("colliders", 0, "posKeys", "times"), [1, 0], "colliders[0].posKeys.times[1]: 0 s is not later than 1 s before"),
     (("objects", 0, "pins", 0, "vertices"), [0, 12], "objects[0].pins[0].vertices[1]: 12 is no vertex; the object has"),
     (("objects", 0, "pins", 0, "vertices"), [0, 10**30], f"objects[0].pins[0].vertices[1]: {10**30} is no vertex"),

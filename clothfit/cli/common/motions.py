@@ -49,7 +49,8 @@ def reads(function: Action) -> Action:
     def described(reading: Reading, **rest: Any) -> int | None:
         if not reading.plain and not any(rest.get(name) for name in READ_BY):
             raise click.UsageError(
-                "--scale, --up, --handedness, --fps, --frames and --map describe the motion of --target; add that",
+                "--scale, --up, --handedness, --fps, --frames, --cloth and --map describe the motion of --target; add "
+                "that",
                 click.get_current_context(),
             )
         return function(**rest, reading=reading)
@@ -60,6 +61,8 @@ def reads(function: Action) -> Action:
         axes(whose="the file's, else the format's"),
         option("--fps F", f"Frames per second of the motion file.  {by_default}", float),
         option("--frames A:B", "Frames of the motion file, as a Python slice.  [default: all]"),
+        option("--cloth NAME", "Mesh of the motion file that is the cloth, where it has several.  [default: the "
+               "scene's, else those that move]", name="mesh"),
         option("--map FILE", "CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]",
                name="markers"),
     )(described)  # fmt: skip
@@ -93,8 +96,9 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
 
 def arguments(reading: Reading) -> list[str]:
     """The options of a command that say the same."""
+    words = {"markers": "map", "mesh": "cloth"}
     own = {name: value for name, value in vars(reading).items() if value is not None and name != "bind"}
-    said = {"map" if name == "markers" else name: value for name, value in own.items()}
+    said = {words.get(name, name): value for name, value in own.items()}
     return [word for name, value in said.items() for word in (f"--{name}", str(value))]
 
 

@@ -82,6 +82,11 @@ class Output:
         """What to call it in a message."""
         return "standard output" if self.is_stream else self.path
 
+    @property
+    def folder(self) -> str:
+        """The folder of the file, else the current one."""
+        return os.getcwd() if self.is_stream else os.path.dirname(os.path.abspath(self.path))
+
     def write(self, data: Data) -> None:
         """Write the whole result; an interrupt that comes now waits."""
         with uninterrupted():

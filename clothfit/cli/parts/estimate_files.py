@@ -38,6 +38,7 @@ class Files:
     resume: bool
     reading: Reading = Reading()  # noqa: RUF009  what the targets' files do not say; it cannot be changed
     forces_path: str | None = None  # on the cloths
+    cache: str | None = None  # of the fitted motion
 
     def of(self, scene_path: str) -> Files:
         """The same for one scene: without stems."""
@@ -46,6 +47,7 @@ class Files:
             target_paths=tuple(filled(path, scene_path) for path in self.target_paths),
             start=self.start and filled(self.start, scene_path),
             path=self.path and filled(self.path, scene_path),
+            cache=self.cache and filled(self.cache, scene_path),
             checkpoint=self.checkpoint and filled(self.checkpoint, scene_path),
             reading=replace(self.reading, markers=self.markers and filled(self.markers, scene_path)),
         )

@@ -7,11 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags
-from clothfit.base.messages import counted, metres
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import counted, metres, spans
 from clothfit.cli.common.scenes import vector
 from clothfit.evaluation.overview import doubts, extent
 from clothfit.formats.axes import Reading
+
+MOST_MESHES = 30
+"""Meshes of a file that are looked at."""
 
 
 def motion(path: str) -> dict[str, Any]:
@@ -82,9 +86,55 @@ def mesh(path: str) -> dict[str, Any]:
 
 
 def either(path: str) -> dict[str, Any]:
-    """The facts of a file that may have one frame or many. Raises InvalidInput."""
+    """The facts of a file that may have one frame or many, and of each of its meshes. Raises InvalidInput."""
     found = motion(path)
-    return mesh(path) if found["frames"] == 1 and found["faces"] else found
+    return (mesh(path) if found["frames"] == 1 and found["faces"] else found) | {"meshes": meshes(path)}
+
+
+def meshes(path: str) -> list[dict[str, Any]]:
+    """The facts of the meshes of a file that has names for them. Raises InvalidInput."""
+    from clothfit.formats.animation import short
+    from clothfit.formats.registry import foreign, paths
+    from clothfit.meshes.mesh import read_shape
+    from clothfit.meshes.rigid import held, moves_as
+
+    found = list[dict[str, Any]]()
+    for name in ([] if "*" in path else short(paths(foreign(path), path)))[:MOST_MESHES]:
+        try:
+            shape = read_shape(path, wanted=name)
+        except InvalidInput as error:
+            found.append({"name": name, "problem": str(error)})
+            continue
+        how = moves_as(shape.frames)
+        groups = held(shape.frames, shape.mesh.triangles) if how == "moves" else []
+        found.append({
+            "name": name, "vertices": len(shape.mesh.positions), "faces": len(shape.mesh.triangles),
+            "frames": len(shape.frames), "motion": how, "pins": spans_of(shape.pins),
+            "held": [{"vertices": spans_of(each.vertices), "moves": each.moves} for each in groups],
+        })  # fmt: skip
+    return found
+
+
+def spans_of(vertices: Indices | None) -> str:
+    """Vertices as `new --fix-vertices` takes them; empty where there are none."""
+    return "" if vertices is None else ",".join(spans(vertices.tolist()))
+
+
+def mesh_line(own: dict[str, Any]) -> str:
+    """A mesh of a file."""
+    if "problem" in own:
+        return f"{own['name']}: {own['problem']}"
+    parts = [counted(own["vertices"], "vertex", "vertices"), counted(own["faces"], "face", "faces"),
+             counted(own["frames"], "frame", "frames"), own["motion"]]  # fmt: skip
+    parts += [f"pinned {own['pins']}"] if own["pins"] else []
+    parts += [f"held? {each['vertices']} ({'as one rigid body' if each['moves'] else 'still'})" for each in own["held"]]
+    return f"{own['name']}: {', '.join(parts)}"
+
+
+def mesh_lines(own: dict[str, Any]) -> dict[str, str]:
+    """The row of the meshes of a file, where there are any."""
+    lines = [mesh_line(each) for each in own.get("meshes", [])]
+    return {"meshes": f"\n{'':<15}".join(lines)} if lines else {}
 
 
 def forces(path: str) -> dict[str, Any]:
@@ -174,6 +224,7 @@ def motion_rows(own: dict[str, Any]) -> dict[str, str]:
         "travel": f"{metres(own['travel'])} from the first frame (RMS)",
         "gaps": gaps,
         **({"note": "; ".join(own["notes"])} if own["notes"] else {}),
+        **mesh_lines(own),
     }
 
 
@@ -196,6 +247,7 @@ def mesh_rows(own: dict[str, Any]) -> dict[str, str]:
         **({"parts": parts} if parts else {}),
         "notes": "; ".join(own["notes"]),
         "problems": "; ".join(own["problems"]) or "none",
+        **mesh_lines(own),
     }
 
 

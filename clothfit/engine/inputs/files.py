@@ -162,7 +162,7 @@ def motion_of(path: str, reading: Reading) -> tuple[Array, Array]:
     found = foreign(path)
     if found is None:
         return own_motion(path, reading)
-    animation = read(found, path)
+    animation = read(found, path, reading.mesh or "")
     frames = np.arange(len(animation.positions), dtype=float) * animation.spacing
     if reading.fps is not None:
         times = frames / reading.fps
