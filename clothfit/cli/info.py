@@ -67,7 +67,7 @@ def show_record(path: str, kind: str, console: Console) -> None:
     """Print what a file holds that is no scene."""
     from clothfit.cli.parts import info_records
 
-    named = {EITHER: "either", FORCES: "forces"}.get(kind, kind)
+    named = {EITHER: "either", MESH: "either", FORCES: "forces"}.get(kind, kind)
     own = getattr(info_records, named)(path)
     console.warn(*own["warnings"], of=os.path.basename(path))
     rows = getattr(info_records, f"{own['kind']}_rows")(own)

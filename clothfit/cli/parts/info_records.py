@@ -25,7 +25,8 @@ def motion(path: str) -> dict[str, Any]:
     loaded = foreign.load(path, None, Reading())
     own, taken = loaded.motion, loaded.interpretation
     seen: Flags = np.ones(own.positions.shape[:2], bool) if own.observed is None else own.observed
-    around = box(own.positions[seen])
+    each = [box(x[here]) for x, here in zip(own.positions, seen, strict=True) if here.any()]  # without a second copy
+    around = box(np.array([corner for own in each for corner in (own["low"], own["high"])]))
     summary = taken.summary()
     return {
         "kind": "motion",
@@ -59,9 +60,10 @@ def frame(positions: Array, seen: Flags, time: float) -> dict[str, Any]:
 
 def travel(positions: Array, seen: Flags) -> float:
     """The root mean square distance from frame 0, m, of what is seen in both."""
-    both = seen & seen[0]
-    gaps = np.linalg.norm(positions - positions[0], axis=2)[both]
-    return float(np.sqrt((gaps**2).mean())) if len(gaps) else 0.0
+    both, squares = seen & seen[0], 0.0
+    for x, here in zip(positions, both, strict=True):  # without a second copy
+        squares += float(((x[here] - positions[0, here]) ** 2).sum())
+    return float(np.sqrt(squares / both.sum())) if both.any() else 0.0
 
 
 def mesh(path: str) -> dict[str, Any]:
