@@ -14,6 +14,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import option, section, standard_command
 from clothfit.cli.common.output import STREAM, print_json, write_into
 from clothfit.cli.common.scenes import read_scene
+from clothfit.export.dropped import SOLVERS, dropped
 from clothfit.export.tools import TOOLS, exported, own_step
 
 if TYPE_CHECKING:
@@ -53,6 +54,11 @@ def command(fitted_path: str, tool: str, path: str | None, console: Console) -> 
         return
     scene = read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)
+    lost = dropped(scene, tool)
+    if tool in SOLVERS[1:]:
+        console.say(f"the same motion in any program is a cache: clothfit simulate {fitted_path} -o cloth.pc2")
+    if lost:
+        console.warn(f"{scene.name}: {tool} does not get {', '.join(lost)}")
     if warning := own_step(scene, tool):
         console.warn(f"{scene.name}: {warning}")
     made = exported(scene, tool)
@@ -66,7 +72,8 @@ def command(fitted_path: str, tool: str, path: str | None, console: Console) -> 
     names = ", ".join(made) if len(made) <= MOST_NAMES else f"{len(made)} files"
     console.say(f"{scene.name}: {', '.join(parts)} → {folder}: {names}")
     objects = [{"object": number, **described(cloth)} for number, cloth in enumerate(scene.cloths)]
-    print_json({"scene": scene.name, "to": tool, "output": folder, "files": list(made), "objects": objects})
+    more = {"files": list(made), "objects": objects, "dropped": lost}
+    print_json({"scene": scene.name, "to": tool, "output": folder, **more})
 
 
 def of_model(model_path: str, path: str | None, console: Console) -> None:

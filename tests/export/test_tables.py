@@ -114,7 +114,7 @@ def test_the_command_writes_a_folder_and_says_so(folder, capsys, tool):
     values = json.loads(out)
     assert (values["to"], values["output"]) == (tool, f"scene-{tool}")
     assert sorted(values["files"]) == sorted(path.name for path in (folder / values["output"]).iterdir())
-    assert err.startswith("scene.json: 1 object, 16 vertices, 33 springs → scene-")
+    assert "\nscene.json: 1 object, 16 vertices, 33 springs → scene-" in f"\n{err}"
     assert values["objects"][0]["springs"] == {"traction": 33, "bending": 0, "other": 0}
 
 
