@@ -30,7 +30,7 @@ from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.base.messages import harmless, spelled
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import results_apart
-from clothfit.cli.common.options import ExamplesFirst, as_object, loudness, slip
+from clothfit.cli.common.options import EVERY_DAY, ExamplesFirst, as_object, loudness, slip
 from clothfit.cli.common.output import Printed, document, plain
 from clothfit.cli.common.scenes import split
 
@@ -288,7 +288,8 @@ def refused(error: click.UsageError, arguments: Sequence[str]) -> int:
     value_is_wrong = isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter)
     if error.ctx is not None and error.ctx.parent is not None:
         Printed.command = error.ctx.info_name
-    hint = "" if value_is_wrong or error.ctx is None else f" (see {error.ctx.command_path} --help)"
+    known = "" if value_is_wrong or error.ctx is None else f"{error.ctx.command_path} --help"
+    hint = known and f" (see {known}{'-all' if error.ctx and error.ctx.info_name in EVERY_DAY else ''})"
     return failed(f"{slip(error)}{hint}", 3 if value_is_wrong else 2, arguments, error)
 
 

@@ -1,5 +1,6 @@
 """Help: examples first, 80 columns, sections."""
 
+import re
 import shlex
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import pytest
 from helpers.scenes import environment, trial, write_scene
 
 from clothfit import __version__
-from clothfit.cli.common.options import parts, sections, wrapped
+from clothfit.cli.common.options import EVERY_DAY, parts, sections, wrapped
 from clothfit.cli.program import COMMANDS, group
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -93,3 +94,13 @@ def test_a_long_example_is_broken_where_a_shell_joins_it_again(line, width):
     joined = "\n".join(pieces).replace("\\\n", "")
     assert shlex.split(joined) == shlex.split(line)
     assert list(wrapped("clothfit" + "x" * 90)) == ["clothfit" + "x" * 90]
+
+
+@pytest.mark.parametrize("command", EVERY_DAY)
+def test_help_shows_the_options_of_every_day_and_help_all_shows_all(said, command):
+    short, whole = (said(f"{command} {each}")[1] for each in ("--help", "--help-all"))
+    every = {name for each in group.get_command(None, command).params for name in each.opts if name[:2] == "--"}
+    assert {*EVERY_DAY[command]} <= every
+    shown = {name for name in every if re.search(rf"^  (-\w, )?{name}\b(?!-)", short, re.MULTILINE)}
+    assert shown - {"--help", "--help-all", "--json", "--quiet", "--verbose", "--version"} == {*EVERY_DAY[command]}
+    assert all(name in whole for name in every)

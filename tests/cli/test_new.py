@@ -202,7 +202,7 @@ PAGE = (DOCS / "new.md").read_text("utf-8")
 
 
 def test_the_page_of_the_command_names_every_option():
-    common = {"--json", "--quiet", "--verbose", "--version"}
+    common = {"--help-all", "--json", "--quiet", "--verbose", "--version"}
     options = {name for option in group.get_command(None, "new").params for name in option.opts if name[:2] == "--"}
     assert {name for name in options - common if f"`{name}" not in PAGE} == set()
 

@@ -108,6 +108,7 @@ def standard_command(name: str) -> Callable[[Action], click.Command]:
 
         made = loudness(click.version_option(__version__, prog_name="clothfit")(speaking))
         made = as_object(made)
+        made = help_all(made) if name in EVERY_DAY else made
         settings = {"help_option_names": ["-h", "--help"]}
         return complete_values(click.command(name, ExamplesFirst, context_settings=settings)(made))
 
@@ -147,6 +148,18 @@ COMMON = ("as_json", "quiet", "verbose", "version")
 
 LAST = "Common options"
 """The title of their section, which is the last one."""
+
+EVERY_DAY = {
+    "estimate": (
+        "--target", "--hold", "--bind", "--scale", "--up", "--fps", "--frames", "--fit", "--model", "--budget",
+        "--holdout", "--output", "--cache", "--report",
+    ),
+    "new": (
+        "--cloth", "--collider", "--size", "--divisions", "--scale", "--up", "--weld", "--density", "--stiffness",
+        "--fix-side", "--fix-vertices", "--pins-from", "--wind", "--sphere", "--fit", "--fps", "--output",
+    ),
+}  # fmt: skip
+"""Commands with many options, to those that `--help` shows; the others are in `--help-all`."""
 
 EXAMPLE_WIDTH = 78  # columns of an example: 80 and the indentation of two
 
@@ -188,7 +201,7 @@ def sections(command: click.Command, context: click.Context) -> dict[str, list[c
     found: dict[str, list[click.Parameter]] = {}
     for option in command.get_params(context):
         if option.param_type_name == "option":
-            common = option.name in COMMON or "--help" in option.opts
+            common = option.name in COMMON or option.opts[-1].startswith("--help")
             found.setdefault(LAST if common else vars(option).get("title", "Options"), []).append(option)
     return dict(sorted(found.items(), key=lambda each: each[0] == LAST))
 
@@ -213,11 +226,31 @@ class ExamplesFirst(click.Command):
                 formatter.write_text("\n\n".join(text.rest))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options, a section each."""
+        """Write the options, a section each: all, or those of every day."""
+        daily = () if ctx.meta.get(EVERY) else EVERY_DAY.get(self.name or "", ())
         for title, options in sections(self, ctx).items():
-            records = [record for option in options if (record := option.get_help_record(ctx)) is not None]
-            with formatter.section(title):
-                formatter.write_dl(records)
+            chosen = [each for each in options if not daily or title == LAST or {*daily} & {*each.opts}]
+            records = [record for option in chosen if (record := option.get_help_record(ctx)) is not None]
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+EVERY = "clothfit.every option"
+"""Where a context says that all options are to be shown."""
+
+
+def help_all(function: F) -> F:
+    """Add --help-all."""
+
+    def show(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+        if value and not context.resilient_parsing:
+            context.meta[EVERY] = True
+            click.echo(context.get_help(), color=context.color)
+            context.exit()
+
+    text = "Show all options; --help shows those of every day."
+    return option("--help-all", text, is_eager=True, expose_value=False, callback=show)(function)
 
 
 def complete_values(command: click.Command) -> click.Command:
