@@ -101,7 +101,7 @@ def test_help_shows_the_options_of_every_day_and_help_all_shows_all(said, comman
     short, whole = (said(f"{command} {each}")[1] for each in ("--help", "--help-all"))
     every = {name for each in group.get_command(None, command).params for name in each.opts if name[:2] == "--"}
     assert {*EVERY_DAY[command]} <= every
-    listed = "".join(re.findall(r"^(?!Examples)[A-Z][^\n.]*:\n((?:  .*\n)+)", short, re.MULTILINE))  # not the text before
+    listed = "".join(re.findall(r"^(?!Examples)[A-Z][^\n.]*:\n((?:  .*\n)+)", short, re.MULTILINE))
     shown = {name for name in every if re.search(rf"^  (-\w, )?{name}\b(?!-)", listed, re.MULTILINE)}
     assert shown - {"--help", "--help-all", "--json", "--quiet", "--verbose", "--version"} == {*EVERY_DAY[command]}
     assert all(name in whole for name in every)
