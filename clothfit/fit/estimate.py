@@ -27,6 +27,7 @@ from clothfit.fit.flags import reflagged
 from clothfit.fit.followed import followed, with_start_velocity
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
+from clothfit.fit.notebook_bar import bar
 from clothfit.fit.options import (
     AUTO,
     FitOptions,
@@ -191,7 +192,8 @@ def estimate(
     named = {name: given[name] for name in Keywords.__annotations__ if name in given}
     options = replace(options_of("estimate", named), checkpoint=checkpoint, resume=resume)
     first = load(start) if isinstance(start, (str, os.PathLike)) else start
-    return by_options(scene, target, first, options)
+    with bar(options.on_progress) as told:
+        return by_options(scene, target, first, replace(options, on_progress=told))
 
 
 def by_options(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:

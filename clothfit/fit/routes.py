@@ -195,8 +195,9 @@ def by_routes(fit: Fitting) -> Status:
     except interrupts.OutOfTime:
         status = Status.LIMIT
         if not np.isfinite(fit.search.best.cost):
-            fit.search.warn("the time was used up before the first evaluation, so nothing is fitted")
-            return status
+            with interrupts.grace(np.inf):
+                fit.search.visit(fit.search.start)
+            fit.search.warn("the time was used up before the first step, so the values are those of the start")
     except KeyboardInterrupt:
         if not np.isfinite(fit.search.best.cost):
             raise  # there is no result yet

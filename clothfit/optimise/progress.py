@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.base.messages import metres
 from clothfit.kernels.clock import computing, passing
 
 if TYPE_CHECKING:
@@ -42,7 +43,15 @@ class Progress:
     frames: int = 0  # … of so many
     window_rmse: float = np.nan  # of the last accepted point, m, where that is of fewer than all frames
     unit: str = "m"  # of the errors: "m", "m/s", or none
-    best: Callable[[], Scene] | None = None  # makes the scene with the best values so far
+    best: Callable[[], Scene] | None = field(default=None, repr=False)  # makes the scene with the best values so far
+
+    def __str__(self) -> str:
+        return f"{self.seconds:.1f} s  {self.reached}  evaluation {self.evaluations}  {self.stage}"
+
+    @property
+    def reached(self) -> str:
+        """The error of the best values so far."""
+        return f"RMSE {metres(self.rmse) if self.unit == 'm' else f'{self.rmse:.3g} {self.unit}'.strip()}"
 
 
 class Trend:

@@ -261,3 +261,10 @@ def test_the_options_are_those_of_the_library(two, told):
     for name in ("positions", "observed", "times"):
         np.testing.assert_array_equal(getattr(found, name), getattr(same, name))
     assert [int(found.seen(i)[0].sum()) for i in range(2)] == [4, 1]
+
+
+def test_a_suffix_that_nothing_has_is_refused_before_anything_is_computed(said):
+    for command in ("simulate scene.json --steps 100000000 -o x.fbx", "target scene.json --steps 100000000 -o x.fbx"):
+        code, _, err = said(command)
+        assert code == 3
+        assert err.startswith("error: x.fbx: no motion format has that suffix; known are .npz, .obj, .pc2")

@@ -54,7 +54,7 @@ def test_a_second_request_ends_a_writing_that_nobody_reads(folder):
     os.mkfifo("pipe")
     call = [sys.executable, "-m", "clothfit", "simulate", "scene.json", "-v", "-o", "pipe"]
     process = subprocess.Popen(call, stderr=subprocess.PIPE, env=environment())
-    while b"simulated" not in process.stderr.readline():
+    while (line := process.stderr.readline()) and b"simulated" not in line:
         pass
     time.sleep(0.3)  # until it waits for a reader
     process.terminate()

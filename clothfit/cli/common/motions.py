@@ -14,7 +14,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import Action, F, gathered, option
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.axes import HANDS, UPS, Convention, Reading
-from clothfit.formats.registry import foreign, format_of
+from clothfit.formats.registry import foreign, format_of, suffix_of
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Indices
@@ -116,7 +116,8 @@ def check(
     from clothfit.formats.obj import ANY, numbered
     from clothfit.motion.files import check_gaps, check_place, sources
 
-    found = None if out.is_stream else format_of(out.path, writing=True)
+    plain = out.is_stream or not suffix_of(out.path)  # a pipe of a shell has no suffix
+    found = None if plain else format_of(out.path, writing=True)
     if found is None:
         if convention != Convention():
             raise InvalidInput(
