@@ -34,12 +34,14 @@ LEAST_ROUNDING = 1e-12
 @section("The scene or the mesh of the motion")
 @option("--scene SCENE", "Scene of the motion: checks it, and gives times and faces.", name="scene_path")
 @option("--mesh FILE", "Mesh whose faces are written, in any format that has faces.", name="mesh_path")
+@option("--bind MESH", "Write the motion of this mesh, which lies on the scene's in the first frame: a render mesh.",
+        name="bind_path")
 @section("The file IN")
 @motions.reads
 @section("The file OUT")
 @motions.axes("to-", "OUT")
 def command(
-    in_path: str, out_path: str, scene_path: str | None, mesh_path: str | None, reading: Reading,
+    in_path: str, out_path: str, scene_path: str | None, mesh_path: str | None, bind_path: str | None, reading: Reading,
     to_scale: float | None, to_up: str | None, to_handedness: str | None, console: Console,
 ) -> None:
     """Convert a motion from the format of IN to that of OUT; their suffixes name the formats.
@@ -51,6 +53,7 @@ def command(
     clothfit convert scene.motion.npz 'frames/cloth_*.obj' --scene scene.json
     clothfit convert 'frames/cloth_*.obj' capture.npz --scene scene.json --fps 30
     clothfit convert shirt.pc2 shirt.mdd --fps 24 --frames 0:100
+    clothfit convert fitted.npz render.pc2 --scene fitted.json --bind render.obj
     clothfit convert shirt.pc2 shirt.usd --mesh shirt.obj --fps 24 --to-scale 0.01 --to-up z
     """
     try:
@@ -58,8 +61,10 @@ def command(
     except InvalidInput as error:
         raise InvalidInput(f"--to-{error}") from None
     one_stream(in_path, scene_path)
+    if bind_path is not None and (scene_path is None or mesh_path is not None):
+        raise click.UsageError("--bind goes with --scene, and not with --mesh", click.get_current_context())
     scene = None if scene_path is None else read_scene(scene_path, console)
-    others = (scene_path, mesh_path, None if reading.markers is None else os.fspath(reading.markers))
+    others = (scene_path, mesh_path, bind_path, None if reading.markers is None else os.fspath(reading.markers))
     if out_path != STREAM:
         format_of(out_path, writing=True)
     out = output_for(out_path, in_path, "", others)
@@ -67,7 +72,7 @@ def command(
     mesh = None if mesh_path is None else mesh_faces(mesh_path)
     loaded = motions.load(in_path, scene, reading, console)
     if scene is not None:
-        loaded = of_scene(loaded, scene, out)
+        loaded = of_scene(loaded, scene, out) if bind_path is None else bound(loaded, scene, bind_path)
     faces = chosen_faces(mesh, loaded, mesh_path)
     output = written(loaded, out, scene, faces, convention, console)
     taken = loaded.interpretation.summary()
@@ -84,6 +89,19 @@ def mesh_faces(path: str) -> tuple[int, Indices]:
     if mesh.triangles is None:
         raise InvalidInput(f"--mesh: {path} has no faces")
     return mesh.interpretation.points, mesh.triangles
+
+
+def bound(loaded: Loaded, scene: Scene, path: str) -> Loaded:
+    """The motion of a mesh that lies on the scene's in the first frame. Raises InvalidInput, InvalidMotion."""
+    from clothfit.motion.correspondence import carried
+    from clothfit.motion.foreign import load
+
+    mesh, motion = load(path, None, Reading(frames=":1")), loaded.motion
+    if motion.observed is not None:
+        raise InvalidInput(f"{motion.name}: has gaps; a mesh can be bound to a whole motion only")
+    x = carried(motion.positions, scene, mesh.motion.positions[0], os.path.basename(path))
+    made = replace(motion, positions=x, vertex_counts=(x.shape[1],), weights=None)
+    return replace(loaded, motion=made, triangles=mesh.triangles)
 
 
 def of_scene(loaded: Loaded, scene: Scene, out: Output) -> Loaded:

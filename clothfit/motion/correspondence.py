@@ -173,13 +173,7 @@ def on_surface(points: Array, seen: Flags, scene: Scene, start: Array, name: str
     if extents[0] < LEAST * extents[1]:
         raise TooFar(f"{size}; in the first frame they span {metres(extents[0])} of the mesh's {metres(extents[1])}")
     found = places(points[0, there], start, triangles)
-    near = found.distance <= FAR * found.edge
-    if not near.mean() >= 1.0 - FEW:
-        raise TooFar(
-            f"{size}; {100 * (1 - near.mean()):.3g} % of the points lie more than half an edge "
-            f"({metres(FAR * float(np.median(found.edge)))}) from the mesh in the first frame, up to "
-            f"{metres(float(found.distance.max()))}; at most {100 * FEW:.0f} % may"
-        )
+    near = near_enough(found, size)
     there, found = there[near], found.some(near)
     share = len(there) / points.shape[1]
     offsets = metres(float(np.sqrt(np.mean(found.offset**2))))
@@ -189,6 +183,33 @@ def on_surface(points: Array, seen: Flags, scene: Scene, start: Array, name: str
     shown = np.ascontiguousarray(seen[:, there])
     x, known, plain = estimated(points[:, there], shown, found, scene, start)
     return Bound(x, known, Correspondence(ON_SURFACE, share, weights_of(found, len(start)), plain, shown), None, note)
+
+
+def near_enough(found: Places, size: str) -> Flags:
+    """Which of the points (m,) are near their triangles. Raises TooFar, which begins with their `size`, where too many
+    are not.
+    """
+    near = found.distance <= FAR * found.edge
+    if not near.mean() >= 1.0 - FEW:
+        raise TooFar(
+            f"{size}; {100 * (1 - near.mean()):.3g} % of the points lie more than half an edge "
+            f"({metres(FAR * float(np.median(found.edge)))}) from the mesh in the first frame, up to "
+            f"{metres(float(found.distance.max()))}; at most {100 * FEW:.0f} % may"
+        )
+    return np.asarray(near)
+
+
+def carried(x: Array, scene: Scene, points: Array, name: str) -> Array:
+    """Where a motion x (frames, N, 3) of a scene takes points (m, 3) of another mesh that lies on it in its first
+    frame (frames, m, 3); each with the triangle that is nearest there. Raises TooFar.
+    """
+    triangles = triangles_of(scene)
+    if not len(triangles):
+        raise TooFar(f"{scene.name}: has no faces to bind {name} to")
+    found = places(points, x[0], triangles)
+    near_enough(found, f"{name}: has {len(points)} points, {scene.name} has {x.shape[1]} vertices")
+    B = weights_of(found, x.shape[1])
+    return np.stack([B @ each + found.offset[:, None] * normals(each, found.corners) for each in x])
 
 
 def weights_of(found: Places, vertices: int) -> csr_array:
