@@ -52,5 +52,6 @@ def built(folder: Path) -> Harness:
     engine = compiled(folder / "UnityEngine.dll", sorted(TESTS.glob("standin/*.cs")), ["System.Numerics"])
     runtime = compiled(folder / "Clothfit.Runtime.dll", sorted(PACKAGE.glob("Runtime/**/*.cs")), [engine])
     editor = compiled(folder / "Clothfit.Editor.dll", sorted(PACKAGE.glob("Editor/**/*.cs")), [engine, runtime])
+    compiled(folder / "Clothfit.Tests.dll", sorted(PACKAGE.glob("Tests/**/*.cs")), [engine, runtime, editor])
     sources = sorted(TESTS.glob("harness/*.cs"))
     return Harness(compiled(folder / "harness.exe", sources, [engine, runtime, editor], program=True))

@@ -9,7 +9,7 @@ from helpers.unity import PACKAGE
 
 from clothfit.base.version import __version__
 
-FILES = sorted(path for path in PACKAGE.rglob("*") if path.suffix != ".meta")
+FILES = sorted(path for path in PACKAGE.rglob("*") if path.suffix != ".meta" and path.name != "Samples~")
 SOURCES = [path for path in FILES if path.suffix == ".cs"]
 MOST_LINES = 250
 
@@ -46,6 +46,29 @@ def test_the_player_of_subspaces_is_that_of_the_clients_and_the_licence_that_of_
     own = PACKAGE / "Runtime" / "Playback" / "Subspace.cs"
     assert own.read_bytes() == (EXAMPLES / "clients" / "Subspace.cs").read_bytes()
     assert (PACKAGE / "LICENSE.md").read_bytes() == (PACKAGE.parents[2] / "LICENSE").read_bytes()
+
+
+def test_the_sample_is_a_scene_of_the_package_s_components():
+    (sample,) = json.loads((PACKAGE / "package.json").read_text("utf-8"))["samples"]
+    text = (PACKAGE / sample["path"] / "Curtain.unity").read_text("utf-8")
+    guids = {
+        re.search(r"^guid: (\w+)$", (path.parent / f"{path.name}.meta").read_text("utf-8"), re.MULTILINE)[1]: path.stem
+        for path in SOURCES
+    }
+    used = [guids[guid] for guid in re.findall(r"m_Script: \{fileID: 11500000, guid: (\w+), type: 3\}", text)]
+    assert used == ["ClothfitScene", "ClothfitCloth", "ClothfitFixer", "ClothfitWind"]
+    made = set(re.findall(r"^--- !u!\d+ &(\d+)$", text, re.MULTILINE))
+    assert set(re.findall(r"\{fileID: (\d{4})\}", text)) <= made
+    fields = re.findall(r"type: 3\}\n((?:  \w+: .*\n)*)", text)
+    for component, own in zip(used, fields, strict=True):
+        source = next(path for path in SOURCES if path.stem == component).read_text("utf-8")
+        assert all(f" {name}" in source for name in re.findall(r"^  (\w+):", own, re.MULTILINE))
+
+
+@pytest.mark.slow  # starts a compiler
+def test_the_package_s_own_tests_pass(harness):
+    names = re.findall(r"\[Test\]\s+public void (\w+)", (PACKAGE / "Tests/Editor/SceneTests.cs").read_text("utf-8"))
+    assert harness("tests", harness.path.parent / "Clothfit.Tests.dll") == names
 
 
 @pytest.mark.slow  # starts a compiler

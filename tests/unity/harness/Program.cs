@@ -29,6 +29,7 @@ static class Program
             case "import": Import(rest[0], rest[1], rest[2]); break;
             case "rules": Rules(); break;
             case "menus": Menus(); break;
+            case "tests": Tests(rest[0]); break;
             case "quote": foreach (string each in rest) Console.WriteLine(Command.AsInWindows(each)); break;
             case "echo": Echo(rest[0], rest.Skip(1)); break;
             case "motion": Motion(rest[0], int.Parse(rest[1]), int.Parse(rest[2])); break;
@@ -38,6 +39,20 @@ static class Program
             default: return 2;
         }
         return 0;
+    }
+
+    /// <summary>Runs the package's tests as the Test Runner does, and prints their names.</summary>
+    static void Tests(string library)
+    {
+        foreach (Type type in Assembly.LoadFrom(library).GetTypes().Where(each => each.IsPublic))
+            foreach (MethodInfo test in type.GetMethods().Where(each => each.GetCustomAttribute<NUnit.Framework.TestAttribute>() != null))
+            {
+                object made = Activator.CreateInstance(type);
+                foreach (MethodInfo first in type.GetMethods().Where(each => each.GetCustomAttribute<NUnit.Framework.SetUpAttribute>() != null))
+                    first.Invoke(made, null);
+                test.Invoke(made, null);
+                Console.WriteLine(test.Name);
+            }
     }
 
     /// <summary>Prints a float32 for each line.</summary>
