@@ -76,7 +76,8 @@ class Correspondence(NamedTuple):
 
     def at(self, frames: slice) -> Correspondence:
         """The same at some frames only."""
-        return self._replace(points=self.points[frames], seen=self.seen[frames])
+        own = self.weights is not None
+        return self._replace(points=self.points[frames], seen=self.seen[frames]) if own else self
 
 
 IN_ORDER = Correspondence()

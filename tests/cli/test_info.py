@@ -49,8 +49,8 @@ def test_a_step_that_the_editor_does_not_have_is_said(here, said):
         write_scene(here, trial("nL", 5, integrationMethod=k), f"{k}.json")
     _, out, _ = said("info 3.json")
     assert "bdf2 steps of 0.02 s, 1 Newton iteration, tolerance" in out
-    assert "the editor in Unity cannot play its step (bdf2, integrationMethod 3)" in out
-    first, second = said("validate 2.json 3.json")[1].splitlines()
+    assert "Unity" not in out + said("validate 3.json")[1]  # only where it is asked for
+    first, second = said("validate 2.json 3.json --for unity")[1].splitlines()
     assert first == "2.json: valid"
     assert "3.json: valid; the editor in Unity cannot play its step (bdf2, integrationMethod 3)" in second
 
@@ -59,7 +59,7 @@ def test_a_law_of_the_air_that_the_editor_does_not_have_is_said(here, said):
     write_scene(here, document(cloth(3, 3, dragLaw="air", dragCoefficient=1.2), integrationMethod=2))
     _, out, _ = said("info scene.json")
     assert "1.2 (law air)" in out
-    assert "the front end in Unity does not know of dragLaw" in out
+    assert "the front end in Unity does not know of dragLaw" in said("validate scene.json --for unity")[1]
 
 
 def test_what_a_fit_chooses_among_is_said(here, said):
@@ -268,7 +268,9 @@ def test_the_right_place_is_named(said, line, message):
 
 
 @pytest.mark.parametrize(
-    ("size", "doubt"), [("700", "it is 700 m across"), ("0.0001", "it weighs 2 µg"), ("2", "")]
+    ("size", "doubt"),
+    [("700", "it is 700 m across"), ("0.0001", "it is 100 µm across, and weighs 2 µg"), ("2", ""),
+     ("60", "if the file is in centimetres, add --scale 0.01")],
 )
 def test_unlikely_units_are_doubted(said, size, doubt):
     for line in (f"new plane --size {size} --divisions 1", "info plane.json"):

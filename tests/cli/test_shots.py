@@ -1,10 +1,13 @@
 """A file with a cloth, a body that moves and a table: a scene is made of it and fitted, and a copy comes back."""
 
 import json
+import re
+import shlex
 
 import numpy as np
 import pytest
 from helpers.marks import fits
+from helpers.paths import ROOT
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from clothfit import load, mesh, simulate
@@ -38,13 +41,13 @@ def add(stage, name, faces, frames, pin=None):
         UsdGeom.PrimvarsAPI(made).CreatePrimvar("Pinned", Sdf.ValueTypeNames.FloatArray, "vertex").Set(pin)
 
 
-def write(path, cloth, **more):
-    """A shot in which the cloth has these frames."""
+def write(path, cloth, name="Cloth", **more):
+    """A shot in which the cloth, of that name, has these frames."""
     stage = Usd.Stage.CreateNew(path)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 0.01)
     stage.SetTimeCodesPerSecond(RATE)
-    add(stage, "Cloth", SHEET.triangles, cloth, **more)
+    add(stage, name, SHEET.triangles, cloth, **more)
     add(stage, "Body", SIDES, 0.1 * SOLID + [0.0, -0.115, 0.1] + SWAY)
     add(stage, "Table", [[0, 1, 3, 2]], [np.array([[x, -0.3, z] for x in (-1, 1) for z in (-1, 1)], float)])
     stage.GetRootLayer().Save()
@@ -128,3 +131,23 @@ def test_two_commands_fit_a_shot_and_bring_it_back(folder, said):
             assert theirs.GetTimeSamples() == codes
             away = 1e-2 if prim.GetName() == "ShapeCloth" else 0.0  # cm, 0.1 mm
             np.testing.assert_allclose(theirs.Get(FRAMES), own.GetPointsAttr().Get(FRAMES), atol=away)
+
+
+@fits
+def test_the_commands_of_the_page_on_garments_run(folder):
+    page = (ROOT / "docs" / "garment.md").read_text("utf-8")
+    lines = "".join(re.findall(r"^```sh\n(.*?)^```", page, re.DOTALL | re.MULTILINE)).splitlines()
+    falling = SHEET.positions + np.zeros((FRAMES, 1, 1)) + np.where(np.arange(49)[:, None] < 7, SWAY, 0.0)
+    write("shot.usdc", falling, "Skirt")
+    assert run(["new", "shot.usdc", "--cloth", "Skirt", "--collider", "Body", "--collider", "Table", "-q"]) == 0
+    scene = load("shot.json")
+    motion = simulate(scene.with_values([scene.cloths[0].mass], [2.0 * scene.cloths[0].stiffness]), FRAMES)
+    (folder / "shot.usdc").unlink()
+    write("shot.usdc", motion.positions - [-0.1, 0.05, 0.0], "Skirt")
+    assert run(["convert", "shot.usdc", "render_*.obj", "--cloth", "Skirt", "--frames", ":1", "-q"]) == 0
+    (folder / "render_0000.obj").rename("render.obj")
+    assert len(lines) == 5
+    for line in lines:
+        assert run([*shlex.split(line)[1:], "-q"]) == 0
+    assert {"fitted.usdc", "render.pc2", "skirt.pc2"} <= {each.name for each in folder.iterdir()}
+    assert (folder / "fit.html").stat().st_size > 1e5

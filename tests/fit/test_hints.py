@@ -105,8 +105,12 @@ def test_another_size_is_said(own, size, shown):
 
 def test_edges_that_are_shorter_than_in_the_scene_are_said(own):
     scene, motion, _ = own
-    texts = {hint.code: hint.text for hint in hints_of(scene, replace(motion, positions=0.7 * motion.positions))}
-    assert "30 % shorter" in texts["rest_lengths"]
+    shorter = motion.positions * np.where(np.arange(len(motion.times)) > 0, 0.7, 1.0)[:, None, None]
+    texts = {hint.code: hint.text for hint in hints_of(scene, replace(motion, positions=shorter))}
+    assert "shorter in the mean" in texts["rest_lengths"]
+    codes = {hint.code for hint in hints_of(scene, replace(motion, positions=0.7 * motion.positions))}
+    assert "scale" in codes  # from the beginning: a unit, and one remedy
+    assert "rest_lengths" not in codes
 
 
 def with_one_that_moves(x, times):

@@ -18,7 +18,9 @@ ARGUMENTS = inspect.signature(clothfit.estimate).parameters
 FILES = {"output", "report", "in-place", "log", "plot", "gif", "cache"}
 """Options that say what is written, which a caller does with the result."""
 
-OF_THE_COMMAND = {"json", "version", "quiet", "verbose", "help", "watch", "forces", "subspace", "end-with-input"}
+OF_THE_COMMAND = {
+    "help-all", "json", "version", "quiet", "verbose", "help", "watch", "forces", "subspace", "end-with-input",
+}  # fmt: skip
 """What a caller asks for otherwise: forces belong to the scene (`Scene.with_forces`), a subspace gives a start."""
 SIMULATORS = {"simulator", "iterations", "bends-by", "blender"}
 """Options of fits in the model of another tool, which functions of their own do."""

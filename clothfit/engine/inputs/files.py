@@ -42,7 +42,7 @@ def loaded(keys: Keys) -> Keys:
         else:
             times, places, angles = joint_of(keys.file, keys.joint, said, stamp)
             values = angles if keys.turns else places
-        if values.ndim == 3 and not PATHS.search(keys.place):
+        if values.ndim == 3 and keys.place and not PATHS.search(keys.place):
             values = the_one(values)
     except (InvalidMotion, InvalidInput) as error:
         raise InvalidScene(f"{keys.place}.file: {error}") from None
