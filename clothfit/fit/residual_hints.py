@@ -40,9 +40,8 @@ from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA
 from clothfit.registration.search import descended, weighted
-from clothfit.scene.fit_vector import bounds, parameters, with_parameters
+from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import smooth_balances
 
 STEPS = 5
 """Steps of Gauss–Newton."""
@@ -100,12 +99,6 @@ LEAST_CLOCK, LEAST_PLACE = 0.5, 0.3
 WORSE = 9.0
 """Squares of a vertex relative to the median from which on it may be mistaken for another."""
 
-OTHER_WIND = 0.3
-"""Difference of two winds, relative to one, that is worth a word."""
-
-SHORT_WINDOW = 3
-"""Frames of a window that show the air: in longer ones the lack of the model's springs takes its part."""
-
 CERTAIN = 0.9
 """Share of the squares from which on nothing else is tried."""
 
@@ -131,8 +124,8 @@ def with_residual_hints(found: Fit, objective: Objective) -> Fit:
     said, more = {hint.code for hint in found.hints}, list[Hint]()
     framed = any(each.scene.frame for each in objective.experiments)  # the others know axes that stand still
     looks: list[Callable[..., Iterable[Hint]]] = [from_exchange]
-    if not framed:
-        looks += [from_air, from_registration] if found.windows is None else [from_air]
+    if not framed and found.windows is None:
+        looks.append(from_registration)
     try:
         with interrupts.limited(LONGEST):
             for look in looks:
@@ -205,36 +198,6 @@ def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint
             )
             return [Hint("swapped_markers", text, early=False)]
     return []
-
-
-def from_air(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
-    """Is the wind that single frames show another one than that which brings the whole motion nearest?"""
-    scene = found.scene
-    if "wind" in said or scene.mode("wind") == "n":
-        return []
-    free = replace(scene, cloths=tuple(replace(each, fits={**each.fits, "drag": "G"}) for each in scene.cloths))
-    shown = smooth_balances.values(objective.flagging(free), parameters(free))
-    if shown is None:
-        return []
-    other = with_parameters(free, shown)
-    if np.linalg.norm(other.wind - scene.wind) <= OTHER_WIND * np.linalg.norm(other.wind):
-        return []
-    cloth, compared = objective.cloths[0], "the whole motion" if found.windows is None else "the windows"
-    text = (
-        f"each frame by itself shows a wind of {vector(other.wind)} m/s with drag {other.cloths[cloth].drag:.3g}; "
-        f"{vector(scene.wind)} m/s with drag {scene.cloths[cloth].drag:.3g} brings {compared} nearest, as what "
-        "the model lacks moves the fitted wind away from that of the air"
-    )
-    if scene.cloths[cloth].mode("drag") == "n":
-        text += "; fit the drag as well"
-    if found.windows is None or found.windows > SHORT_WINDOW:
-        text += f"; --windows {SHORT_WINDOW} fits to as few frames at a time, and finds the wind of the air"
-    return [Hint("wind", text, early=False)]
-
-
-def vector(values: Array) -> str:
-    """Three numbers."""
-    return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
 
 
 def exchanged(squares: Array) -> tuple[int, int] | None:

@@ -44,7 +44,7 @@ from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
 from clothfit.strategy import auto, chaos, continuation, kinds, ladder, step_choice
 from clothfit.strategy.few_values import FEW_VALUES
-from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by, with_air
+from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by
 from clothfit.strategy.step_choice import Step, Trial
 from clothfit.strategy.time_step import with_substeps
 from clothfit.strategy.trajectory_fit import (
@@ -226,14 +226,6 @@ def with_asked_step(fit: Fitting) -> None:
     fit.adopt(with_substeps(fit.own, fit.options.substeps, None), fit.first)
 
 
-def with_smooth_balances(fit: Fitting) -> None:
-    """Wind and drag by smooth balances of momentum, where these come nearer."""
-    found = with_air(fit.search.objective, fit.first)
-    if found is not fit.first:
-        fit.adopt(fit.search.objective, found)
-        fit.known = True
-
-
 def as_before(fit: Fitting) -> None:
     """What a fit had chosen that goes on. Raises InvalidInput where that does not fit."""
     state = fit.state
@@ -373,9 +365,6 @@ CHOICES = (
     Route("as before", lambda fit: fit.state is not None, as_before),
     Route("asked step", lambda fit: not (fit.hidden or fit.state) and isinstance(fit.options.substeps, int),
           with_asked_step),
-    Route("smooth balances",
-          lambda fit: not (fit.hidden or fit.state) and fit.start is None and fit.options.method == AUTO,
-          with_smooth_balances),
     Route("few kinds",
           lambda fit: fit.options.auto and not (fit.hidden or fit.state or fit.options.windows)
           and fit.options.model in (None, AUTO) and fit.options.method == AUTO,

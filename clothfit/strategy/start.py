@@ -41,10 +41,9 @@ from clothfit.objective.target import first_step
 from clothfit.scene.block import Block
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.factors import geometric_mean
-from clothfit.scene.fit_vector import bounds, of_kinds, parameters, with_parameters
+from clothfit.scene.fit_vector import bounds, of_kinds, parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
-from clothfit.strategy import smooth_balances
 
 COARSE_FRAMES = 30  # that are compared, the one before the first that shows anything included
 COARSE_TOLERANCE = 1e-4  # of the linear solver: far below the differences between grid points
@@ -135,10 +134,6 @@ SELF_STARTING = ("auto", "momentum")
 """Methods that look for a start themselves where none is given."""
 
 
-EARLY = 3
-"""The first of so many parts of the frames shows which start is better."""
-
-
 def first_point(
     objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str
 ) -> tuple[Array, float, list[str]]:
@@ -171,25 +166,6 @@ def choose_start(objective: Objective, start: float | Array | Scene | None, hidd
     if hidden:
         return np.where(identifiable(scene), neutral_start(objective), parameters(scene))
     return parameters(scene)
-
-
-def with_air(objective: Objective, p: Array) -> Array:
-    """The start p (P,), or, where the wind or the drag is fitted, the values of smooth balances of momentum, if these
-    cost less over the first part of the frames: from a wrong drag no wind pays, and from no wind no drag does.
-    """
-    now = with_parameters(objective.scene, p)
-    if is_steady(now) and all(each.scene is objective.scene for each in objective.experiments):
-        own = objective.flagging(steadied(now))
-        before = parameters(own.scene)
-        after = with_air(own, before)
-        return p if after is before else values_by(with_parameters(own.scene, after), flags=objective.scene)
-    if not any(block.name in ("wind", "drag") for block in objective.blocks):
-        return p
-    found = smooth_balances.values(objective, p)
-    if found is None or WHOLE & set(objective.weights):
-        return p
-    early = objective.until(max(objective.steps // EARLY, COARSE_FRAMES) + 1, COARSE_TOLERANCE)
-    return min((p, np.where(objective.identifiable, found, p)), key=early.cost_or_infinity)
 
 
 def given_start(scene: Scene, start: float | Array, others: Array) -> Array:

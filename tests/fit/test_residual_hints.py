@@ -6,12 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.strangers import WIND, sheet, small, stranger, windy, with_finer_steps
+from helpers.strangers import sheet, small, stranger, with_finer_steps
 
 from clothfit import Fit, degrade, estimate, simulate
-from clothfit.fit.residual_hints import SHIFT, around, from_air, with_stall_hint
+from clothfit.fit.residual_hints import SHIFT, around, with_stall_hint
 from clothfit.motion.motion import at_frames
-from clothfit.objective.objective import Objective
 from clothfit.optimise.status import Status
 from clothfit.scene.fit_vector import bounds, parameters
 
@@ -71,25 +70,6 @@ def test_the_model_with_noise_gives_no_hint_and_finer_steps_none_of_clock_or_pla
     assert late_hints(motion(1e-3)) == {}
     said = late_hints(with_finer_steps(sheet(20.0), 4))
     assert not {"time_offset", "time_scale", "placement", "swapped_markers"} & set(said)
-
-
-@pytest.mark.parametrize(("drag", "said"), [("G", False), ("n", True)])
-def test_a_wind_that_single_frames_show_otherwise_is_said(drag, said):
-    motion = with_finer_steps(windy(), 4)
-
-    def hints(wind):
-        scene = windy(wind)
-        scene = replace(scene, cloths=(replace(scene.cloths[0], fits={"damping": "G", "drag": drag}),))
-        return from_air(SimpleNamespace(scene=scene, windows=None), Objective(scene, motion, 1e-10), set())
-
-    (hint,) = hints((-1.0, 3.0, 2.0))
-    assert hint.code == "wind"
-    assert "(-1, 3, 2) m/s with drag 2e+03 brings" in hint.text
-    assert ("fit the drag as well" in hint.text) is said
-    assert "; --windows 3 fits" in hint.text
-    assert not hints(WIND)
-    calm = replace(windy(), fits={})
-    assert not from_air(SimpleNamespace(scene=calm, windows=None), Objective(calm, motion, 1e-10), set())
 
 
 # --- searches that have stalled

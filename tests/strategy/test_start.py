@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS, compiled, fits
+from helpers.marks import FITS, fits
 from helpers.physics import scene, thing
 from helpers.scenes import changed, cloth, document, even, sphere, trial
-from helpers.strangers import WIND, windy, with_finer_steps
+from helpers.strangers import WIND, windy
 
 import clothfit
 from clothfit.meshes import mesh
@@ -35,7 +35,6 @@ from clothfit.strategy.start import (
     steadied,
     undetermined,
     values_by,
-    with_air,
 )
 
 pytestmark = FITS
@@ -303,16 +302,6 @@ def test_a_steady_wind_gives_the_same_motion_and_goes_back_to_the_keys(flags):
 def test_parameters_by_the_same_flags_are_taken_as_they_are():
     scene = gusty(SWINGING)
     np.testing.assert_array_equal(values_by(scene, scene), parameters(scene))
-
-
-@compiled
-def test_a_fit_of_keys_starts_from_the_steady_wind_that_frames_show():
-    motion = with_finer_steps(windy(), 4)  # differences of frames see what their steps hide
-    start = gusty(np.zeros((5, 3)), wind=(0, 0, 0), drag=0.1)
-    p = with_air(Objective(start, motion, 1e-10), parameters(start))
-    keys = with_parameters(start, p).gusts
-    assert (keys == keys[0]).all()
-    np.testing.assert_allclose(keys[0], WIND, rtol=0.2)  # as near as differences of frames are
 
 
 @fits
