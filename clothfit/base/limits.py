@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import kilograms, metres
 
 FIT_TOLERANCE = 1e-10  # of the linear systems of a fit and of what is compared with it, relative
 
 FARTHEST = 1e12
 """A vertex farther than this many metres from the origin (sum of its coordinates) counts as diverged."""
+
+LENGTHS = (1e-2, 20.0)  # m, of the largest side: a doll's handkerchief, a stage curtain
+MASSES = (1e-6, 1e4)  # kg
+OTHER_UNITS = {0.01: "centimetres", 0.001: "millimetres", 100.0: "units of 100 m", 1000.0: "kilometres"}
+OF_FILES, OF_SCENES = "add --scale {:g}", "make it again with clothfit new MESH --scale {:g}"
+"""What to do about the unit of a file that has an option for it, and of a scene."""
 
 
 def checked_tolerance(tolerance: float | None, default: float) -> float:
@@ -32,6 +40,21 @@ def check_capture(noise: float, observed: float, every: int, fps: float | None =
         raise InvalidInput(f"fps must be above 0 and finite; {fps:g} was given")
     if fps is not None and every != 1:
         raise InvalidInput("fps: does not go with every; each says which frames there are")
+
+
+
+def doubts(size: Sequence[float], mass: float | None = None, remedy: str = OF_FILES) -> list[str]:
+    """A sentence where something is hard to believe: `size` the sides of the bounding box, m; mass, kg. The unit is the
+    one in which the longest side comes nearest to a metre.
+    """
+    longest = max(size, default=0.0)
+    if longest > 0 and not LENGTHS[0] <= longest <= LENGTHS[1]:
+        scale = min(OTHER_UNITS, key=lambda each: abs(math.log(each * longest)))
+        weight = f", and weighs {kilograms(mass)}" if mass else ""
+        return [f"it is {metres(longest)} across{weight}: if that is in {OTHER_UNITS[scale]}, {remedy.format(scale)}"]
+    if mass is not None and mass > 0 and not MASSES[0] <= mass <= MASSES[1]:
+        return [f"it weighs {kilograms(mass)}; are size and mass per area (--density) right?"]
+    return []
 
 
 UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}

@@ -217,9 +217,8 @@ def fit_one(
 
 
 def tell(hint: Hint, readings: Sequence[Mapping[str, Any]], console: Console) -> None:
-    """Say what a target shows before a fit; not again where reading it has named the unit or the axes that would fit.
-    """
-    if not (hint.code in ("scale", "placement", "rest_lengths") and any(each["advice"] for each in readings)):
+    """Say what a target shows before a fit."""
+    if estimate_results.is_new(hint, readings):
         console.say(f"hint: {hint.text}")
 
 

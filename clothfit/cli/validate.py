@@ -12,7 +12,7 @@ from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import option, standard_command
 from clothfit.cli.common.output import STREAM, print_json
-from clothfit.cli.common.scenes import better, one_stream, split
+from clothfit.cli.common.scenes import better, one_stream, split, unit_doubts
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def judge(path: str, tool: str | None = None) -> Verdict:
             check(scene)
     except InvalidScene as error:
         return Verdict(path, better(error, path), ())
-    warnings = (*scene.warnings, *misspelt_fields(scene))
+    warnings = (*scene.warnings, *unit_doubts(scene), *misspelt_fields(scene))
     note = None if tool is None else beyond_editor(scene)
     return Verdict(scene.name if path == STREAM else path, None, warnings, note)
 

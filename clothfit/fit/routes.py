@@ -195,7 +195,7 @@ def by_routes(fit: Fitting) -> Status:
     except interrupts.OutOfTime:
         status = Status.LIMIT
         if not np.isfinite(fit.search.best.cost):
-            with interrupts.grace(np.inf):
+            with interrupts.grace(np.inf), suppress(Stop):  # which may be there already
                 fit.search.visit(fit.search.start)
             fit.search.warn("the time was used up before the first step, so the values are those of the start")
     except KeyboardInterrupt:

@@ -12,9 +12,6 @@ from clothfit.base.memory import human
 from clothfit.base.messages import unreadable
 from clothfit.base.reading import MOST_TEXT, unchanged, whole
 
-POSITION_COPIES = 2
-"""Copies of all positions in memory while they are turned into the scene's axes."""
-
 
 def name_of(path: str | os.PathLike[str]) -> str:
     """The name of a file in messages."""

@@ -28,7 +28,7 @@ from clothfit.base.messages import counted, unreadable
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation, Parts, fans, known, parts_of
 from clothfit.formats.axes import RIGHT
-from clothfit.formats.files import POSITION_COPIES, check_room, content, name_of
+from clothfit.formats.files import check_room, content, name_of
 
 ANY = "*"
 """The place of the frame number in the name of a sequence."""
@@ -73,7 +73,7 @@ def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation
     """The files of a sequence, in their order; `path` names it in messages. Raises InvalidMotion."""
     first = _Text(paths[0])
     points, triangles = first.points(), first.triangles()
-    check_room(POSITION_COPIES * len(paths) * points.nbytes, path)
+    check_room(len(paths) * points.nbytes, path)
     positions = np.empty((len(paths), *points.shape))
     positions[0] = points
     for frame, each in enumerate(paths[1:], 1):

@@ -25,7 +25,7 @@ from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation, increasing
 from clothfit.formats.axes import RIGHT
-from clothfit.formats.files import POSITION_COPIES, check_room, name_of, refused
+from clothfit.formats.files import check_room, name_of, refused
 
 PC2_MAGIC = b"POINTCACHE2\0"
 PC2_HEADER, MDD_HEADER = Struct("<iiffi"), Struct(">ii")  # behind the magic bytes
@@ -84,7 +84,7 @@ class _Cache:
         needed = self.file.tell() + frames * (12 * points + each)
         if self.size != needed:
             raise InvalidMotion(f"{self.name}: {count} take {needed} bytes, it has {self.size}; is it complete?")
-        check_room(POSITION_COPIES * 24 * frames * points, self.path)
+        check_room(24 * frames * points, self.path)
 
     def numbers(self, count: int) -> Array:
         """The next numbers, as float64."""

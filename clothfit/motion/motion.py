@@ -153,8 +153,9 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
 
 def unseen_in(positions: Array) -> Flags | None:
     """Which positions (frames, n) are NaN, which means that they were not seen; None where none is."""
-    unseen = np.stack([np.isnan(frame).any(axis=1) for frame in positions])  # one by one, as in `check_positions`
-    return unseen if unseen.any() else None
+    if not any(np.isnan(frame.min(initial=0.0)) for frame in positions):  # one by one, as in `check_positions`
+        return None
+    return np.stack([np.isnan(frame).any(axis=1) for frame in positions])
 
 
 def check_loaded(motion: object) -> None:
@@ -194,6 +195,8 @@ def check_shapes(arrays: Mapping[str, NDArray[Any] | npz.Stored], scene: Scene, 
 def check_positions(positions: Array, observed: Flags | None, name: str) -> None:
     """Raise InvalidMotion where an observed position is not finite, or absurdly far away."""
     for frame in range(len(positions)):  # one by one: an array as large as `positions` would take as much memory again
+        if np.abs(positions[frame]).max(initial=0.0) < FARTHEST:  # not of NaN
+            continue
         bad = ~(np.abs(positions[frame]) < FARTHEST).all(axis=1)
         if observed is not None:
             bad &= observed[frame]

@@ -268,14 +268,22 @@ def test_the_right_place_is_named(said, line, message):
 
 
 @pytest.mark.parametrize(
-    ("size", "doubt"),
-    [("700", "it is 700 m across"), ("0.0001", "it is 100 µm across, and weighs 2 µg"), ("2", ""),
-     ("60", "if the file is in centimetres, add --scale 0.01")],
-)
-def test_unlikely_units_are_doubted(said, size, doubt):
-    for line in (f"new plane --size {size} --divisions 1", "info plane.json"):
+    ("size", "doubt", "scale"),
+    [("700", "it is 700 m across", "0.001"),
+     ("0.0001", "it is 100 µm across", "1000"), ("2", "", ""),
+     ("60", "it is 60 m across", "0.01")],
+)  # fmt: skip
+def test_unlikely_units_are_doubted_once_in_every_command_and_the_remedy_works(said, size, doubt, scale):
+    assert said(f"new plane --size {size} --divisions 1")[0] == 0
+    assert said("simulate plane.json --steps 1 -o plane.glb -q")[0] == 0
+    for line in ("new plane.glb --scale 1", "info plane.json", "validate plane.json", "simulate plane.json --steps 1",
+                 "info plane.glb", "convert plane.glb x.pc2 --fps 30"):
         code, _, err = said(line)
-        assert (code, doubt in err, "warning" in err) == (0, True, bool(doubt))
+        assert (code, err.count("across")) == (0, bool(doubt))
+        assert ".glb" in line or doubt in err  # which has single precision
+        assert scale == "" or f"--scale {scale}" in err
+    if doubt:
+        assert "across" not in said(f"new plane.glb --scale {scale}")[2]
 
 
 NO_SCENES = {

@@ -180,6 +180,11 @@ def test_a_smooth_rotation_goes_through_unevenly_spaced_keys():
         found = sampling.turned(Keys(times, angles, "smooth", place="frame.rotKeys"), times)
         turns = sampling.rotation(angles)
         np.testing.assert_allclose(found, (turns * turns[0].inv()).as_matrix(), atol=1e-6)  # `MISSED`
+        when = np.linspace(times[0], times[-1], 2000)
+        between = sampling.turned(Keys(times, angles, "smooth", place="frame.rotKeys"), when)
+        farthest = (turns * turns[0].inv()).magnitude().max()
+        # each coordinate of a rotation vector stays between those of its keys, so all three are at most √3 times that
+        assert np.arccos((np.trace(between, axis1=1, axis2=2) - 1) / 2).max() <= np.sqrt(3) * farthest
 
 
 def test_only_paths_of_pins_have_several_points(tmp_path):

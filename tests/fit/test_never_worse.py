@@ -140,6 +140,8 @@ def test_the_time_ends_a_fit_with_its_best_point_or_with_the_start():
     assert (fit.status, fit.cost) == ("limit", Objective(scene, motions, 1e-10).cost(parameters(scene)))
     assert parameters(fit.scene).tolist() == parameters(scene).tolist()
     assert "the time was used up before the first step, so the values are those of the start" in fit.warnings
+    found = estimate(scene, motions, **{**options, "rmse": 1.0}, budget=1e-9)  # begins where it may end
+    assert (found.status, found.evaluations) == ("limit", 1)
 
 
 def test_one_value_for_all_never_replaces_a_pattern_that_is_nearer():

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import doubts
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import Action, F, gathered, option
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
@@ -78,7 +79,7 @@ def read(
     """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `readings`."""
     assumed = foreign(path) is not None or not reading.plain
     loaded = load(path, scene, reading, console, assumed)
-    if assumed and readings is not None:
+    if (assumed or loaded.interpretation.doubts) and readings is not None:
         readings.append(loaded.interpretation.summary())
     return loaded.motion
 
@@ -91,6 +92,9 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
     if assumed or loaded.interpretation.notes:
         console.say(str(loaded.interpretation))
     console.warn(*loaded.interpretation.doubts)
+    if scene is None:  # else its start is compared with the scene's, which says more
+        first = loaded.motion.positions[0][loaded.motion.seen()[0]]
+        console.warn(*doubts((first.max(axis=0) - first.min(axis=0)).tolist() if len(first) else []), of=path)
     return loaded
 
 

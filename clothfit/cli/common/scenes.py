@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.base.limits import OF_SCENES, doubts
 from clothfit.base.messages import unreadable
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option
@@ -47,9 +48,18 @@ def read_scene(path: str, console: Console) -> Scene:
         scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
     except InvalidScene as error:
         raise better(error, path) from None
-    console.warn(*scene.warnings, of=scene.name)
+    console.warn(*scene.warnings, *unit_doubts(scene), of=scene.name)
     console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
     return scene
+
+
+def unit_doubts(scene: Scene) -> list[str]:
+    """Sentences on objects whose size or mass is hard to believe."""
+    found = []
+    for index, cloth in enumerate(scene.cloths):
+        size = (cloth.positions.max(axis=0) - cloth.positions.min(axis=0)).tolist()
+        found += [f"objects[{index}]: {each}" for each in doubts(size, float(cloth.mass.sum()), OF_SCENES)]
+    return found
 
 
 def under_forces(scene: Scene, path: str | None, feedback: bool = False) -> Scene:

@@ -6,7 +6,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import IO, TYPE_CHECKING, Any
 
@@ -27,6 +27,7 @@ from clothfit.scene.kinds import INTEGRATORS, KIND, MODEL_NAMES, Kind
 
 if TYPE_CHECKING:
     from clothfit.fit.confidence import Samples
+    from clothfit.fit.hints import Hint
     from clothfit.fit.result import Fit, FittedBlock
     from clothfit.optimise.progress import Progress
     from clothfit.report.log import Point
@@ -52,14 +53,18 @@ def finish(
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
     result = summary(scene, found, out) | (more or {})
-    console.warn(*(f"the fit fails: {hint.text}" for hint in found.hints if hint.code == FAILED), of=scene.name)
+    readings = result.get("reading", [])
+    failed = [hint.text for hint in found.hints if hint.code == FAILED]
+    if failed and (advice := remedies(readings)):
+        failed = [f"the target is read in other units or axes than its own; {advice[0]}"]
+    console.warn(*(f"the fit fails: {text}" for text in failed), of=scene.name)
     console.warn(*found.warnings, of=scene.name)
     diverged = found.status == Status.DIVERGED
     if diverged:
         result["output"] = None
     else:
         output.write_scene(found.scene, out)
-        describe(found, out, console)
+        describe(found, out, console, readings)
     if log is not None:
         log.end(output.document("estimate", result))
     print_json(result)
@@ -70,7 +75,18 @@ def finish(
     return EXIT_CODES[found.status]
 
 
-def describe(found: Fit, out: Output, console: Console) -> None:
+def remedies(readings: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The options with which the files of targets would fit, as reading them has said."""
+    return [each["advice"] for each in readings if "--" in (each["advice"] or "")]
+
+
+def is_new(hint: Hint, readings: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether a hint says more than reading the targets has, which may have named the unit or the axes that would fit.
+    """
+    return not (hint.code in ("scale", "placement", "rest_lengths", "bounds") and remedies(readings))
+
+
+def describe(found: Fit, out: Output, console: Console, readings: Sequence[Mapping[str, Any]] = ()) -> None:
     """Print the result in a few lines."""
     over = counted(found.frames, "frame", "frames")
     used = f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s"
@@ -87,8 +103,8 @@ def describe(found: Fit, out: Output, console: Console) -> None:
         what = counted(found.followed, "held vertex follows", "held vertices follow")
         console.say(f"{what} the target, as pins of the scene; --hold keeps them still")
     describe_choices(found, console)
-    late = [hint.text for hint in found.hints if not hint.early and hint.code != FAILED]  # the others were said before
-    console.say(*late, of="hint")
+    late = [hint for hint in found.hints if not hint.early and hint.code != FAILED]  # the others were said before
+    console.say(*(hint.text for hint in late if is_new(hint, readings)), of="hint")
     if found.holdout:
         kept = counted(found.holdout.observations, "position", "positions")
         console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")

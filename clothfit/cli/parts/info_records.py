@@ -9,9 +9,10 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import doubts
 from clothfit.base.messages import counted, metres, spans
 from clothfit.cli.common.scenes import vector
-from clothfit.evaluation.overview import doubts, extent
+from clothfit.evaluation.overview import extent
 from clothfit.formats.axes import Reading
 
 MOST_MESHES = 30
@@ -25,7 +26,7 @@ def motion(path: str) -> dict[str, Any]:
     loaded = foreign.load(path, None, Reading())
     own, taken = loaded.motion, loaded.interpretation
     seen: Flags = np.ones(own.positions.shape[:2], bool) if own.observed is None else own.observed
-    each = [box(x[here]) for x, here in zip(own.positions, seen, strict=True) if here.any()]  # without a second copy
+    each = [box(x[some(here)]) for x, here in zip(own.positions, seen, strict=True) if here.any()]  # no second copy
     around = box(np.array([corner for own in each for corner in (own["low"], own["high"])]))
     summary = taken.summary()
     return {
@@ -41,14 +42,19 @@ def motion(path: str) -> dict[str, Any]:
         "observed": float(seen.mean()) if seen.size else 0.0,
         "never_observed": int((~seen.any(axis=0)).sum()),
         "travel": travel(own.positions, seen),
-        "warnings": doubts(around["size"]),
+        "warnings": doubts(box(own.positions[0][seen[0]])["size"]),  # not of the way that it goes
     }
+
+
+def some(here: Flags) -> Flags | slice:
+    """What picks those points; a view where that is all."""
+    return slice(None) if here.all() else here
 
 
 def box(points: Array) -> dict[str, list[float]]:
     """The two corners of the bounding box of points (n, 3), at the origin where there are none, and its size."""
-    around = points if len(points) else np.zeros((1, 3))
-    low, high = around.min(axis=0), around.max(axis=0)
+    around = points.T if len(points) else np.zeros((3, 1))  # row by row, as axis 0 takes several times as long
+    low, high = (np.array([end(row) for row in around]) for end in (np.min, np.max))
     return {"low": low.tolist(), "high": high.tolist(), "size": (high - low).tolist()}
 
 
@@ -62,7 +68,8 @@ def travel(positions: Array, seen: Flags) -> float:
     """The root mean square distance from frame 0, m, of what is seen in both."""
     both, squares = seen & seen[0], 0.0
     for x, here in zip(positions, both, strict=True):  # without a second copy
-        squares += float(((x[here] - positions[0, here]) ** 2).sum())
+        away = x[some(here)] - positions[0, some(here)]
+        squares += float(np.vdot(away, away))
     return float(np.sqrt(squares / both.sum())) if both.any() else 0.0
 
 
