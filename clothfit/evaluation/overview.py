@@ -1,5 +1,5 @@
 """The contents of a scene in numbers, to get to know a scene or to check that it is the intended one: its objects, how
-they are woven and divided, and doubts about their units.
+they are woven and divided.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.messages import counted, kilograms, meant, metres, named, owned, place
+from clothfit.base.messages import counted, meant, named, owned, place
 from clothfit.meshes.problems import components
 from clothfit.scene import schema as structure
 from clothfit.scene.cloth import Cloth, Layout
@@ -28,11 +28,6 @@ KEYED = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "scaleKeys", "motio
 
 ALIKE = 0.85
 """Share of letters in order that two names have in common which may be meant for each other."""
-
-LENGTHS = (1e-2, 20.0)  # m, of the largest side: a doll's handkerchief, a stage curtain
-MASSES = (1e-6, 1e4)  # kg
-UNITS = {0.01: "centimetres", 0.001: "millimetres", 100.0: "units of 100 m", 1000.0: "kilometres"}
-USUAL = (0.2, 10.0)  # m, of the largest side in the right unit
 
 PLAIN = frozenset({"edges", "bending", "other"})
 """Families of a mesh without directions."""
@@ -210,20 +205,6 @@ def owners(document: Any) -> Iterator[tuple[str, tuple[str | int, ...], Any]]:
     yield from own
     for _, path, item in [("scene", (), document), *own]:
         yield from (("keys", (*path, name), item[name]) for name in KEYED if isinstance(item.get(name), dict))
-
-
-def doubts(size: Sequence[float], mass: float | None = None) -> list[str]:
-    """A sentence for each thing that is hard to believe: `size` the sides of the bounding box, m; mass, kg."""
-    found = []
-    longest = max(size, default=0.0)
-    if longest > 0 and not LENGTHS[0] <= longest <= LENGTHS[1]:
-        scale = next((each for each in UNITS if USUAL[0] <= each * longest <= USUAL[1]), None)
-        unit = "; is the unit right (--scale)?"
-        remedy = f": if the file is in {UNITS[scale]}, add --scale {scale:g}" if scale else unit
-        return [f"it is {metres(longest)} across" + (f", and weighs {kilograms(mass)}" if mass else "") + remedy]
-    if mass is not None and mass > 0 and not MASSES[0] <= mass <= MASSES[1]:
-        found.append(f"it weighs {kilograms(mass)}; are size and mass per area right?")
-    return found
 
 
 def extent(size: Sequence[float]) -> str:

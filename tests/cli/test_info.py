@@ -270,7 +270,7 @@ def test_the_right_place_is_named(said, line, message):
 @pytest.mark.parametrize(
     ("size", "doubt"),
     [("700", "it is 700 m across"), ("0.0001", "it is 100 µm across, and weighs 2 µg"), ("2", ""),
-     ("60", "if the file is in centimetres, add --scale 0.01")],
+     ("60", "if the file is in centimetres, ")],
 )
 def test_unlikely_units_are_doubted(said, size, doubt):
     for line in (f"new plane --size {size} --divisions 1", "info plane.json"):

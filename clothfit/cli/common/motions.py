@@ -78,7 +78,7 @@ def read(
     """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `readings`."""
     assumed = foreign(path) is not None or not reading.plain
     loaded = load(path, scene, reading, console, assumed)
-    if assumed and readings is not None:
+    if (assumed or loaded.interpretation.doubts) and readings is not None:
         readings.append(loaded.interpretation.summary())
     return loaded.motion
 

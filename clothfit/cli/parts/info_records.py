@@ -9,9 +9,10 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import doubts
 from clothfit.base.messages import counted, metres, spans
 from clothfit.cli.common.scenes import vector
-from clothfit.evaluation.overview import doubts, extent
+from clothfit.evaluation.overview import extent
 from clothfit.formats.axes import Reading
 
 MOST_MESHES = 30
@@ -41,7 +42,7 @@ def motion(path: str) -> dict[str, Any]:
         "observed": float(seen.mean()) if seen.size else 0.0,
         "never_observed": int((~seen.any(axis=0)).sum()),
         "travel": travel(own.positions, seen),
-        "warnings": doubts(around["size"]),
+        "warnings": doubts(around["size"], remedy="read it with estimate --scale {}"),
     }
 
 
@@ -83,7 +84,7 @@ def mesh(path: str) -> dict[str, Any]:
         "parts": {name: len(vertices) for name, vertices in found.parts},
         "notes": list(notes),
         "problems": [each.sentence for each in problems(found)],
-        "warnings": doubts(around["size"]),
+        "warnings": doubts(around["size"], remedy="make its scene with new --scale {}"),
     }
 
 
