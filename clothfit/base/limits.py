@@ -1,4 +1,6 @@
-"""Limits of the numbers that a caller gives: checks without any library, so that a wrong number fails at once."""
+"""Limits of the numbers that a caller gives, checked without any library, so that a wrong number fails at once; and
+doubts about numbers whose unit is hard to believe.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,6 @@ FIT_TOLERANCE = 1e-10  # of the linear systems of a fit and of what is compared 
 
 FARTHEST = 1e12
 """A vertex farther than this many metres from the origin (sum of its coordinates) counts as diverged."""
-
-LENGTHS = (1e-2, 20.0)  # m, of the largest side: a doll's handkerchief, a stage curtain
-MASSES = (1e-6, 1e4)  # kg
-OTHER_UNITS = {0.01: "centimetres", 0.001: "millimetres", 100.0: "units of 100 m", 1000.0: "kilometres"}
-OF_FILES, OF_SCENES = "add --scale {:g}", "make it again with clothfit new MESH --scale {:g}"
-"""What to do about the unit of a file that has an option for it, and of a scene."""
 
 
 def checked_tolerance(tolerance: float | None, default: float) -> float:
@@ -42,19 +38,37 @@ def check_capture(noise: float, observed: float, every: int, fps: float | None =
         raise InvalidInput("fps: does not go with every; each says which frames there are")
 
 
+LENGTHS = (1e-2, 20.0)  # m, of the largest side: a doll's handkerchief, a stage curtain
+MASSES = (1e-6, 1e4)  # kg
+LARGE_UNITS = {0.01: "centimetres", 0.001: "millimetres", 100.0: "units of 100 m", 1000.0: "kilometres"}
+GARMENT = 1.0  # m, of the largest side in the right unit
+LONGEST_STEP = 1.0  # s
+FALLS = 100.0  # m/s²
 
-def doubts(size: Sequence[float], mass: float | None = None, remedy: str = OF_FILES) -> list[str]:
-    """A sentence where something is hard to believe: `size` the sides of the bounding box, m; mass, kg. The unit is the
-    one in which the longest side comes nearest to a metre.
+
+def doubts(size: Sequence[float], mass: float | None = None, remedy: str = "add --scale {}") -> list[str]:
+    """A sentence for each thing that is hard to believe: `size` the sides of the bounding box, m; mass, kg. `remedy`
+    is what to type, with {} in the place of the metres per unit.
     """
     longest = max(size, default=0.0)
     if longest > 0 and not LENGTHS[0] <= longest <= LENGTHS[1]:
-        scale = min(OTHER_UNITS, key=lambda each: abs(math.log(each * longest)))
+        scale = min(LARGE_UNITS, key=lambda each: abs(math.log(each * longest / GARMENT)))
         weight = f", and weighs {kilograms(mass)}" if mass else ""
-        return [f"it is {metres(longest)} across{weight}: if that is in {OTHER_UNITS[scale]}, {remedy.format(scale)}"]
+        unit = f"if the file is in {LARGE_UNITS[scale]}, {remedy.format(f'{scale:g}')}"
+        return [f"it is {metres(longest)} across{weight}: {unit}"]
     if mass is not None and mass > 0 and not MASSES[0] <= mass <= MASSES[1]:
-        return [f"it weighs {kilograms(mass)}; are size and mass per area (--density) right?"]
+        return [f"it weighs {kilograms(mass)}; are size and mass per area right?"]
     return []
+
+
+def doubts_of_time(step: float, gravity: Sequence[float]) -> list[str]:
+    """The same of a time step, s, and of gravity, m/s²."""
+    found = []
+    if step > LONGEST_STEP:
+        found.append(f'delta: a time step of {step:g} s; of milliseconds, "delta" is {step / 1000:g}')
+    if (falls := math.hypot(*gravity)) > FALLS:
+        found.append(f"gravity: it is {falls:g} m/s²; on Earth, in metres, it is 9.81")
+    return found
 
 
 UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,7 @@ from clothfit.cli.common import motions, output, pictures, running, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least, check_numbers, gathered, option, refuse, section, standard_command
 from clothfit.cli.common.progress import progress
-from clothfit.cli.common.scenes import read_scene, under_forces, warn_of_steps
+from clothfit.cli.common.scenes import read_scene, under_forces, unlikely, warn_of_steps
 from clothfit.cli.parts import estimate_cache, estimate_results, estimate_simulator
 from clothfit.cli.parts.estimate_files import Effort, Files, bounds_of, filled, read_start, read_target, weights
 from clothfit.cli.parts.estimate_results import Page, Recording
@@ -184,6 +183,7 @@ def fit_one(
     )
     readings: list[dict[str, Any]] = []
     targets = [read_target(pair, scene, files.reading, console, readings) for pair in files.pairs]
+    named = bool(unlikely(scene)) or any("--" in (each["advice"] or "") for each in readings)
     first = read_start(files.start, console)
     scene = reflagged(scene, options)
     check_start(scene, first)
@@ -197,7 +197,7 @@ def fit_one(
             own = replace(
                 options, on_progress=told, checkpoint=kept, resume=files.resume,
                 on_memory=lambda needs: (console.detail if needs.snapshots is None else console.say)(str(needs)),
-                on_hint=partial(tell, readings=readings, console=console), on_found=partial(output.keep_scene, out=out),
+                on_hint=partial(tell, named=named, console=console), on_found=partial(output.keep_scene, out=out),
             )  # fmt: skip
             found = fitting.by_options(scene, targets or None, first, own)
         with output.uninterrupted(), checkpoints.named_if_lost(kept):
@@ -216,9 +216,9 @@ def fit_one(
     return code
 
 
-def tell(hint: Hint, readings: Sequence[Mapping[str, Any]], console: Console) -> None:
-    """Say what a target shows before a fit."""
-    if estimate_results.is_new(hint, readings):
+def tell(hint: Hint, named: bool, console: Console) -> None:
+    """Say what a target shows before a fit; not again where reading has named the unit or the axes that would fit."""
+    if not (named and hint.code in estimate_results.OF_UNITS):
         console.say(f"hint: {hint.text}")
 
 

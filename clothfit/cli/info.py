@@ -16,7 +16,7 @@ from clothfit.base.messages import counted, owned
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import Printed, attributes, print_json
-from clothfit.cli.common.scenes import read_scene, vector
+from clothfit.cli.common.scenes import OF_SCENES, read_scene, vector
 from clothfit.formats.registry import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, kind_of
 from clothfit.scene.kinds import EDITORS, INTEGRATORS, OF_THE_EDITOR
 
@@ -93,7 +93,7 @@ def of_scene(scene_path: str, console: Console) -> None:
     meshes = [None if each is None else len(each) for each in numberings(scene)]
     console.warn(*overview.misspelt_fields(scene), *overview.beyond_bounds(scene), of=scene.name)
     sizes = [[b - a for a, b in zip(own.low, own.high, strict=True)] for own in objects]
-    unlikely = [doubts(size, own.mass.total) for size, own in zip(sizes, objects, strict=True)]
+    unlikely = [doubts(size, own.mass.total, OF_SCENES) for size, own in zip(sizes, objects, strict=True)]
     moving = inputs_of(scene)
     show_scene(scene, console)
     if scene.auto:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.base.limits import doubts, is_number
+from clothfit.base.limits import doubts, doubts_of_time, is_number
 from clothfit.base.messages import counted, spans
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import gathered, given, option, standard_command
@@ -340,7 +340,7 @@ def report(scene: Scene, cloths: list[Cloth], bodies: list[new_shot.Solid], out:
 
     from clothfit.evaluation.overview import beyond_bounds, extent
 
-    console.warn(*beyond_bounds(scene), of=out.name)
+    console.warn(*beyond_bounds(scene), *doubts_of_time(scene.delta, scene.gravity.tolist()), of=out.name)
     if INTEGRATORS[scene.method] not in UNLIMITED:  # to know what limits it takes the numerical libraries
         warn_of_steps(scene, scene.frames, console)
     console.say(*(each.sentence for each in bodies))

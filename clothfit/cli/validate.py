@@ -9,10 +9,11 @@ from typing import Any
 import click
 
 from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.base.limits import doubts_of_time
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import option, standard_command
 from clothfit.cli.common.output import STREAM, print_json
-from clothfit.cli.common.scenes import better, one_stream, split, unit_doubts
+from clothfit.cli.common.scenes import better, one_stream, split, unlikely
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,8 @@ def judge(path: str, tool: str | None = None) -> Verdict:
             check(scene)
     except InvalidScene as error:
         return Verdict(path, better(error, path), ())
-    warnings = (*scene.warnings, *unit_doubts(scene), *misspelt_fields(scene))
+    doubts = (*doubts_of_time(scene.delta, scene.gravity.tolist()), *unlikely(scene))
+    warnings = (*scene.warnings, *doubts, *misspelt_fields(scene))
     note = None if tool is None else beyond_editor(scene)
     return Verdict(scene.name if path == STREAM else path, None, warnings, note)
 

@@ -436,7 +436,8 @@ def alignment(points: Array, seen: Flags, start: Array, axes: Axes) -> Alignment
     if min(distance, most) <= DOUBTFUL_DISTANCE * size(start):
         return Alignment(distance, None, None)
     doubt = f"its first frame is {metres(distance)} (RMS) away from where the scene begins"
-    return Alignment(distance, doubt, advice(from_scene(points, axes), start, axes, MUCH_NEARER * distance))
+    bar = min(MUCH_NEARER * distance, NEAR_BY * size(start))  # a cloth that shrinks to a point is nearer, but not there
+    return Alignment(distance, doubt, advice(from_scene(points, axes), start, axes, bar))
 
 
 def advice(points: Array, start: Array, axes: Axes, bar: float) -> str | None:

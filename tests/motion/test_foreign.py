@@ -141,6 +141,8 @@ def test_another_place_and_another_order_are_noticed_and_a_few_swapped_vertices_
     found = account(there, swapped)
     assert found.doubts == []
     assert found.start.distance > 0.05  # of a sheet of a metre or so: the fit looks at that, and names them
+    far = account(there, MOTION.positions + [50.0, 0, 0]).start.advice
+    assert far == "it is moved by (50, 0, 0) m"  # shrunk to a point it would be fifty times as near, and no cloth
     noise = np.random.default_rng(0).normal(size=MOTION.positions.shape)
     assert account(there, MOTION.positions + noise).start.advice is None
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clothfit.base.errors import InvalidInput, InvalidScene
-from clothfit.base.limits import OF_SCENES, doubts
+from clothfit.base.limits import doubts, doubts_of_time
 from clothfit.base.messages import unreadable
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option
@@ -28,6 +28,9 @@ PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+):
 
 MOST_GAIN = 0.25
 """Energy that contacts may add without a warning, relative to the largest that is kinetic, elastic or of the weight."""
+
+OF_SCENES = "make it again with new --scale {}"
+"""What to do with a scene that has another unit."""
 
 STRETCH_ADVICE = "the motion is not to be believed unless they are that soft; try a smaller delta"
 
@@ -48,13 +51,13 @@ def read_scene(path: str, console: Console) -> Scene:
         scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
     except InvalidScene as error:
         raise better(error, path) from None
-    console.warn(*scene.warnings, *unit_doubts(scene), of=scene.name)
+    console.warn(*scene.warnings, *doubts_of_time(scene.delta, scene.gravity.tolist()), *unlikely(scene), of=scene.name)
     console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
     return scene
 
 
-def unit_doubts(scene: Scene) -> list[str]:
-    """Sentences on objects whose size or mass is hard to believe."""
+def unlikely(scene: Scene) -> list[str]:
+    """Doubts about the units of its objects."""
     found = []
     for index, cloth in enumerate(scene.cloths):
         size = (cloth.positions.max(axis=0) - cloth.positions.min(axis=0)).tolist()

@@ -6,7 +6,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import IO, TYPE_CHECKING, Any
 
@@ -27,7 +27,6 @@ from clothfit.scene.kinds import INTEGRATORS, KIND, MODEL_NAMES, Kind
 
 if TYPE_CHECKING:
     from clothfit.fit.confidence import Samples
-    from clothfit.fit.hints import Hint
     from clothfit.fit.result import Fit, FittedBlock
     from clothfit.optimise.progress import Progress
     from clothfit.report.log import Point
@@ -35,6 +34,9 @@ if TYPE_CHECKING:
 
 FAILED = "fails"
 """The code of the hint that says that a fit fails, which comes before all else."""
+
+OF_UNITS = ("scale", "placement", "rest_lengths", "bounds")
+"""The codes of hints that follow from another unit, or other axes."""
 
 WORTH_A_WORD = 1e-5
 """Error relative to the distance travelled below which its percentage says nothing."""
@@ -53,10 +55,10 @@ def finish(
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
     result = summary(scene, found, out) | (more or {})
-    readings = result.get("reading", [])
     failed = [hint.text for hint in found.hints if hint.code == FAILED]
-    if failed and (advice := remedies(readings)):
-        failed = [f"the target is read in other units or axes than its own; {advice[0]}"]
+    remedies = [each["advice"] for each in result.get("reading", []) if "--" in (each["advice"] or "")]
+    if failed and remedies:
+        failed = [f"the target is read in other units or axes than its own; {remedies[0]}"]
     console.warn(*(f"the fit fails: {text}" for text in failed), of=scene.name)
     console.warn(*found.warnings, of=scene.name)
     diverged = found.status == Status.DIVERGED
@@ -64,7 +66,7 @@ def finish(
         result["output"] = None
     else:
         output.write_scene(found.scene, out)
-        describe(found, out, console, readings)
+        describe(found, out, console, bool(remedies))
     if log is not None:
         log.end(output.document("estimate", result))
     print_json(result)
@@ -75,19 +77,8 @@ def finish(
     return EXIT_CODES[found.status]
 
 
-def remedies(readings: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The options with which the files of targets would fit, as reading them has said."""
-    return [each["advice"] for each in readings if "--" in (each["advice"] or "")]
-
-
-def is_new(hint: Hint, readings: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether a hint says more than reading the targets has, which may have named the unit or the axes that would fit.
-    """
-    return not (hint.code in ("scale", "placement", "rest_lengths", "bounds") and remedies(readings))
-
-
-def describe(found: Fit, out: Output, console: Console, readings: Sequence[Mapping[str, Any]] = ()) -> None:
-    """Print the result in a few lines."""
+def describe(found: Fit, out: Output, console: Console, named: bool = False) -> None:
+    """Print the result in a few lines. `named`: the unit or the axes with which the target would fit are known."""
     over = counted(found.frames, "frame", "frames")
     used = f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s"
     if found.cost < math.inf:
@@ -103,8 +94,9 @@ def describe(found: Fit, out: Output, console: Console, readings: Sequence[Mappi
         what = counted(found.followed, "held vertex follows", "held vertices follow")
         console.say(f"{what} the target, as pins of the scene; --hold keeps them still")
     describe_choices(found, console)
-    late = [hint for hint in found.hints if not hint.early and hint.code != FAILED]  # the others were said before
-    console.say(*(hint.text for hint in late if is_new(hint, readings)), of="hint")
+    said = {FAILED, *OF_UNITS} if named else {FAILED}
+    late = [hint.text for hint in found.hints if not hint.early and hint.code not in said]  # the others were before
+    console.say(*late, of="hint")
     if found.holdout:
         kept = counted(found.holdout.observations, "position", "positions")
         console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")

@@ -42,7 +42,7 @@ def motion(path: str) -> dict[str, Any]:
         "observed": float(seen.mean()) if seen.size else 0.0,
         "never_observed": int((~seen.any(axis=0)).sum()),
         "travel": travel(own.positions, seen),
-        "warnings": doubts(box(own.positions[0][seen[0]])["size"]),  # not of the way that it goes
+        "warnings": doubts(box(own.positions[0][seen[0]])["size"], remedy="read it with estimate --scale {}"),
     }
 
 
@@ -90,7 +90,7 @@ def mesh(path: str) -> dict[str, Any]:
         "parts": {name: len(vertices) for name, vertices in found.parts},
         "notes": list(notes),
         "problems": [each.sentence for each in problems(found)],
-        "warnings": doubts(around["size"]),
+        "warnings": doubts(around["size"], remedy="make its scene with new --scale {}"),
     }
 
 
