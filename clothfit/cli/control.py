@@ -22,7 +22,7 @@ from clothfit.cli import report as pages
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import gathered, given, option, section, standard_command
-from clothfit.cli.common.output import STREAM, Output, attributes, beside, output_for, print_json
+from clothfit.cli.common.output import PAGE, SCENE, STREAM, Output, attributes, beside, output_for, print_json
 from clothfit.cli.common.progress import now_and_then
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 from clothfit.cli.parts import checkpoints
@@ -155,11 +155,11 @@ def command(
         kept = beside("--forces", forces_path or str(stem.with_suffix(".forces.npz")), used)
         used.append(kept.path if kept else None)
     if moves.others:
-        saved = beside("--save", save_path or str(stem.with_suffix(".controlled.json")), used)
+        saved = beside("--save", save_path or str(stem.with_suffix(".controlled.json")), used, text=SCENE)
         used.append(saved.path if saved else None)
     motions.check(out, Convention(), (scene_path, keys_path))
     table = beside("--table", table_path, used, ".csv")
-    page = beside("--report", report_path, (*used, table_path))
+    page = beside("--report", report_path, (*used, table_path), text=PAGE)
     pictures.check(*used, table_path, report_path)
     file = checkpoints.chosen(checkpoint_path, resume, out, used, console, partial(Checkpoint, resume=resume))
     for name, own_path in (("--forces", forces_path), ("--table", table_path)):

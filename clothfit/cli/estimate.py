@@ -167,7 +167,7 @@ def fit_one(
     used = [scene_path, *files.inputs, out.path]
     cache = estimate_cache.place_of(files, used)
     used += [cache.path] if cache else []
-    place = output.beside("--report", report_path and filled(report_path, scene_path), used)
+    place = output.beside("--report", report_path and filled(report_path, scene_path), used, text=output.PAGE)
     page = place and Page(place, report.command_line(click.get_current_context()))
     defer(LINEAR_ALGEBRA)
     from clothfit.cli.parts import checkpoints

@@ -14,7 +14,7 @@ from clothfit.base.messages import counted, metres, owned
 from clothfit.cli.common import motions, pictures, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, refuse, section, standard_command
-from clothfit.cli.common.output import Output, attributes, beside, print_json, uninterrupted
+from clothfit.cli.common.output import PAGE, Output, attributes, beside, print_json, uninterrupted
 from clothfit.cli.common.progress import now_and_then
 from clothfit.formats.axes import Reading, positive
 from clothfit.formats.registry import SUBSPACE, kind_of
@@ -150,7 +150,7 @@ def judge(
 
     scenes.check_there(scene_path, model_path)
     pictures.check(scene_path, model_path, inputs_path, page_path)
-    page = beside("--report", page_path, (scene_path, model_path, inputs_path, *pictures.files))
+    page = beside("--report", page_path, (scene_path, model_path, inputs_path, *pictures.files), text=PAGE)
     model = load_model(model_path)
     scene = scenes.with_inputs(scenes.read_scene(scene_path, console), inputs_path)
     console.announce_compilation()

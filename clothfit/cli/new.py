@@ -14,7 +14,7 @@ from clothfit.base.limits import doubts, doubts_of_time, is_number
 from clothfit.base.messages import counted, spans
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import gathered, given, option, standard_command
-from clothfit.cli.common.output import STREAM, Output, output_for, print_json
+from clothfit.cli.common.output import SCENE, STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
 from clothfit.cli.parts import new_shot
 from clothfit.formats.axes import positive
@@ -320,13 +320,13 @@ def rounded_step(step: float) -> float:
 def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:
     """Where the scene goes. Raises InvalidInput."""
     if is_plane:
-        return output_for(path or f"{PLANE}.json", STREAM, "", (), text=True)
+        return output_for(path or f"{PLANE}.json", STREAM, "", (), text=SCENE)
     if mesh_path == STREAM:
         raise InvalidInput("a mesh is not read from standard input; name a file")
     check_there(*([] if "*" in mesh_path else [mesh_path]))
     from clothfit.meshes.mesh import sources
 
-    return output_for(path or f"{stem_of(mesh_path)}.json", mesh_path, "", tuple(sources(mesh_path)), text=True)
+    return output_for(path or f"{stem_of(mesh_path)}.json", mesh_path, "", tuple(sources(mesh_path)), text=SCENE)
 
 
 def stem_of(mesh_path: str) -> str:

@@ -16,7 +16,7 @@ from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, section, standard_command
-from clothfit.cli.common.output import STREAM, Output, attributes, output_for, print_json
+from clothfit.cli.common.output import PAGE, STREAM, Output, attributes, output_for, print_json
 from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def command(
     if len(log_paths) > len(fitted_paths):
         raise click.UsageError(f"{len(log_paths)} logs for {counted(len(fitted_paths), 'fit', 'fits')} are given")
     first, *rest = fitted_paths
-    out = output_for(path, first, ".report.html", (scene_path, *rest, target_path, forces_path, *log_paths), text=True)
+    out = output_for(path, first, ".report.html", (scene_path, *rest, target_path, forces_path, *log_paths), text=PAGE)
     truth = under_forces(read_scene(scene_path, console), forces_path)
     fitted, *others = [under_forces(read_scene(each, console), forces_path) for each in fitted_paths]
     readings: list[dict[str, Any]] = []

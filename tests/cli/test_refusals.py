@@ -200,6 +200,12 @@ FILES = [
     *[(f"control sheet.json {KEYS} {option}", f"…{told}") for option, told in (
         ("--forces keys.json", "it is an input"), ("--report keys.json", "it is an input"),
         ("--forces m.npz -o m.npz", "another output"), ("--velocity --save m.npz -o m.npz", "another output"))],
+    *[(line, f"cannot write {message}") for line, message in (
+        ("new plane -o a/x.usd", "a/x.usd: a scene is written; name it a/x.json"),
+        ("estimate scene.json -o x.npz", "x.npz: a scene is written; name it x.json"),
+        ("estimate scene.json --report x.pdf", "x.pdf: a page is written; name it x.html"),
+        ("report scene.json fitted.json -o x.json", "x.json: a page is written; name it x.html"),
+        (f"control sheet.json {KEYS} --report x.gif", "x.gif: a page is written; name it x.html"))],
     ("new box.obj -o box.obj", INPUT),
     ("new shot_*.obj -o shot_2.obj", INPUT),
     *[(f"convert {line}", "…it is an input") for line in (

@@ -16,12 +16,18 @@ from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST, handle
+from clothfit.formats.registry import FORMATS, NATIVE, suffix_of
 
 if TYPE_CHECKING:
     from clothfit.base.writing import Data
     from clothfit.scene.scene import Scene
 
 STREAM = "-"
+SCENE, PAGE = ".json", ".html"
+TEXTS = {SCENE: "a scene", PAGE: "a page"}
+OF_OTHERS = (*NATIVE, *(suffix for each in FORMATS for suffix in each.suffixes), ".png", ".svg", ".pdf", ".gif")
+"""Suffixes of motions, meshes and pictures."""
+
 SCHEMA_VERSION = 1  # of what --json prints
 
 
@@ -105,16 +111,18 @@ class Output:
 
 def output_for(
     path: str | None, scene_path: str, suffix: str, inputs: tuple[str | None, ...], overwrite: bool = False,
-    text: bool = False,
+    text: str = "",
 ) -> Output:
     """Decide where the result goes and check that it can go there.
 
     The default name is the scene's with `suffix` in place of its own; `inputs` are the files, besides the scene, that
-    must not be written over; `text` means that a terminal may show the result. Raises InvalidInput when the place
-    cannot be written, or is one of the inputs and `overwrite` is not given.
+    must not be written over; `text` is the usual suffix of a result that a terminal may show, one of TEXTS. Raises
+    InvalidInput when the place cannot be written, is named as something else, or is one of the inputs and `overwrite`
+    is not given.
     """
     from clothfit.base.writing import check_writable
 
+    named = path is not None
     if path is None:
         path = STREAM if scene_path == STREAM else str(Path(scene_path).with_suffix(suffix))
     if path == STREAM:
@@ -123,11 +131,15 @@ def output_for(
         return Output(path)
     if not overwrite and is_among(path, (scene_path, *inputs)):
         raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another file")
+    if named and text and not overwrite and suffix_of(path) in {*TEXTS, *OF_OTHERS} - {text}:
+        raise InvalidInput(f"cannot write {path}: {TEXTS[text]} is written; name it {Path(path).with_suffix(text)}")
     check_writable(path)
     return Output(path, overwrite)
 
 
-def beside(option: str, path: str | None, used: Iterable[str | None], suffix: str = "") -> Output | None:
+def beside(
+    option: str, path: str | None, used: Iterable[str | None], suffix: str = "", text: str = ""
+) -> Output | None:
     """Where the file of an option goes that is written beside a result, where that is asked for: it has the suffix, and
     is none of the `used` files. Raises InvalidInput.
     """
@@ -136,7 +148,7 @@ def beside(option: str, path: str | None, used: Iterable[str | None], suffix: st
     if path == STREAM or not path.lower().endswith(suffix):
         raise InvalidInput(f"{option} must be a file {suffix or 'of its own'}, not {path}")
     check_unused(path, used)
-    return output_for(path, "", "", (), text=True)
+    return output_for(path, "", "", (), text=text)
 
 
 def check_unused(path: str, used: Iterable[str | None]) -> None:
