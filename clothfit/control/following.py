@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.checkpoint import Checkpoint
 from clothfit.base.memory import free
-from clothfit.control.closed_loop import FINEST, HUGE, ClosedLoop, Costs, Task
+from clothfit.control.closed_loop import FINEST, HUGE, TOLERANCE, ClosedLoop, Costs, Task
 from clothfit.control.controls import Controls
 from clothfit.control.keyframes import Key, last_step, path, without_fixed
 from clothfit.engine import rollout
@@ -43,8 +43,8 @@ Report: TypeAlias = Callable[[float, float, int], object]
 MOST_PAIRS, LEAST_PAIRS = 10, 5
 """Steps that L-BFGS remembers, as memory allows."""
 
-ROUND = 100
-"""Evaluations between two looks at the multipliers."""
+ROUND = 200
+"""Evaluations after which L-BFGS begins anew, from where a search that was killed goes on; penalties are looked at."""
 
 STALL, GAIN, PATIENT_GAIN = 100, 5e-4, 1e-12
 """A descent ends where so many evaluations lower the effort by less than this share; one with a budget of time by less
@@ -105,19 +105,30 @@ class Descent:
 
     def __init__(
         self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf, patient: bool = False,
-        keep: Callable[[Descent], object] | None = None,
+        keep: Callable[[Descent], object] | None = None, so_far: Progress | None = None,
     ) -> None:  # fmt: skip
         """`limit`: evaluations, at most; `patient`: whether it may take all the time there is; `keep` gets the descent
-        after each evaluation.
+        after each evaluation; `so_far`: where one with the same forces was that this goes on with.
         """
         self.loop, self.report, self.left, self.keep = loop, report, limit, keep
         self.gain = PATIENT_GAIN if patient and not loop.wishes else GAIN
         self.values: list[float] = []
+        self.before, self.idle = np.inf, 0  # the gradient, or what was missed of keys, before; rounds without a gain
+        self.most = PENALTIES * loop.penalty
         with interrupts.grace(np.inf):  # there is always a result
             value, gradient = loop(f)
         size = loop.slope(gradient)
         loop.steepest = loop.steepest or size
         self.best = Best(f, loop.x, loop.u, value, size)
+        if so_far is not None:
+            self.values, self.before, self.idle, self.most, loop.evaluations = so_far
+        self.begun = self.place()  # where L-BFGS last began anew
+
+    def place(self) -> Search:
+        """What a checkpoint has of it."""
+        loop = self.loop
+        so_far = Progress(self.values[-1 - STALL :], self.before, self.idle, self.most, loop.evaluations)
+        return Search(loop.path, self.best.f, loop.rate, "", **loop.way, tolerance=loop.tolerance, **so_far._asdict())
 
     def run(self) -> Status:
         """Descend until it has converged or no longer gets better; a deadline or an interrupt leaves the best."""
@@ -133,18 +144,22 @@ class Descent:
         memory, as long as that lowers the gradient.
         """
         while True:
-            before = self.best.gradient
+            self.before = self.best.gradient if np.isinf(self.before) else self.before
+            began = self.loop.evaluations
             status = self.round()
             if status is not None:
                 return status
-            if self.loop.tolerance <= FINEST and self.best.gradient > 0.5 * before:
+            if self.loop.evaluations - began >= ROUND:
+                self.begun = self.place()
+                continue
+            if self.loop.tolerance <= FINEST and self.best.gradient > 0.5 * self.before:
                 return Status.STALLED
-            self.loop.tolerance = FINEST
+            self.loop.tolerance, self.before = FINEST, np.inf
             self.restart()
 
     def rounds(self) -> Status:
         """Descend with multipliers until the keys that are penalties are met, or come no nearer."""
-        loop, before, idle, most = self.loop, np.inf, 0, PENALTIES * self.loop.penalty
+        loop = self.loop
         near = NEAR_HARD if any(wish.key.hard for wish in loop.wishes) else NEAR
         while True:
             status = self.round()
@@ -152,13 +167,13 @@ class Descent:
             missed = loop.missed
             if status is Status.LIMIT or (missed <= near and status is not None):
                 return status
-            idle = 0 if missed < NEARER * before else idle + 1
-            if idle == PATIENCE:
+            self.idle = 0 if missed < NEARER * self.before else self.idle + 1
+            if self.idle == PATIENCE:
                 return Status.STALLED
             loop.insist()
-            if missed > 0.25 * before:
-                loop.penalty = min(4.0 * loop.penalty, most)
-            before = min(before, missed)
+            if missed > 0.25 * self.before:
+                loop.penalty = min(4.0 * loop.penalty, self.most)
+            self.before = min(self.before, missed)
             self.restart()
 
     def restart(self) -> None:
@@ -168,6 +183,7 @@ class Descent:
         self.loop.steepest = max(self.loop.steepest, size)  # larger penalties are steeper
         self.best = Best(self.best.f, self.loop.x, self.loop.u, value, size)
         self.values = [value]
+        self.begun = self.place()
 
     def round(self) -> Status | None:
         """Some evaluations; how the descent ended, if it has."""
@@ -183,9 +199,8 @@ class Descent:
             return value, gradient[unknown].reshape(-1) / scale
 
         start: Array = self.best.f[unknown].reshape(-1) * scale
-        limit: int = 10**9 if not self.loop.wishes else 2 * ROUND
         try:
-            lbfgs(cost, start, recent=pairs, limit=limit)
+            lbfgs(cost, start, recent=pairs, limit=ROUND)
         except Stop as stop:
             return stop.status
         return None
@@ -253,11 +268,25 @@ def solved(
     fixed, cloth = task.scene.cloths[task.cloth].fixed, task.cloth
     task = task._replace(keys=[own for key in task.keys if len((own := without_fixed(key, fixed)).vertices)])
     steps = max((key.step for key in task.keys), default=1)
-    loop, f, ended = kept.restored(task) if cloth in kept.searches else begun(task, alone[: steps + 1], report)
-    descent = Descent(loop, f, report, patient=patient, keep=partial(kept.note, cloth))
+    so_far = None
+    if cloth in kept.searches:
+        loop, f, ended, so_far = kept.restored(task)
+    else:
+        loop, f, ended = begun(task, alone[: steps + 1], report)
+    descent = Descent(loop, f, report, patient=patient, keep=partial(kept.note, cloth), so_far=so_far)
     status = descent.run() if ended is None else ended
     kept.note(cloth, descent, status)
     return loop, descent, status
+
+
+class Progress(NamedTuple):
+    """What decides how long a descent goes on."""
+
+    values: list[float]  # the best so far after each of the last evaluations
+    before: float
+    idle: int
+    most: float  # of the penalty
+    evaluations: int
 
 
 @dataclass
@@ -271,6 +300,12 @@ class Search:
     multipliers: Array  # (M,), of the keys that are penalties, one after another
     penalty: float
     steepest: float  # slope where it began
+    tolerance: float = TOLERANCE
+    values: Sequence[float] = ()
+    before: float = np.inf
+    idle: int = 0
+    most: float = np.inf
+    evaluations: int = 0
 
 
 def packed(searches: Mapping[int, Search]) -> dict[str, Any]:
@@ -284,7 +319,11 @@ def packed(searches: Mapping[int, Search]) -> dict[str, Any]:
 def unpacked(state: Mapping[str, Any]) -> dict[int, Search]:
     """The searches in such a state; none where there are none."""
     names = Search.__dataclass_fields__
-    return {cloth: Search(*(state[f"{name}{cloth}"] for name in names)) for cloth in state.get("cloths", ())}
+    cloths = state.get("cloths", ())
+    return {
+        cloth: Search(**{name: state[f"{name}{cloth}"] for name in names if f"{name}{cloth}" in state})
+        for cloth in cloths
+    }
 
 
 @dataclass(frozen=True)
@@ -294,21 +333,24 @@ class Kept:
     file: Checkpoint | None
     searches: dict[int, Search]
 
-    def restored(self, task: Task) -> tuple[ClosedLoop, Array, Status | None]:
-        """The loop of a cloth, the forces to go on with, and how its search ended, if it has."""
+    def restored(self, task: Task) -> tuple[ClosedLoop, Array, Status | None, Progress]:
+        """The loop of a cloth, the forces to go on with, how its search ended, if it has, and what it came to."""
         own = self.searches[task.cloth]
         with interrupts.grace(np.inf):
             loop = ClosedLoop(task, own.path, own.rate)
         loop.resume(own.multipliers, own.penalty, own.steepest)
-        return loop, own.forces, Status(own.ended) if own.ended else None
+        loop.tolerance = own.tolerance
+        so_far = Progress(list(own.values), own.before, own.idle, own.most, own.evaluations)
+        return loop, own.forces, Status(own.ended) if own.ended else None, so_far
 
     def note(self, cloth: int, descent: Descent, ended: Status | None = None) -> None:
-        """Keep where the search of a cloth is."""
+        """Keep where L-BFGS last began anew, as one that goes on from there ends as it would have ended, or where the
+        search ended.
+        """
         if self.file is None:
             return
-        loop = descent.loop
         over = str(ended) if ended in (Status.CONVERGED, Status.STALLED) else ""
-        self.searches[cloth] = Search(loop.path, descent.best.f, loop.rate, over, **loop.way)
+        self.searches[cloth] = descent.begun if ended is None else replace(descent.place(), ended=over)
         self.file.keep(lambda: packed(self.searches), now=ended is not None)
 
 

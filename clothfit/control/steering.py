@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def steer(
     problem = Shooting(given, free, controls, steps, costs)
     if not problem.size:
         raise InvalidInput(f"{scene.name}: no control can move anything that the keys ask for; all of it is fixed")
-    search = Steering(problem, report, file)
+    search = Steering(problem, report, file, [Ended(*each) for each in state.get("ended", ())])
     starts = [np.zeros(problem.size), suggested(problem, alone)]
     if "z" in state and state["z"].shape == (problem.size,):
         starts.append(state["z"])
@@ -105,11 +105,24 @@ def suggested(problem: Shooting, alone: Array) -> Array:
     return z
 
 
+class Ended(NamedTuple):
+    """What a search of a `Steering` came to."""
+
+    z: Sequence[float]  # (Q,), its last point
+    best: Sequence[float]  # (Q,), the best of all so far
+    latest: Sequence[float]  # (Q,), the last one that was tried
+    value: float  # the cost of the best
+    converged: bool
+    evaluations: int  # so far
+
+
 class Steering:
     """A search over the controls of a steered scene."""
 
-    def __init__(self, problem: Shooting, report: Report, file: Checkpoint | None) -> None:
+    def __init__(self, problem: Shooting, report: Report, file: Checkpoint | None, ended: Sequence[Ended]) -> None:
+        """`ended`: the searches that were over when the file was written; they are not done again."""
         self.problem, self.report, self.file = problem, report, file
+        self.known, self.over = iter(ended), list[Ended]()
         self.best: Shot | None = None
         self.value, self.converged = np.inf, False
         self.latest = np.zeros(problem.size)  # the last point of any search
@@ -225,6 +238,8 @@ class Steering:
         """Gauss–Newton from z (Q,) until a step lowers the cost by less than the share `slow`; returns the last point.
         Over all keys it notes the best.
         """
+        if (known := next(self.known, None)) is not None:
+            return self.repeated(known)
         from scipy.optimize import least_squares
         from scipy.sparse.linalg import LinearOperator
 
@@ -244,7 +259,7 @@ class Steering:
                 self.note(shot, r)
             self.report(0.0, float(problem.missed(shot).max()), problem.evaluations)
             if self.file:
-                self.file.keep(lambda: {"z": self.latest})
+                self.file.keep(lambda: {"ended": self.over})
             return r
 
         def jacobian(z: Array, *_: Any) -> LinearOperator | Array:
@@ -267,4 +282,16 @@ class Steering:
             max_nfev=evaluations, ftol=slow, xtol=1e-9, gtol=None,
         )  # fmt: skip
         self.converged = found.status > 0
+        last_z, best, latest = (np.asarray(each, float).tolist() for each in (found.x, self.found.z, self.latest))
+        self.over.append(Ended(last_z, best, latest, self.value, self.converged, problem.evaluations))
         return np.asarray(found.x)
+
+    def repeated(self, known: Ended) -> Array:
+        """The last point of a search that is over, after which all is as it was."""
+        z, best, self.latest = (np.array(each) for each in known[:3])
+        horizon, self.problem.horizon = self.problem.horizon, self.problem.steps
+        self.best = self.problem.shoot(best)
+        self.problem.horizon = horizon
+        self.value, self.converged, self.problem.evaluations = known[3:]
+        self.over.append(known)
+        return z

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from clothfit import Controls, Handle, InvalidInput, Key, find_controls
+from clothfit.base import checkpoint
 from clothfit.base.checkpoint import Checkpoint, decoded, encoded
 from clothfit.control.following import Search, packed, unpacked
 
@@ -48,6 +49,33 @@ def test_a_search_goes_on(tmp_path, asked, name):
     np.testing.assert_allclose(miss, other, atol=2e-3)  # there may be other minima near
     if name == "forces":
         assert again.effort < 1.02 * whole.effort  # both end where little more is gained
+
+
+class Killed(BaseException):
+    """What nothing catches, as SIGKILL."""
+
+
+@pytest.mark.parametrize("share", [0.3, 0.8])
+@pytest.mark.parametrize("name", ["forces", "handles"])
+def test_a_search_that_was_killed_ends_where_it_would_have_ended(tmp_path, asked, monkeypatch, name, share):
+    """To the last bit: it goes on from where L-BFGS began anew, or after the last of its searches that was over."""
+    monkeypatch.setattr(checkpoint, "EVERY", 0.0)
+    monkeypatch.setattr(checkpoint, "WRITING_SHARE", 0.0)
+    own, keys = asked
+    handle = Handle(0, np.array([11], np.int32))
+    controls = Controls() if name == "forces" else Controls(handles=(handle,), velocity=True)
+    whole = find_controls(own, keys, controls)
+    seen = iter(range(int(share * whole.evaluations)))
+
+    def kill(effort, missed, evaluations):
+        if next(seen, None) is None:
+            raise Killed
+
+    with pytest.raises(Killed):
+        find_controls(own, keys, controls, report=kill, checkpoint=Checkpoint(tmp_path / "state"))
+    again = find_controls(own, keys, controls, checkpoint=Checkpoint(tmp_path / "state", resume=True))
+    np.testing.assert_array_equal(again.motion.positions, whole.motion.positions)
+    assert (again.evaluations, again.status) == (whole.evaluations, whole.status)
 
 
 def test_another_search_does_not_go_on(tmp_path, asked):
