@@ -51,7 +51,7 @@ def read_scene(path: str, console: Console) -> Scene:
         scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
     except InvalidScene as error:
         raise better(error, path) from None
-    console.warn(*scene.warnings, *doubts_of_time(scene.delta, scene.gravity), *unlikely(scene), of=scene.name)
+    console.warn(*scene.warnings, *doubts_of_time(scene.delta, scene.gravity.tolist()), *unlikely(scene), of=scene.name)
     console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
     return scene
 
