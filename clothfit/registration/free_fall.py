@@ -144,17 +144,26 @@ def late_start(scene: Scene, motion: Motion) -> float:
     g, t = float(np.linalg.norm(scene.gravity)), motion.times
     if scene.moves or scene.frame or scene.forces or not g > 0 or len(t) < LATE + AFTER + 1 or t[0] != 0.0:
         return 0.0
-    moved = motion.positions - motion.positions[0]
-    seen, fixed = motion.seen(), np.concatenate([cloth.fixed for cloth in scene.cloths])
-    free = np.concatenate([graph_distance(cloth) >= FEWEST_EDGES for cloth in scene.cloths]) & ~fixed & seen[0]
-    if not free.any():
+    x, seen, along = motion.positions, motion.seen(), scene.gravity / g
+    fixed = np.concatenate([cloth.fixed for cloth in scene.cloths])
+    free = np.concatenate([graph_distance(cloth) >= FEWEST_EDGES for cloth in scene.cloths]) & ~fixed
+
+    def moved(frame: int, some: Flags) -> Array:
+        """How far those of some vertices (n,) that are seen have moved, m."""
+        here = some & seen[0] & seen[frame]
+        return np.asarray(x[frame, here] - x[0, here])
+
+    def way(frame: int) -> float:
+        """How far what is free has fallen, m, in the mean."""
+        fallen = moved(frame, free) @ along
+        return float(fallen.mean()) if len(fallen) else 0.0
+
+    least = STANDS * 0.5 * g * t[1] ** 2
+    still = next((frame for frame in range(len(t)) if abs(way(frame)) > least), 0) - 1  # the last such frame
+    if still < LATE or still + AFTER >= len(t):
         return 0.0
-    way = np.ma.masked_array(moved @ (scene.gravity / g), ~seen)[:, free].mean(axis=1).filled(0.0)
-    still = int(np.argmax(np.append(np.abs(way) > STANDS * 0.5 * g * t[1] ** 2, True))) - 1  # the last such frame
-    after = slice(still + 1, still + 1 + AFTER)
-    if still < LATE or len(way[after]) < AFTER:
-        return 0.0
-    falls = way[after] / (0.5 * g * (t[after] - t[still]) ** 2)
-    held = np.linalg.norm(moved[after][:, fixed & seen[after].all(axis=0)], axis=-1).max(initial=0.0)
-    is_fall = (FALLS[0] < falls).all() and (falls < FALLS[1]).all() and held < STANDS * abs(way[after]).max()
+    after = range(still + 1, still + 1 + AFTER)
+    falls = np.array([way(frame) / (0.5 * g * (t[frame] - t[still]) ** 2) for frame in after])
+    held = max(float(np.linalg.norm(moved(frame, fixed), axis=1).max(initial=0.0)) for frame in after)
+    is_fall = (FALLS[0] < falls).all() and (falls < FALLS[1]).all() and held < STANDS * abs(way(after[-1]))
     return float(t[still]) if is_fall else 0.0

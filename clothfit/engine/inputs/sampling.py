@@ -150,10 +150,10 @@ def rotation(angles: Array) -> Any:
 
 def turned(keys: Keys, times: Array) -> Array:
     """The rotations (T, 3, 3) since time 0 at times (T,), s; between two keys about one axis, at one rate or, smooth,
-    by a spline of angular rates, or where that is not found by one of rotation vectors. Raises InvalidScene where these
-    go round too far for that.
+    by a spline of angular rates, or where that is not found by monotone cubics of rotation vectors, which do not swing
+    beyond keys that are unevenly spaced. Raises InvalidScene where these go round too far for that.
     """
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import PchipInterpolator
     from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
     known = resolved(keys)
@@ -177,7 +177,7 @@ def turned(keys: Keys, times: Array) -> Array:
                     f"{keys.place}: no smooth rotation goes through keys that turn so far in so little time; give more "
                     'keys, or "interpolation": "linear"'
                 ) from None
-            found = Rotation.from_rotvec(CubicSpline(own, vectors)(inside)) * angles[0]
+            found = Rotation.from_rotvec(PchipInterpolator(own, vectors)(inside)) * angles[0]
     return np.asarray((found[1:] * found[0].inv()).as_matrix())
 
 
