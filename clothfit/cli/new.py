@@ -96,7 +96,8 @@ class Asked:
     wind: str | None = given("--wind X,Y,Z", "Wind in m/s.  [default: none]")
     fit: tuple[str, ...] = given("--fit LETTERS|NAME[=L]", "Parameters to fit. Two letters for masses and stiffnesses: "
         "n none, F one factor on what is there, R one per family and region, M a smooth map, G the same for all, L "
-        "each its own; or damping, drag, velocity, rest, wind, gravity; or auto: the fit chooses.  [default: nF]",
+        "each its own; or mass, stiffness, damping, drag, velocity, rest, wind, gravity; or auto: the fit chooses.  "
+        "[default: nF]",
         multiple=True, title="Simulation and fit")
     integrator: str = given("--integrator NAME", "Integrator: bdf2, of second order; or implicit, symplectic or "
         "explicit, of first order, which the editor in Unity can play.  [default: bdf2]", default="bdf2")
