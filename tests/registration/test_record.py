@@ -72,6 +72,7 @@ def test_frames_before_the_scene_begins_are_left_out():
 
 
 def test_what_is_taken_back_lies_where_it_was():
-    known = Registration(rotation=rotation(np.array([0.3, -1.1, 0.4])), translation=np.array([0.2, 3.0, -1.0]), scale=1.7)
+    turn, move = rotation(np.array([0.3, -1.1, 0.4])), np.array([0.2, 3.0, -1.0])
+    known = Registration(rotation=turn, translation=move, scale=1.7)
     x = np.random.default_rng(0).normal(size=(4, 5, 3))
     np.testing.assert_allclose(known.taken_back(known.placed(x)), x, atol=1e-14)  # rounding

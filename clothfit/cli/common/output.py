@@ -127,6 +127,15 @@ def output_for(
     return Output(path, overwrite)
 
 
+def check_scene_name(path: str | None) -> None:
+    """Raise InvalidInput where a scene, which is JSON, would have the suffix of a motion or a mesh."""
+    from clothfit.formats.registry import NATIVE, foreign, suffix_of
+
+    if path is not None and (foreign(path) is not None or suffix_of(path) in NATIVE):
+        name = str(Path(path).with_suffix(".json"))
+        raise InvalidInput(f"-o {path}: a scene is written, which is JSON; use -o {name}")
+
+
 def beside(option: str, path: str | None, used: Iterable[str | None], suffix: str = "") -> Output | None:
     """Where the file of an option goes that is written beside a result, where that is asked for: it has the suffix, and
     is none of the `used` files. Raises InvalidInput.

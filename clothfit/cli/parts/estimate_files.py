@@ -17,7 +17,7 @@ from clothfit.base.limits import is_number
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least
-from clothfit.cli.common.output import STREAM, Output, output_for
+from clothfit.cli.common.output import STREAM, Output, check_scene_name, output_for
 from clothfit.cli.common.scenes import one_stream, read_scene
 from clothfit.formats.axes import Reading
 
@@ -79,7 +79,9 @@ class Files:
         if self.in_place:
             return output_for(scene_path, scene_path, "", (), overwrite=True)
         suffix = os.path.splitext(scene_path)[1]
-        return output_for(self.path, scene_path, f".fitted{suffix}", self.inputs, text=True)
+        out = output_for(self.path, scene_path, f".fitted{suffix}", self.inputs, text=True)
+        check_scene_name(self.path)
+        return out
 
 
 MOST_STARTS = 10_000
