@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterable, Mapping
 
 LONGEST_VALUE = 40  # characters of a value in a message
+ALIKE, FILE_ALIKE = 0.6, 0.85  # share of letters in order that two names have in common; those of files often do
 
 ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
 """Characters that control a terminal or change the direction of writing; newlines and tabs are allowed."""
@@ -35,8 +37,17 @@ def harmless(text: str) -> str:
 def unreadable(error: BaseException) -> str:
     """Why a file cannot be read, after its name and a colon."""
     if isinstance(error, FileNotFoundError):
-        return "there is no such file"
+        return "there is no such file" + beside(error.filename)
     return f"cannot be read: {getattr(error, 'strerror', None) or error}"
+
+
+def beside(path: object) -> str:
+    """Ask about the file in the same folder whose name is much like that of one which is not there, if any."""
+    folder, name = os.path.split(os.fsdecode(path) if isinstance(path, (str, bytes, os.PathLike)) else "")
+    try:
+        return meant(name, os.listdir(folder or "."), FILE_ALIKE) if name else ""
+    except (OSError, ValueError):
+        return ""
 
 
 PLAIN = {
@@ -108,7 +119,7 @@ def _in_units(value: float, units: Mapping[str, float]) -> str:
     return f"{value / units[unit]:.3g} {unit}"
 
 
-def meant(wrong: str, names: Iterable[str]) -> str:
+def meant(wrong: str, names: Iterable[str], alike: float = ALIKE) -> str:
     """Ask about the name that was probably meant, if any: `; did you mean estimate?`."""
     from difflib import get_close_matches  # loaded only after a slip, as every command should start quickly
 
@@ -116,5 +127,5 @@ def meant(wrong: str, names: Iterable[str]) -> str:
     lower = wrong.lower()
     begins = [name for name in known if len(lower.lstrip("-")) > 1 and name.startswith(lower)]
     swapped = [name for name in known if sorted(name) == sorted(lower)]  # --rsme is --rmse sooner than --resume
-    best = [*begins, *swapped, *get_close_matches(lower, known, 1)][:1]
+    best = [*begins, *swapped, *get_close_matches(lower, known, 1, alike)][:1]
     return f"; did you mean {known[best[0]]}?" if best else ""

@@ -174,6 +174,7 @@ def fit_one(
     from clothfit.fit import estimate as fitting
     from clothfit.fit.flags import reflagged
     from clothfit.optimise.checkpoint import Checkpoint
+    from clothfit.registration.record import Registration
 
     options.check()
     recording = recording.of(scene_path)
@@ -205,7 +206,8 @@ def fit_one(
             code = estimate_results.finish(scene, found, out, console, more, recording.log)
             checkpoints.of_fit(kept, files, found.status, console)
         if cache and found.status != Status.DIVERGED:
-            estimate_cache.write(found.scene, files, cache, console)
+            known = found.registration[0] if found.registration else Registration()
+            estimate_cache.write(found.scene, files, known, cache, console)
         late = interrupts.requested() and found.status != Status.INTERRUPTED
     if late:
         return INTERRUPTED

@@ -30,8 +30,8 @@ MOST_NAMES = 5
 @standard_command("export")
 @click.argument("fitted_path", metavar="FITTED")
 @section("What is written")
-@option("--to TOOL", "Tool: csv, obi, blender, vellum, gltf or usd; of a subspace onnx.", click.Choice([*TOOLS, ONNX]),
-        name="tool", required=True)
+@option("--to TOOL", "Tool: csv, obi, blender, vellum, gltf or usd; of a subspace onnx.",
+        click.Choice([*TOOLS, ONNX], case_sensitive=False), name="tool", required=True)
 @option("-o --output FOLDER", "Folder of the files.  [default: <stem>-<tool>]", name="path")
 def command(fitted_path: str, tool: str, path: str | None, console: Console) -> None:
     """Write the masses and stiffnesses of FITTED, or the paths of its pins, in the form that other tools read.

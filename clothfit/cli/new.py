@@ -18,7 +18,7 @@ from clothfit.cli.common.output import SCENE, STREAM, Output, output_for, print_
 from clothfit.cli.common.scenes import check_there, warn_of_steps
 from clothfit.cli.parts import new_shot
 from clothfit.formats.axes import positive
-from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS, INTEGRATORS
+from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS, INTEGRATORS, LETTERED
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Flags, Indices
@@ -96,7 +96,8 @@ class Asked:
     wind: str | None = given("--wind X,Y,Z", "Wind in m/s.  [default: none]")
     fit: tuple[str, ...] = given("--fit LETTERS|NAME[=L]", "Parameters to fit. Two letters for masses and stiffnesses: "
         "n none, F one factor on what is there, R one per family and region, M a smooth map, G the same for all, L "
-        "each its own; or damping, drag, velocity, rest, wind, gravity; or auto: the fit chooses.  [default: nF]",
+        "each its own; or mass, stiffness, damping, drag, velocity, rest, wind, gravity; or auto: the fit chooses.  "
+        "[default: nF]",
         multiple=True, title="Simulation and fit")
     integrator: str = given("--integrator NAME", "Integrator: bdf2, of second order; or implicit, symplectic or "
         "explicit, of first order, which the editor in Unity can play.  [default: bdf2]", default="bdf2")
@@ -183,13 +184,15 @@ class Asked:
         if AUTO in self.fit:
             return AUTO
         letters = [text for text in self.fit if len(text) == 2]
-        return letters[-1] if letters else "nn" if self.fit else "nF"
+        own = {name: mode.upper() or "F" for name, _, mode in (text.partition("=") for text in self.fit)}
+        given = letters[-1] if letters else "nn" if self.fit else "nF"
+        return "".join(own.get(name, letter) for name, letter in zip(LETTERED, given, strict=True))
 
     @property
     def kinds(self) -> dict[str, str]:
         """What else to fit: modes by names. The drag of air depends on its speed: with the wind it is not known."""
         split = [text.partition("=") for text in self.fit if len(text) != 2 and text != AUTO]
-        named = {name: mode.upper() if equals else "G" for name, equals, mode in split}
+        named = {name: mode.upper() if equals else "G" for name, equals, mode in split if name not in LETTERED}
         return {"drag": "G", **named} if "wind" in named and self.of_air else named
 
 
@@ -198,6 +201,7 @@ def understood(path: str | None, asked: Asked) -> tuple[str, Asked]:
 
     Raises MissingParameter.
     """
+    path = PLANE if path is not None and path.lower() == PLANE else path
     if path is None and asked.weld and not is_number(asked.weld):
         return asked.weld, replace(asked, weld="")
     if path is None:

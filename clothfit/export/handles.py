@@ -51,7 +51,10 @@ def handles(scene: Scene) -> list[Handle]:
         for i, pin in enumerate(cloth.pins):
             found += of_pin(scene, number, cloth, pin, f"object{number}_pin{i}")
     if not found:
-        raise InvalidInput(f"{scene.name}: has no pins; only their paths are exported (objects[i].pins)")
+        raise InvalidInput(
+            f"{scene.name}: has no pins; only their paths are exported; for its motion: clothfit simulate SCENE -o "
+            "MOTION.usd, or .glb"
+        )
     return found
 
 

@@ -7,6 +7,7 @@ or a stalled line search, the best point that it visited is the result.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -209,8 +210,8 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
     scene = reflagged(scene.with_bounds(from_user(options.bounds or {})), options)
     if not scene.blocks:
         raise InvalidInput(
-            f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to "
-            "'nL', or its fit"
+            f"{scene.name}: nothing to fit: no object flags anything; use --fit auto or --fit nF, or set its "
+            "optimizationSettings"
         )
     if target is None:
         if options.registers:
@@ -430,9 +431,16 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
     if not objective.shows_motion:
         raise InvalidInput(
             f"{given[0].motion.name}: shows nothing after the start that can move, within {frames[0]} frames, so there "
-            "is nothing to fit to"
+            f"is nothing to fit to{frames_of_one(given[0].motion)}"
         )
     return objective, kept_out
+
+
+def frames_of_one(motion: Motion) -> str:
+    """What to name in the place of one frame."""
+    numbered = re.fullmatch(r"(.*?)\d+(\.\w+)", motion.name)
+    name = f"all its sequence, as {numbered[1]}*{numbered[2]}" if numbered else "a file with a motion"
+    return f"; it has one frame: name {name}" if len(motion.times) == 1 else ""
 
 
 def assess(search: Search, status: Status, warnings: list[str], hidden: bool) -> Judgement:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -18,6 +19,15 @@ def name_of(path: str | os.PathLike[str]) -> str:
     return os.path.basename(os.fspath(path)) or os.fspath(path)
 
 
+def sequence_in(path: str | os.PathLike[str]) -> str:
+    """What to name in the place of a folder: the files of a sequence in it, if there are any."""
+    folder = os.fspath(path)
+    for name in sorted(os.listdir(folder)):
+        if found := re.fullmatch(r"(.*?)\d+(\.\w+)", name):
+            return f"name the files in it: '{os.path.join(folder, f'{found[1]}*{found[2]}')}'"
+    return "name a motion file (.npz, .usd, .abc, .pc2 …)"
+
+
 @contextmanager
 def refused(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn an error of the system within the block into an InvalidMotion."""
@@ -26,7 +36,7 @@ def refused(path: str | os.PathLike[str]) -> Iterator[None]:
     except InvalidMotion:
         raise
     except IsADirectoryError:
-        raise InvalidMotion(f"{name_of(path)}: is a folder; a file with a motion is needed") from None
+        raise InvalidMotion(f"{name_of(path)}: is a folder; {sequence_in(path)}") from None
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         raise InvalidMotion(f"{name_of(path)}: {unreadable(error)}") from None
 

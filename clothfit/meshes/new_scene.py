@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import meant
 from clothfit.formats.animation import unused
 from clothfit.meshes.mesh import Mesh, object_document
 from clothfit.scene.cloth import ELSEWHERE, SPHERE
@@ -153,7 +154,8 @@ def _flags(fits: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     others = [kind for kind in KINDS if kind.name not in left_out]
     for name, mode in fits.items():
         if name not in [kind.name for kind in others]:
-            raise InvalidInput(f"fit: there is no {name!r}; use two letters, or {', '.join(k.name for k in others)}")
+            known = [*LETTERED, *(kind.name for kind in others)]
+            raise InvalidInput(f"fit: there is no {name!r}; use two letters, or {', '.join(known)}{meant(name, known)}")
         if mode not in KIND[name].modes:
             raise InvalidInput(f"fit: {name} cannot be fitted as {mode!r}; use {' or '.join(KIND[name].modes)}")
     asked = [(kind, fits[kind.name]) for kind in others if kind.name in fits]

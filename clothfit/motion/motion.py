@@ -31,7 +31,7 @@ from clothfit.base.writing import Data, put, write_atomically
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.engine.inputs.sampling import axes
 from clothfit.formats.animation import increasing
-from clothfit.formats.files import check_room
+from clothfit.formats.files import check_room, sequence_in
 from clothfit.motion.correspondence import IN_ORDER, Correspondence
 from clothfit.scene.scene import Scene
 
@@ -182,7 +182,7 @@ def check_shapes(arrays: Mapping[str, NDArray[Any] | npz.Stored], scene: Scene, 
     right = frames and shape == (frames, total, 3)
     require(right, f"{name}: positions", f"has shape {shape}, (frames, {total}, 3) fits {scene.name}")
     others: dict[str, tuple[list[tuple[int, ...]], str, str]] = {
-        "times": ([(frames,)], "fiu", f"{frames} numbers, one per frame, fit"),
+        "times": ([(frames,)], "fiu", f"{frames} numbers, one per frame, fit; positions are (frames, vertices, 3)"),
         "observed": ([(frames, total)], "b", f"({frames}, {total}) bool fits"),
         "weights": ([(total,), (frames, total)], "fiub", f"({total},) or ({frames}, {total}) numbers fit"),
     }
@@ -270,7 +270,7 @@ def opened(path_or_file: str | os.PathLike[str] | IO[bytes], name: str) -> Itera
     except FileNotFoundError as error:
         raise InvalidMotion(f"{name}: {unreadable(error)}") from None
     except IsADirectoryError:
-        raise InvalidMotion(f"{name}: is a folder; a motion file (.npz) is needed") from None
+        raise InvalidMotion(f"{name}: is a folder; {sequence_in(path_of(path_or_file) or name)}") from None
     except InvalidInput:
         raise
     except npz.FAULTS as error:

@@ -55,6 +55,10 @@ class Registration:
         """Points (…, 3), m, of the motion as they lie in the scene."""
         return np.asarray(self.scale * (points @ self.rotation.T) + self.translation)
 
+    def taken_back(self, x: Array) -> Array:
+        """Points (…, 3), m, of the scene as the motion has them: the inverse of `placed`."""
+        return np.asarray((x - self.translation) @ self.rotation / self.scale)
+
     def applied(self, motion: Motion, delta: float) -> Motion:
         """The motion with the scene's times and places; `delta`, s, is the scene's time step. Frames from before the
         scene begins are left out.

@@ -149,7 +149,10 @@ def _sentence(rule: str, bound: Any, value: Any) -> str | None:
                 return None
             if {"number", "integer"}.intersection(types) and type(value) in (int, float) and not is_number(value):
                 return f"{shown(value)} is {NOT_FINITE}"
-            return f"{shown(value)} is not {' or '.join(TYPES[one][1] for one in types)}"
+            said = f"{shown(value)} is not {' or '.join(TYPES[one][1] for one in types)}"
+            if types == ["object"] and isinstance(value, list) and len(value) == 3 and all(map(is_number, value)):
+                return f"{said}; write {json.dumps(dict(zip('xyz', value, strict=True)))}"
+            return said
         case "enum" | "const", _:
             items = bound if rule == "enum" else [bound]
             if not any(value == item and isinstance(value, bool) == isinstance(item, bool) for item in items):

@@ -197,7 +197,11 @@ def _syntax_problem(error: json.JSONDecodeError) -> str:
         return f"{where}: not JSON text (UTF-16 without a byte order mark?); save the file as UTF-8"
     if error.pos >= len(error.doc.rstrip()) or error.msg.startswith("Unterminated string"):
         return f"{where}: the text ends inside a value; is the file complete?"
-    return f"{where}: not JSON: {error.msg[0].lower()}{error.msg[1:]}"
+    if not error.pos:
+        return f"{where}: not JSON; a scene is a JSON object, which clothfit new makes of a mesh"
+    before = error.doc[: error.pos].rstrip()
+    comma = "; remove the comma before it" if before.endswith(",") and error.doc[error.pos] in "}]" else ""
+    return f"{where}: not JSON: {error.msg[0].lower()}{error.msg[1:]}{comma}"
 
 
 def _repetition(path: tuple[str | int, ...] | None, key: str) -> str:

@@ -10,6 +10,7 @@ from helpers.scenes import MISSING, changed, cloth, document, even, sphere, tria
 
 from clothfit import Motion, save_motion
 from clothfit.base.checkpoint import encoded
+from clothfit.base.limits import doubts, doubts_of_time
 from clothfit.cli.common.scenes import split
 from clothfit.export.tools import exported
 from clothfit.formats.registry import kind_of
@@ -284,6 +285,14 @@ def test_unlikely_units_are_doubted_once_in_every_command_and_the_remedy_works(s
         assert scale == "" or f"--scale {scale}" in err
     if doubt:
         assert "across" not in said(f"new plane.glb --scale {scale}")[2]
+
+
+def test_millimetres_are_told_from_centimetres_and_odd_steps_and_gravity_are_doubted():
+    for factor, unit in ((100.0, "centimetres, add --scale 0.01"), (1000.0, "millimetres, add --scale 0.001")):
+        (doubt,) = doubts([0.5 * factor, 0.6 * factor, 0.1 * factor])
+        assert doubt.endswith(f"if the file is in {unit}")
+    assert doubts([0.5, 0.6, 0.1], 0.2) == doubts_of_time(0.02, (0, -9.81, 0)) == []
+    assert len(doubts_of_time(20.0, (0, -981.0, 0))) == 2
 
 
 NO_SCENES = {

@@ -32,6 +32,10 @@ USAGE = [
     ("simulate a.json --stpes 3", "no such option '--stpes'; did you mean --steps? (see clothfit simulate --help)"),
     ("estimate a.json --max-eval 3", "no such option '--max-eval'; did you mean --max-evaluations? (see clothfit "),
     ("--quite simulate a.json", "no such option '--quite'; did you mean --quiet? (see clothfit --help)"),
+    # words of other programs
+    ("fit scene.json", "no such command 'fit'; did you mean estimate? (see clothfit --help)"),
+    ("simulate a.json --frames 9", "no such option '--frames'; did you mean --steps? (see clothfit simulate --help)"),
+    ("new plane --pin 0", "no such option '--pin'; did you mean --fix-vertices? (see clothfit new --help-all)"),
     ("simulate a.json -x", "no such option '-x' (see clothfit simulate --help)"),
     # options that do not go together
     ("evaluate scene.json --speed fitted.json", "--speed takes one scene; FITTED does not go with it"),
@@ -121,7 +125,7 @@ VALUES = [
         "size=2x", "size=1x2x3", "size=big", "size=0", "rotate=1,2", "'move=1;2;3'", "move=1,2,nan", "fix-box=0,0,0",
         "fix-box=0,0:0,0,0,0", "fix-vertices=1-", "divisions=100000", "fix-vertices=", "fix-vertices=a",
         "fix-vertices=144", "fix-side=left=far", "fix-side=top", "sphere=0,0,0", "sphere=0,0,0,0", "wind=5",
-        "fit=xx", "fit=mass", "fit=n", "frames=1", "delta=0", "density=0", "divisions=-1", "tolerance=2",
+        "fit=xx", "fit=masses", "fit=n", "frames=1", "delta=0", "density=0", "divisions=-1", "tolerance=2",
         "stiffness=nan", "drag=wind", "drag=-1")],
     ("new plane --size 1x", "--size: '1x' is not understood; give it as in 2 or 2x1.5"),
     ("new plane --size 1,2", "--size: '1,2' is not understood; give it as in 2 or 2x1.5"),
@@ -149,6 +153,8 @@ FILES = [
     ("estimate scene.json --target=", "…"),
     ("estimate scene.json --start=", "…"),
     ("estimate other.json --target t.npz", "t.npz: has 16 points, other.json has 12 vertices; …they span 0 …"),
+    ("estimate scnee.json", "scnee.json: there is no such file; did you mean scene.json?"),
+    ("convert scene.json out.pc2", "scene.json is a scene; for its motion: clothfit simulate SCENE -o MOTION"),
     ("evaluate scene.json absent.json", "absent.json: there is no such file"),
     ("evaluate scene.json other.json", "other.json: its objects have "),
     ("evaluate scene.json fitted.json --target absent.npz", "absent.npz: there is no such file"),

@@ -93,7 +93,7 @@ REFUSED = [  # the flags of masses and stiffnesses and what else is fitted, argu
     ("nL", {}, {"holdout": 1.0}, "holdout must be a fraction above 0 and below 1; 1 was given"),
     ("nL", {}, {"holdout": math.nan}, "holdout must be a fraction above 0 and below 1; nan was given"),
     ("nL", {}, {"holdout": 0.2, "holdout_of": "springs"}, "holdout: there is nothing called 'springs'"),
-    ("nn", {}, WITHOUT, "nothing to fit: no object flags anything; set its optimizationSettings"),
+    ("nn", {}, WITHOUT, "nothing to fit: no object flags anything; use --fit auto or --fit nF, or set"),
     ("nL", {}, {"start": 20000.0}, "start: 20000 is not within the bounds"),
     ("nL", {}, {"start": math.inf}, "start: inf is not within the bounds"),
     ("nL", {}, {"start": [1.0] * 15 + [1e5]}, "start: 100000 is not within the bounds"),

@@ -213,8 +213,10 @@ BAD = [
     ({"positions": with_nan(np.inf)}, INFINITE),
     ({"vertex_counts": np.array([6, 4])}, "vertex_counts: is [6, 4], the scene has [4, 6]"),
     ({"vertex_counts": np.array(10)}, "vertex_counts: is [10], the scene has [4, 6]"),
-    ({"times": np.arange(3.0)}, "times: has shape (3,) and type float64, 4 numbers, one per frame, fit"),
-    ({"times": np.array(list("abcd"))}, "times: has shape (4,) and type <U1, 4 numbers, one per frame, fit"),
+    ({"times": np.arange(3.0)}, "times: has shape (3,) and type float64, 4 numbers, one per frame, fit; "
+     "positions are (frames, vertices, 3)"),
+    ({"times": np.array(list("abcd"))}, "times: has shape (4,) and type <U1, 4 numbers, one per frame, fit; "
+     "positions are (frames, vertices, 3)"),
     ({"times": np.array([0, 1, 1, 2])}, "times: must be finite and increasing"),
     ({"times": np.array([0, 1, np.nan, 3])}, "times: must be finite and increasing"),
     ({"times": np.array([0, 1, 2, np.inf])}, "times: must be finite and increasing"),
@@ -251,7 +253,7 @@ FILES = {
     "pickle": (pickle.dumps({"positions": 1}), "cannot be read as .npz or .npy (it is neither)"),
     "no arrays": (b"PK\x05\x06" + bytes(18), "positions: is missing"),
     "none": (None, "there is no such file"),
-    "folder": (..., "is a folder; a motion file (.npz) is needed"),
+    "folder": (..., "is a folder; name a motion file"),
 }
 
 

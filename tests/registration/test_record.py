@@ -69,3 +69,10 @@ def test_frames_before_the_scene_begins_are_left_out():
     late = Registration(offset=3.5 * scene.delta).applied(motion, scene.delta)
     assert late.times == pytest.approx((np.arange(4, 12) - 3.5) * scene.delta)
     assert len(late.positions) == 8
+
+
+def test_what_is_taken_back_lies_where_it_was():
+    turn, move = rotation(np.array([0.3, -1.1, 0.4])), np.array([0.2, 3.0, -1.0])
+    known = Registration(rotation=turn, translation=move, scale=1.7)
+    x = np.random.default_rng(0).normal(size=(4, 5, 3))
+    np.testing.assert_allclose(known.taken_back(known.placed(x)), x, atol=1e-14)  # rounding

@@ -273,12 +273,31 @@ def slip(error: click.UsageError) -> str:
     if context is not None and isinstance(error, click.NoSuchOption):
         options = [name for option in context.command.get_params(context) for name in option.opts]
         known = [name for name in options if name.startswith("-")]
-        message = error.message.rstrip(".") + meant(error.option_name, known)
+        message = error.message.rstrip(".") + wanted(error.option_name, known)
     elif context is not None and isinstance(error, click.exceptions.NoSuchCommand):
         known = context.command.list_commands(context) if isinstance(context.command, click.Group) else []
-        message = error.message.rstrip(".") + meant(error.command_name, known)
-    message = " ".join(message.split()).rstrip(".")
+        message = error.message.rstrip(".") + wanted(error.command_name, known)
+    message = " ".join(message.split()).rstrip(".").replace("is not a valid float", "is not a number, such as 0.01")
     return f"{message[:1].lower()}{message[1:]}"
+
+
+OTHER_WORDS = {
+    **dict.fromkeys(("fit", "train", "optimise", "optimize", "calibrate"), "estimate"), "run": "simulate",
+    **dict.fromkeys(("render", "plot", "view", "show", "play"), "report"),
+    **dict.fromkeys(("import", "create", "make", "init", "load"), "new"),
+    **dict.fromkeys(("--fix", "--hold", "--pin-side"), "--fix-side"),
+    **dict.fromkeys(("--pin", "--pins", "--fixed", "--pinned"), "--fix-vertices"),
+    **dict.fromkeys(("--frames", "--length"), "--steps"), **dict.fromkeys(("--time", "--timeout"), "--budget"),
+    **dict.fromkeys(("--unit", "--units"), "--scale"), **dict.fromkeys(("--axis", "--axes"), "--up"),
+    "--mass": "--density", "--mesh": "--cloth", "--motion": "--target",
+}  # fmt: skip
+"""Commands and options by what other programs call them."""
+
+
+def wanted(word: str, known: Sequence[str]) -> str:
+    """Asks about the name that was probably meant by a word that is none."""
+    other = OTHER_WORDS.get(word.lower())
+    return f"; did you mean {other}?" if other in known else meant(word, known)
 
 
 # ---- Lengths with their units, as options have them.
@@ -384,7 +403,7 @@ PLACES = {
     "fitted_path": (registry.SCENE, registry.SUBSPACE), "start": (registry.SCENE,),
     "target_path": MOVING, "target_paths": MOVING, "in_path": MOVING, "cloth_path": (registry.MESH, registry.EITHER),
     "log_paths": (registry.LOG,), "subspace_path": (registry.SCENE, registry.SUBSPACE, registry.RECORDED),
-    "inputs_path": (registry.SCENE,),
+    "inputs_path": (registry.SCENE,), "mesh_path": MOVING,
 }  # fmt: skip
 """Parameters of commands that are files to read, and the kinds that they take."""
 
@@ -415,6 +434,8 @@ def advice(kind: str, command: str, taken: tuple[str, ...]) -> str:
         return "did you mean --target?" if kind == registry.MOTION else "did you mean --target, or clothfit new?"
     if kind == registry.SCENE and registry.MESH in taken and registry.MOTION not in taken:
         return "did you mean clothfit info?"
+    if kind == registry.SCENE and command == "convert":
+        return "for its motion: clothfit simulate SCENE -o MOTION; for its faces: --scene SCENE"
     resumed = "--checkpoint, with" if command == "estimate" else "clothfit estimate"
     forced = "--forces" if command in WITH_FORCES else "clothfit info, or simulate --forces"
     converted = "did you mean clothfit info, or clothfit convert?"

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from clothfit.cli.parts.estimate_files import Files
+    from clothfit.registration.record import Registration
     from clothfit.scene.scene import Scene
 
 
@@ -38,8 +39,12 @@ def place_of(files: Files, used: Iterable[str | None]) -> Output | None:
     return out
 
 
-def write(fitted: Scene, files: Files, out: Output, console: Console) -> None:
-    """Write the motion of a fitted scene. Raises InvalidInput."""
+def write(fitted: Scene, files: Files, known: Registration, out: Output, console: Console) -> None:
+    """Write the motion of a fitted scene in the time and the place of its target, which are `known`; before the scene
+    begins it stands still. Raises InvalidInput.
+    """
+    import numpy as np
+
     from clothfit.motion.foreign import load
     from clothfit.motion.motion import Motion
     from clothfit.motion.simulate import simulate
@@ -47,9 +52,10 @@ def write(fitted: Scene, files: Files, out: Output, console: Console) -> None:
 
     path, written = files.pairs[0][0], foreign(out.path)
     target = load(path, fitted, replace(files.reading, frames=None))
-    step, fraction = frame_places(target.motion, fitted.delta)
+    own = replace(target.motion, times=np.maximum(known.times(target.motion.times), 0.0))
+    step, fraction = frame_places(own, fitted.delta)
     every = simulate(fitted, int(step.max()) + 2)
-    x = interpolated(every.positions, step, fraction)
+    x = known.taken_back(interpolated(every.positions, step, fraction))
     motion = Motion(x, target.motion.times, fitted.vertex_counts)
     axes = target.interpretation.axes
     if written is not None and written.name == "USD" == target.interpretation.format:
@@ -61,8 +67,8 @@ def write(fitted: Scene, files: Files, out: Output, console: Console) -> None:
         out.write(usd.with_points(path, out.path, points, str(target.motion.said.get("mesh", ""))))
         console.say(f"{out.path}: {path} with the fitted cloth, {counted(len(x), 'frame', 'frames')}, {axes}")
         return
-    own = written is not None and foreign(path) is not None and written.name != "glTF"
-    motions.write(motion, out, fitted, Convention(*_said(axes)) if own else Convention(), console)
+    alike = written is not None and foreign(path) is not None and written.name != "glTF"
+    motions.write(motion, out, fitted, Convention(*_said(axes)) if alike else Convention(), console)
 
 
 def _said(axes: Axes) -> tuple[float, str, str]:
