@@ -123,9 +123,9 @@ def meant(wrong: str, names: Iterable[str], alike: float = ALIKE) -> str:
     """Ask about the name that was probably meant, if any: `; did you mean estimate?`."""
     from difflib import get_close_matches  # loaded only after a slip, as every command should start quickly
 
-    known = {name.lower(): name for name in names}
-    lower = wrong.lower()
-    begins = [name for name in known if len(lower.lstrip("-")) > 1 and name.startswith(lower)]
+    known = {name.lower().lstrip("-"): name for name in names}  # dashes would make all short options alike
+    lower = wrong.lower().lstrip("-")
+    begins = [name for name in known if len(lower) > 1 and name.startswith(lower)]
     swapped = [name for name in known if sorted(name) == sorted(lower)]  # --rsme is --rmse sooner than --resume
     best = [*begins, *swapped, *get_close_matches(lower, known, 1, alike)][:1]
     return f"; did you mean {known[best[0]]}?" if best else ""

@@ -66,7 +66,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
         elements, order, begin = _header(data)
         found = _animation(_body(data[begin:], elements, order))
     except (ValueError, OverflowError) as error:
-        raise InvalidMotion(f"{name_of(path)}: cannot be read as .ply: {error}") from None
+        raise InvalidMotion(f"{name_of(path)}: cannot be read as .ply: {error}; export it again") from None
     check_finite(name_of(path), found.positions)
     return found
 

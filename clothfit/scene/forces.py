@@ -147,7 +147,7 @@ def read_arrays(file: IO[bytes]) -> dict[str, Array]:
     found = npz.stored(file, (*ARRAYS, *FEEDBACK, *REGULATOR), "forces")
     for name in ARRAYS:
         if name not in found:
-            raise ValueError(f"there is no array {name}")
+            raise ValueError(f"there is no array {name}; clothfit control writes such files")
     for name in found:
         if found[name].dtype.kind not in "fiu":
             raise ValueError(f"{name} has the type {found[name].dtype}; numbers are needed")

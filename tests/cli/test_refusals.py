@@ -35,6 +35,7 @@ USAGE = [
     # words of other programs
     ("fit scene.json", "no such command 'fit'; did you mean estimate? (see clothfit --help)"),
     ("simulate a.json --frames 9", "no such option '--frames'; did you mean --steps? (see clothfit simulate --help)"),
+    ("simulate a.json --fps 9", "no such option '--fps' (see clothfit simulate --help)"),  # --up is not meant
     ("new plane --pin 0", "no such option '--pin'; did you mean --fix-vertices? (see clothfit new --help-all)"),
     ("simulate a.json -x", "no such option '-x' (see clothfit simulate --help)"),
     # options that do not go together
@@ -212,6 +213,8 @@ FILES = [
         ("estimate scene.json --report x.pdf", "x.pdf: a page is written; name it x.html"),
         ("report scene.json fitted.json -o x.json", "x.json: a page is written; name it x.html"),
         (f"control sheet.json {KEYS} --report x.gif", "x.gif: a page is written; name it x.html"))],
+    ("export scene.json --to csv -o t.npz", "cannot make the folder t.npz: it is a file; name a folder"),
+    ("estimate scene.json --target @", "the name of a file is empty; name one"),
     ("new box.obj -o box.obj", INPUT),
     ("new shot_*.obj -o shot_2.obj", INPUT),
     *[(f"convert {line}", "…it is an input") for line in (

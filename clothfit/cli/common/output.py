@@ -161,6 +161,8 @@ def make_folder(path: str) -> None:
     """Make a folder where there is none. Raises InvalidInput."""
     try:
         os.makedirs(path, exist_ok=True)
+    except FileExistsError:
+        raise InvalidInput(f"cannot make the folder {path}: it is a file; name a folder") from None
     except OSError as error:
         raise InvalidInput(f"cannot make the folder {path}: {error.strerror or error}") from None
 

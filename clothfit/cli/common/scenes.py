@@ -91,6 +91,8 @@ def split(sentence: str) -> dict[str, str | None]:
 def check_there(*paths: str) -> None:
     """Check that the files exist, before the libraries load. Raises InvalidScene."""
     for path in paths:
+        if not path:
+            raise InvalidInput("the name of a file is empty; name one")
         try:
             with suppress(ValueError):  # an impossible name; reading it gives the message
                 if path != STREAM:

@@ -186,6 +186,8 @@ def following(
     from clothfit.fit.followed import pins_of
     from clothfit.scene.scene import with_pins
 
+    if not any(cloth.fixed.any() for cloth in scene.cloths):
+        raise InvalidInput("--pins-from: no vertex is fixed that could follow it; add --fix-side top")
     motion = load(path, scene, Reading(scale, up, handedness), console, foreign(path) is not None).motion
     items = dict(pins_of(motion, scene))
     count = sum(len(item["vertices"]) for own in items.values() for item in own)
