@@ -9,7 +9,10 @@ from helpers.unity import PACKAGE
 
 from clothfit.base.version import __version__
 
-FILES = sorted(path for path in PACKAGE.rglob("*") if path.suffix != ".meta" and path.name != "Samples~")
+FILES = sorted(
+    path for path in PACKAGE.rglob("*")
+    if path.suffix != ".meta" and path.name != "Samples~" and "Documentation~" not in path.parts  # not assets
+)  # fmt: skip
 SOURCES = [path for path in FILES if path.suffix == ".cs"]
 MOST_LINES = 250
 
@@ -46,6 +49,13 @@ def test_the_player_of_subspaces_is_that_of_the_clients_and_the_licence_that_of_
     own = PACKAGE / "Runtime" / "Playback" / "Subspace.cs"
     assert own.read_bytes() == (EXAMPLES / "clients" / "Subspace.cs").read_bytes()
     assert (PACKAGE / "LICENSE.md").read_bytes() == (PACKAGE.parents[2] / "LICENSE").read_bytes()
+
+
+def test_the_documentation_is_where_the_package_manager_looks_for_it_and_its_links_lead_somewhere():
+    page = PACKAGE / "Documentation~" / f"{PACKAGE.name}.md"
+    links = re.findall(r"\]\(([^)]+)\)", page.read_text("utf-8"))
+    assert links
+    assert all((page.parent / link).is_file() for link in links)
 
 
 def test_the_sample_is_a_scene_of_the_package_s_components():
