@@ -130,6 +130,7 @@ def written(
     loaded: Loaded, out: Output, scene: Scene | None, faces: Indices | None, convention: Convention, console: Console
 ) -> dict[str, Any]:
     """Write the motion; what --json says of that."""
+    from clothfit.motion.files import sources
     from clothfit.motion.motion import archive
 
     count = 0 if faces is None else len(faces)
@@ -143,7 +144,12 @@ def written(
     if faces is None and found.faces:
         console.say(f"{out.name}: gets points only, no faces; --scene or --mesh has some")
     axes = motions.write_foreign(loaded.motion, out, convention, console, faces, loaded.names, loaded.timed)
-    rounding = largest_rounding(loaded, out.path, axes)
+    try:
+        rounding = largest_rounding(loaded, out.path, axes)
+    except InvalidInput as error:
+        for path in sources(out.path):
+            os.unlink(path)
+        raise InvalidInput(f"what was written cannot be read again, so it is not kept: {error}") from None
     if rounding is not None and rounding > LEAST_ROUNDING:
         console.say(f"{out.name}: its positions are rounded by {metres(rounding)} at most")
     return {"written": {**axes._asdict(), "faces": count, "largest_rounding": rounding}}

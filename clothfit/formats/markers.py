@@ -473,11 +473,11 @@ def label(text: str) -> str:
 
 
 def labels_of(animation: Animation) -> list[str]:
-    """The names of the points, no two the same; `v0`, `v1`, … where there are none."""
-    if animation.names is None:
-        return [f"v{point}" for point in range(animation.positions.shape[1])]
+    """The names of the points, no two the same; `v0`, `v1`, … of those that have none."""
+    names = animation.names or ("",) * animation.positions.shape[1]
     found: dict[str, None] = {}
-    for name in map(label, animation.names):
+    for point, given in enumerate(names):
+        name = label(given) or f"v{point}"
         found[unused(name, found) if name in found else name] = None
     return list(found)
 

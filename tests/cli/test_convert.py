@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from helpers.scenes import trial, write_scene
 
-from clothfit import Reading, load, load_motion, save_motion, simulate
+from clothfit import InvalidMotion, Reading, load, load_motion, save_motion, simulate
+from clothfit.cli import convert
 from clothfit.cli.common.console import Console
 from clothfit.cli.parts.estimate_files import Files
 from clothfit.cli.parts.estimate_many import planned
@@ -164,6 +165,26 @@ def test_a_simulation_goes_where_its_suffix_says(said, folder):
 def test_weights_that_are_lost_are_told(said):
     np.savez("a.npz", positions=points(), weights=np.ones(4))
     assert "warning: b.pc2: has no place for weights; .npz has" in said("convert a.npz b.pc2")[2]
+
+
+@pytest.mark.parametrize("suffix", [".trc", ".csv", ".c3d"])
+def test_a_marker_without_a_name_gets_one_that_can_be_read_again(said, folder, suffix):
+    header = ",".join(f"{name}_{axis}" for name in ("v1", "", "a b") for axis in "xyz")
+    (folder / "m.csv").write_text(f"time,{header}\n0,{'1,' * 8}1\n0.1,{'2,' * 8}2\n")
+    assert said(f"convert m.csv n{suffix}")[0] == 0
+    assert said(f"info n{suffix}")[0] == 0
+
+
+def test_a_file_that_cannot_be_read_again_is_not_kept(said, folder, monkeypatch):
+    def fail(*given):
+        raise InvalidMotion("y.pc2: is damaged")
+
+    monkeypatch.setattr(convert, "largest_rounding", fail)
+    np.savez("a.npz", positions=points(), times=0.1 * np.arange(4))
+    for name in ("y.pc2", "z_*.obj"):
+        code, _, err = said(f"convert a.npz '{name}'")
+        assert (code, list(folder.glob(name))) == (3, [])
+        assert "what was written cannot be read again, so it is not kept: y.pc2: is damaged" in err
 
 
 def test_a_doubt_is_a_warning(said):
