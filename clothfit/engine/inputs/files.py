@@ -22,7 +22,7 @@ from clothfit.base.reading import unchanged
 from clothfit.formats.animation import ASSUMED_RATE, with_gaps
 from clothfit.formats.axes import Reading, to_scene
 from clothfit.formats.files import content, name_of, refused
-from clothfit.formats.registry import foreign, read
+from clothfit.formats.registry import format_of, read, suffix_of
 from clothfit.scene.keys import Keys, times_problem
 
 PATHS = re.compile(r"\.pins\[\d+\]\.posKeys$|\.(motion|mesh)$")
@@ -159,7 +159,7 @@ def npz_table(path: str) -> tuple[Array, Array] | None:
 
 def motion_of(path: str, reading: Reading) -> tuple[Array, Array]:
     """The times (K,), s, and points (K, P, 3), m, of a motion; the first frame is at time 0."""
-    found = foreign(path)
+    found = format_of(path) if suffix_of(path) else None
     if found is None:
         return own_motion(path, reading)
     animation = read(found, path, reading.mesh or "")
