@@ -49,25 +49,20 @@ RIGHT = Axes("y", "right", 1.0)
 Z_UP = Axes("z", "right", 1.0)
 
 
-def to_scene(points: Array, axes: Axes) -> Array:
-    """Points (…, 3) of a file in the scene's axes, m."""
+def to_scene(points: Array, axes: Axes, own: bool = False) -> Array:
+    """Points (…, 3) of a file in the scene's axes, m. Where they are the caller's `own`, frames (F, n, 3) are turned in
+    place, one by one: a second copy of a motion takes much memory.
+    """
+    if own and points.ndim == 3 and points.dtype == float and points.flags.writeable and points.flags.c_contiguous:
+        for frame in points:
+            frame[:] = to_scene(frame, axes)
+        return points
     turned = points.astype(float)
     turned[..., 0] = -points[..., 0] if axes.handedness == "right" else points[..., 0]
     turned[..., 1] = points[..., 2 if axes.up == "z" else 1]
     turned[..., 2] = -points[..., 1] if axes.up == "z" else points[..., 2]
     turned *= axes.scale
     return turned
-
-
-def turned(frames: Array, axes: Axes) -> Array:
-    """Frames (F, n, 3) of a file in the scene's axes, m: in place, frame by frame, as a second copy of a motion takes
-    much memory, where nobody else can hold them.
-    """
-    if not (frames.dtype == float and frames.flags.writeable and frames.flags.c_contiguous):
-        return to_scene(frames, axes)
-    for frame in frames:
-        frame[:] = to_scene(frame, axes)
-    return frames
 
 
 def from_scene(points: Array, axes: Axes) -> Array:

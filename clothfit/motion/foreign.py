@@ -25,20 +25,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted, metres
 from clothfit.formats.animation import ASSUMED_RATE, Animation, short
-from clothfit.formats.axes import (
-    AUTO,
-    HANDS,
-    ORDER,
-    SCENE,
-    SURFACE,
-    UPS,
-    Axes,
-    Reading,
-    facing,
-    from_scene,
-    to_scene,
-    turned,
-)
+from clothfit.formats.axes import AUTO, HANDS, ORDER, SCENE, SURFACE, UPS, Axes, Reading, facing, from_scene, to_scene
 from clothfit.formats.files import name_of
 from clothfit.formats.markers import METRES_PER_UNIT
 from clothfit.formats.registry import NATIVE, Format, foreign, format_of, paths, read, suffix_of
@@ -216,7 +203,7 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     if times[0] != 0:
         notes.append(f"its first frame, at {times[0]:g} s, is taken as the start")
         times = times - times[0]
-    positions = turned(read.positions, axes)  # of `read` nobody else knows
+    positions = to_scene(read.positions, axes, own=True)
     observed = np.ones(positions.shape[:2], bool) if read.observed is None else read.observed
     if (unseen := unseen_in(positions)) is not None:
         observed = observed & ~unseen
@@ -327,7 +314,7 @@ def _native(
     axes, points, notes = reading.axes(SCENE), motion.positions.shape[1], list[str]()
     _check_count(points, own, name)
     if axes != SCENE:
-        motion = replace(motion, positions=turned(motion.positions, axes), unit=axes.scale)
+        motion = replace(motion, positions=to_scene(motion.positions, axes, own=True), unit=axes.scale)
     if scene is not None:
         notes += [] if marked or motion.observed is None else unseen_share(~motion.observed)
         made = _bound(motion.positions, motion.seen(), scene, reading, axes, name)

@@ -245,7 +245,7 @@ BAD_FILES = {
     "gap.csv": (b"0,0,0,0\n1,nan,0,0\n", "has gaps"),
     "short.csv": (b"0,0,0,0\n1,1,1,1\n2,0,0\n", "line 3 has 3 columns"),
     "not.npz": (b"PK nothing", "is damaged"),
-    "what.xyz": (b"", "no motion format|neither"),
+    "what.xyz": (b"1\nC 0 0 0\n", "no motion format has that suffix"),
     "no.csv": (None, "there is no such file"),
 }
 

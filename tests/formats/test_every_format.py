@@ -21,7 +21,7 @@ from clothfit import InvalidInput, InvalidMotion, read_mesh
 from clothfit.base.writing import write_atomically
 from clothfit.formats import glb
 from clothfit.formats.axes import SCENE as OWN
-from clothfit.formats.axes import Axes, Convention, Reading, facing, from_scene, to_scene, turned
+from clothfit.formats.axes import Axes, Convention, Reading, facing, from_scene, to_scene
 from clothfit.formats.registry import FORMATS, foreign
 from clothfit.formats.registry import read as read_known
 from clothfit.motion.foreign import load
@@ -52,10 +52,10 @@ def test_axes_keep_lengths_what_is_up_and_the_front_and_only_right_handed_ones_a
     assert (to_scene(points, OWN) == points).all()
     np.testing.assert_allclose(from_scene(to_scene(points, axes), axes), points, rtol=4e-16)  # two roundings
     in_place = points.copy()
-    assert turned(in_place, axes) is in_place
+    assert to_scene(in_place, axes, own=True) is in_place
     np.testing.assert_array_equal(in_place, to_scene(points, axes))
     still = np.broadcast_to(points[0], points.shape)  # one frame for all, which must not be turned four times
-    np.testing.assert_array_equal(turned(still, axes), to_scene(still, axes))
+    np.testing.assert_array_equal(to_scene(still, axes, own=True), to_scene(still, axes))
     image = to_scene(np.eye(3), axes) / axes.scale
     np.testing.assert_array_equal(image["xyz".index(axes.up)], [0, 1, 0])
     assert np.linalg.det(image) == pytest.approx(-1 if axes.handedness == "right" else 1)
