@@ -30,8 +30,8 @@ class Elements(NamedTuple):
 
     mass: Array  # (n,), kg, one per vertex
     stiffness: Array  # (S,), N/m, one per spring
-    damping: Array = NO_NUMBERS  # (1,), the object's coefficient α, 1/s at the vertices, s at the springs
-    drag: Array = NO_NUMBERS  # (1,), air drag of the faces, kg/(m⁶ s)
+    damping: Array = NO_NUMBERS  # (K,), the coefficient α of each object, 1/s at the vertices, s at the springs
+    drag: Array = NO_NUMBERS  # (K,), air drag of the faces of each object, kg/(m⁶ s)
     velocity: Array = NO_VECTORS  # (n, 3), at the start, m/s
     rest: Array = NO_NUMBERS  # (S,), rest lengths, m
     path: Array = NO_VECTORS  # (K, 3), how far the keys of the pins' paths are, m

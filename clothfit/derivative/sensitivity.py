@@ -89,9 +89,10 @@ class Share(NamedTuple):
 
 
 def columns(
-    system: System, blocks: Sequence[Block], p: Array, column: Indices, factor: Array, count: int
+    system: System, blocks: Sequence[tuple[Block, slice]], p: Array, column: Indices, factor: Array, count: int
 ) -> Columns:
-    """The columns of one cloth's sensitivity by the parameters of `blocks` at p (P,).
+    """The columns of one cloth's sensitivity by the parameters of `blocks` at p (P,), each with the places of its
+    values among those of the system.
 
     `column` (P,) gives the column of each parameter, −1 where it is held, `factor` (P,) a factor of its derivative,
     `count` the number of columns.
@@ -100,20 +101,23 @@ def columns(
     everywhere: list[tuple[int, Elements]] = []
     velocity: list[tuple[int, Array]] = []
     led: list[tuple[int, Elements]] = []
-    for block in blocks:
+    for block, part in blocks:
         own = np.flatnonzero(column[block.part] >= 0) + block.start
         if block.name in LOCAL and len(own):
-            local[block.name] = share(block, p, column, factor)
+            before = none(len(system.springs.rest)) if block.name == "rest" else local[block.name]
+            local[block.name] = within(before, share(block, p, column, factor), part)
             continue
         for i in own:
             unit = np.zeros(len(column))
             unit[i] = factor[i]
-            change = np.array(block.spread(unit))
+            whole = zeros(system, [block.name])
+            change = getattr(whole, block.name)
+            change[part] = block.spread(unit)
             if block.name == "velocity":
                 velocity.append((int(column[i]), change))
             else:
                 kept = led if block.name in LEADING else everywhere
-                kept.append((int(column[i]), zeros(system)._replace(**{block.name: change})))
+                kept.append((int(column[i]), whole))
     shares = local["mass"], local["stiffness"], local["rest"]
     return Columns(count, *shares, tuple(everywhere), tuple(led), tuple(velocity))
 
@@ -121,6 +125,20 @@ def columns(
 def none(count: int) -> Share:
     """`count` elements without a column."""
     return one_each(np.full(count, -1, np.int32), np.zeros(count))
+
+
+def within(whole: Share, own: Share, part: slice) -> Share:
+    """A share in which the elements of a part are those of another one."""
+    if len(own.start) == len(whole.start):
+        return own
+    counts = np.diff(whole.start)
+    counts[part] = np.diff(own.start)
+    begin, end = whole.start[part.start], whole.start[part.stop]
+    column, factor = (
+        np.concatenate([a[:begin], b, a[end:]])
+        for a, b in ((whole.column, own.column), (whole.factor, own.factor))
+    )
+    return Share(np.append(0, np.cumsum(counts)).astype(np.int32), column, factor)
 
 
 def one_each(column: Indices, factor: Array) -> Share:

@@ -147,7 +147,7 @@ def offset(system, x, v, w, u, later, y, s):
 def probe_springs(system, y, u, w, s, damped, out):
     """Add to `out` what springs have in it, where `damped` with h D in U."""
     own, part, row, h = system.springs, out.springs, out.row, system.h
-    alone = Springs(part.corners, own.rest, own.stiffness, own.damping, own.slot, own.cap, own.bend)
+    alone = Springs(part.corners, own.rest, own.stiffness, own.damping, own.slot, own.cap, own.object, own.bend)
     gather(part, y, u, w, s)
     for c in range(3):
         seed(part, 0, c)
@@ -168,7 +168,7 @@ def probe_springs(system, y, u, w, s, damped, out):
 def probe_faces(system, y, u, w, s, damped, out):
     """The same for the faces."""
     own, part, h = system.faces, out.faces, system.h
-    alone = Faces(part.corners, own.drag, own.wind, own.quadratic)
+    alone = Faces(part.corners, own.drag, own.wind, own.quadratic, own.object)
     gather(part, y, u, w, s)
     for corner in range(3):
         for c in range(3):

@@ -66,8 +66,8 @@ def limit(system: System, omega: float | None = None) -> Limit:
         return Limit(0.0, inf, 1.0)
     with np.errstate(all="ignore"):  # of values at the ends of the range of doubles
         omega = frequency(system) if omega is None else omega
-        alpha, air = system.vertex.damping, drag(system)
-    damping = alpha + system.springs.damping * omega * omega
+        alpha, beta, air = system.vertex.damping.max(), system.springs.damping.max(), drag(system)
+    damping = alpha + beta * omega * omega
     modes = [(omega, damping, damping + air), (0.0, alpha, alpha + air)]  # the second: what no spring holds
     step = min(longest_step(system.method, *mode) for mode in modes)
     growths = [growth(system.method, system.h, w, d) for w, *ds in modes for d in ds]
@@ -78,8 +78,8 @@ def warning(scene: Scene, steps: int) -> str | None:
     """The warning before so many steps of a scene, where some of its cloths will not stay stable; None otherwise."""
     if scene.method in UNLIMITED:
         return None
-    limits = [limit(build(scene, index)) for index in range(len(scene.cloths))]
-    index = max(range(len(limits)), key=lambda i: limits[i].growth)
+    limits = {group[0]: limit(build(scene, group[0])) for group in scene.groups}
+    index = max(limits, key=lambda i: limits[i].growth)
     worst = limits[index]
     decades = steps * log10(max(worst.growth, 1.0))
     if decades <= log10(HARMLESS_GROWTH):
@@ -197,10 +197,11 @@ def drags(system: System) -> Array:
     a, b, c = (x[corners[:, corner]] for corner in range(3))
     n = np.cross(b - a, c - a)
     size = (n * n).sum(axis=1)
-    own = faces.drag / 6.0 * size**1.5
+    drag = faces.drag[0 if faces.object is None else faces.object]
+    own = drag / 6.0 * size**1.5
     if faces.quadratic:
         flow = np.linalg.norm(faces.wind - system.v0[corners].mean(axis=1), axis=1)
-        own = 2.0 * SHARE * faces.drag * np.sqrt(size) * flow
+        own = 2.0 * SHARE * drag * np.sqrt(size) * flow
     each = np.repeat(own, 3)
     return np.asarray(np.bincount(corners.reshape(-1), each, len(x)), float)
 

@@ -1,24 +1,24 @@
 """From the scene to arrays: one System per cloth, the only place where the scene's names become symbols.
 
-Cloths do not touch each other, so each is a system of its own: what one computes does not depend on the others,
-and a fit moves only the cloths it fits.
+Each cloth is a system of its own: what one computes does not depend on the others, and a fit moves only the cloths it
+fits. Cloths that touch each other are one system, the vertices and springs of one after those of the other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import NO_TABLE, Array, Elements, Flags
+from clothfit.base.arrays import NO_TABLE, Array, Elements, Flags, Indices
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces import applied, bodies, faces, spheres, springs, surfaces, touch, vertex
 from clothfit.engine.forces.selfcontact import force, pairs
 from clothfit.engine.inputs import fitted_paths, sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.kernels.kernel import record
-from clothfit.scene.cloth import SPHERE, Cloth, Collider
+from clothfit.scene.cloth import SPHERE, Cloth, Collider, together
 from clothfit.scene.kinds import AIR
 from clothfit.scene.scene import Scene
 
@@ -55,10 +55,11 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
     `air` keeps its faces even where the scene gives them no drag, `whole` every part that a scene may have. Raises
     InvalidScene, for inputs in files.
     """
-    cloth = scene.cloths[index]
+    cloth, layers = cloth_of(scene, index)
     inputs, touched = of_the_world(scene, cloth, scene.frames - 1 if steps is None else steps, whole)
     pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed, whole=scene.self_contact is not None)
     surface = surface_of(scene, index) if inputs else None
+    own = owners(layers) if inputs else Owners()
     return System(
         x0=with_pins(np.array(cloth.positions), cloth.shift, inputs),
         v0=at_start(cloth.velocity, cloth.fixed, inputs, scene.delta),
@@ -66,10 +67,15 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
         method=scene.method,
         newton_iterations=scene.newton_iterations,
         guarded=True,
-        vertex=vertex.Vertex(np.array(cloth.mass), float(cloth.damping), np.array(scene.gravity, float), ~cloth.fixed),
-        springs=springs.build(np.array(cloth.springs), cloth.rest, cloth.stiffness, cloth.damping, slot),
+        vertex=vertex.Vertex(
+            np.array(cloth.mass), numbers(layers, "damping"), np.array(scene.gravity, float), ~cloth.fixed, own.vertex
+        ),
+        springs=springs.build(
+            np.array(cloth.springs), cloth.rest, cloth.stiffness, numbers(layers, "damping"), slot, own.spring
+        ),
         faces=faces.build(
-            np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n", cloth.drag_law == AIR
+            np.array(cloth.triangles), numbers(layers, "drag"), scene.wind, air or cloth.mode("drag") != "n",
+            cloth.drag_law == AIR, own.face
         ),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
         colliders=touched,
@@ -81,6 +87,31 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
     )
 
 
+class Owners(NamedTuple):
+    """Which of the objects that are simulated together each element belongs to; None where nothing asks."""
+
+    vertex: Indices | None = None  # (n,)
+    spring: Indices | None = None  # (S,)
+    face: Indices | None = None  # (T,)
+
+
+def owners(cloths: Sequence[Cloth]) -> Owners:
+    """Those of the elements of cloths one after another."""
+    counts = zip(*((len(each.mass), len(each.stiffness), len(each.triangles)) for each in cloths), strict=True)
+    return Owners(*(np.repeat(np.arange(len(cloths), dtype=np.int32), count) for count in counts))
+
+
+def numbers(cloths: Sequence[Cloth], name: str) -> Array:
+    """A number of each of the cloths, (K,)."""
+    return np.array([getattr(each, name) for each in cloths], float)
+
+
+def cloth_of(scene: Scene, index: int) -> tuple[Cloth, list[Cloth]]:
+    """What is simulated as cloth `index`: the cloths that touch each other as one, and each."""
+    layers = [scene.cloths[i] for i in scene.together(index)]
+    return (together(layers) if len(layers) > 1 else layers[0]), layers
+
+
 def meets_itself(system: System) -> bool:
     """Whether the cloth touches itself where it can."""
     return system.surface is not None and len(system.surface.start) > 0
@@ -90,10 +121,10 @@ def surface_of(scene: Scene, index: int) -> pairs.Surface:
     """What of a cloth can touch itself: nothing where the scene does not ask for that. Raises InvalidScene for a cloth
     that crosses itself at the start.
     """
-    law, cloth = scene.self_contact, scene.cloths[index]
+    law = scene.self_contact
     if law is None:
         return pairs.nowhere()
-    numbers = law.thickness, law.stiffness, law.friction
+    cloth, numbers = cloth_of(scene, index)[0], (law.thickness, law.stiffness, law.friction)
     found = pairs.surface(cloth.triangles, cloth.positions, cloth.fixed, numbers)
     try:
         pairs.check_start(found, f"objects[{index}]")
@@ -177,10 +208,10 @@ def with_elements(system: System, values: Elements) -> System:
     point = point._replace(mass=np.array(values.mass, float))
     spring = spring._replace(stiffness=np.array(values.stiffness, float))
     if len(values.damping):
-        point = point._replace(damping=float(values.damping[0]))
-        spring = spring._replace(damping=0.5 * float(values.damping[0]))
+        point = point._replace(damping=np.array(values.damping, float))
+        spring = spring._replace(damping=0.5 * values.damping)
     if len(values.drag):
-        face = face._replace(drag=float(values.drag[0]))
+        face = face._replace(drag=np.array(values.drag, float))
     if len(values.path) or len(values.shift):
         system = with_paths(system, values)
         v0 = system.v0
@@ -282,8 +313,8 @@ def all_elements(system: System) -> Elements:
     return Elements(
         mass=system.vertex.mass.copy(),
         stiffness=system.springs.stiffness.copy(),
-        damping=np.array([system.vertex.damping]),
-        drag=np.array([system.faces.drag]),
+        damping=system.vertex.damping.copy(),
+        drag=system.faces.drag.copy(),
         velocity=system.v0.copy(),
         rest=system.springs.rest.copy(),
         path=np.zeros((0, 3)) if fitted is None else fitted.keys.copy(),

@@ -118,6 +118,7 @@ def pressed(
     first, contact, hit = work.solution.copy(), pairs.of_numbers(surface, x, numbers), NOBODY
     active, accuracy = pressing(contact, x, system.h * v), max(tolerance, ROUGH)
     for turn in range(ROUNDS):
+        interrupts.check()
         used = active
         accuracy = tolerance if turn == ROUNDS - 1 else accuracy
         if not attempt(*with_contact(system, work, pairs.some(contact, used)), part, t, v, first, accuracy):
@@ -164,6 +165,7 @@ def separated(system: System, part: Rollout, t: int, hit: Indices) -> zones.Zone
     surface, x, after, w = surface_of(system), part.x[t], part.x[t + 1], part.w[t, part.used[t] - 1]
     made, found, known = None, w.copy(), NOBODY
     while len(hit):
+        interrupts.check()
         known = np.concatenate([known, hit])
         made = zones.of_pairs(pairs.of_numbers(surface, x, known).vertices, len(x), found)
         w[:] = found

@@ -337,8 +337,8 @@ def solved_to(objective: Objective) -> float:
     for run in objective.runs:
         system, h = run.system, run.system.h
         mass = system.vertex.mass[system.vertex.free]
-        inert = (1.0 + h * system.vertex.damping) * mass.max(initial=0.0)
-        stiff = (h + system.springs.damping) * h * system.springs.stiffness.max(initial=0.0)
+        inert = (1.0 + h * system.vertex.damping.max()) * mass.max(initial=0.0)
+        stiff = (h + system.springs.damping.max()) * h * system.springs.stiffness.max(initial=0.0)
         air = h * drags(system).max(initial=0.0)
         touching = h * h * STIFFNESS if len(system.spheres.radius) else 0.0
         worst = max(worst, max(inert, stiff, air, touching) / mass.min(where=mass > 0, initial=np.inf))

@@ -12,6 +12,12 @@ def vector(a):
     return pack(a[0], a[1], a[2], 0.0)
 
 
+@kernel(absent=0)
+def item(numbers, i):
+    """numbers[i], 0 where there are none."""
+    return numbers[i]
+
+
 @kernel
 def dot(p, q):
     """p·q."""

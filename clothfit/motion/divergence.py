@@ -51,6 +51,15 @@ class Fault(NamedTuple):
         return worst(self.states.x[-1], self.states.v[-2])
 
 
+def of_object(scene: Scene, fault: Fault) -> Fault:
+    """A divergence of cloths that are simulated together as that of the one which diverged first."""
+    own, vertex = [scene.vertices(cloth) for cloth in scene.together(fault.cloth)], fault.vertex
+    first = own[0].start
+    place = next(i for i, part in enumerate(own) if vertex < part.stop - first)
+    part, states = slice(own[place].start - first, own[place].stop - first), fault.states
+    return Fault(fault.cloth + place, states._replace(x=states.x[:, part], v=states.v[:, part]))
+
+
 class Diverged(ClothfitError):
     """A simulation that diverged: a position is not finite, or 10¹² m away. Exit code 4.
 

@@ -37,7 +37,7 @@ from clothfit.engine.inputs.tables import set_frame, set_inputs
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build, meets_itself
 from clothfit.kernels.kernel import kernel
-from clothfit.motion.motion import Motion, check_counts, check_loaded, in_world
+from clothfit.motion.motion import Motion, check_counts, check_loaded, in_groups, in_world
 from clothfit.motion.simulate import answered
 from clothfit.scene.scene import Scene, check_is_scene
 
@@ -128,10 +128,9 @@ def energies(scene: Scene, motion: Motion) -> Energy:
             f"{motion.name}: energies need every vertex, and a frame after every step of {scene.delta:.4g} s; give a "
             "motion as `simulate` makes it"
         )
-    motion = in_world(motion, scene)
-    cloths, last = range(len(scene.cloths)), len(steps) - 1
+    motion, last = in_groups(in_world(motion, scene), scene), len(steps) - 1
     scene = answered(scene, last, scene.tolerance)
-    parts = [balances(build(scene, index, steps=last), motion.of(index)) for index in cloths]
+    parts = [balances(build(scene, group[0], steps=last), motion.of(group[0])) for group in scene.groups]
     kinetic, elastic, gravity, contact, *given = np.sum(parts, axis=0).T
     blown, damped, dragged = np.cumsum(given, axis=1)
     return Energy(motion.times, kinetic, elastic, gravity - gravity[0], contact, blown, -damped, -dragged)

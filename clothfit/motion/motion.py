@@ -93,6 +93,12 @@ class Motion:
         return slice(start, start + self.vertex_counts[cloth])
 
 
+def in_groups(motion: Motion, scene: Scene) -> Motion:
+    """The motion with objects that are simulated together as one: all or none are."""
+    whole = len(scene.groups) < len(scene.cloths)
+    return replace(motion, vertex_counts=(sum(motion.vertex_counts),)) if whole else motion
+
+
 def arrays_of(motion: Motion) -> dict[str, Any]:
     """The arrays of a motion with an item for each frame, by name, without those that are None."""
     arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}

@@ -23,8 +23,8 @@ from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
-from clothfit.motion.divergence import Fault, last_states, outcome, with_bad
-from clothfit.motion.motion import Motion, in_scene
+from clothfit.motion.divergence import Fault, last_states, of_object, outcome, with_bad
+from clothfit.motion.motion import Motion, in_groups, in_scene
 from clothfit.scene.forces import Forces, Regulator
 from clothfit.scene.scene import Scene, check_is_scene
 
@@ -56,14 +56,15 @@ def simulate_cloths(
     scene = answered(scene, count - 1, accuracy)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     remedies, good, fault = NO_FALLBACKS, count - 1, None
-    for index in cloths:
+    groups = in_groups(motion, scene)
+    for index in sorted({scene.together(cloth)[0] for cloth in cloths}):
         tape, last = Tape(build(scene, index, steps=count - 1), count - 1, accuracy), None
         for part in tape.forward():
-            motion.of(index)[part.first : part.first + part.steps + 1] = part.x
+            groups.of(index)[part.first : part.first + part.steps + 1] = part.x
             last = last_states(part, last)
         remedies = remedies.together(tape.fallbacks)
         if tape.fault is not None and last is not None and tape.good < good:
-            good, fault = tape.good, Fault(index, with_bad(last, tape.fault, tape.fault_velocity))
+            good, fault = tape.good, of_object(scene, Fault(index, with_bad(last, tape.fault, tape.fault_velocity)))
     moved = np.repeat([index in cloths for index in range(len(counts))], counts)
     observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
     positions, times = positions[: good + 1], motion.times[: good + 1]

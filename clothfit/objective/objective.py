@@ -28,7 +28,7 @@ from clothfit.engine.system import System, build
 from clothfit.engine.tape import Plan, Tape
 from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import in_world
+from clothfit.motion.motion import in_groups, in_world
 from clothfit.objective import memory_needs as storage
 from clothfit.objective.comparison import OWN, Comparison, loss_named, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
@@ -39,7 +39,8 @@ from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, unseen
 from clothfit.objective.run import Recent, Run, at_rest, seen_in, still
 from clothfit.objective.running_cost import KeptStates, running_cost
 from clothfit.objective.target import first_step, target, without_start
-from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters
+from clothfit.scene.block import Block
+from clothfit.scene.fit_vector import acting, changes, check_shape, extra_kinds, fitted_cloths, parameters
 from clothfit.scene.scene import Scene, check_is_scene
 
 TIGHT = 1e-14
@@ -76,7 +77,7 @@ class Objective:
         self.memory = budget(memory)
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = scene.blocks
-        self.cloths = fitted_cloths(scene)
+        self.cloths = sorted({scene.together(cloth)[0] for cloth in fitted_cloths(scene)})
         self.own = objective if callable(objective) else None
         self.weights = {OWN: 1.0} if callable(objective) else objective_weights(objective)
         self.loss = loss_named(loss, loss_scale)
@@ -94,9 +95,9 @@ class Objective:
 
     def _run(self, number: int, experiment: Experiment, cloth: int, frames: int | None) -> Run:
         motion, scene = experiment
-        there = in_world(motion, scene)
+        there = in_groups(in_world(motion, scene), scene)
         goal = target(there, cloth, scene.delta, None if frames is None else frames - 1)
-        shifted = scene.cloths[cloth].mode("shift") != "n"
+        shifted = scene.cloths[cloth].mode("shift") != "n"  # of a cloth that touches no other
         surface = surface_of(there, cloth)
         surface = surface and surface.within(goal, start=not shifted)
         if shifted:
@@ -109,6 +110,10 @@ class Objective:
             return Run(cloth, scene, system, OwnComparison(whole, goal, cloth), number)
         compared = Comparison(goal, system, self.weights, self.loss, motion.name, surface)
         return Run(cloth, scene, system, compared, number)
+
+    def blocks_of(self, cloth: int) -> list[Block]:
+        """The blocks of a cloth and of those that are simulated with it."""
+        return [block for block in self.blocks if block.cloth in self.scene.together(cloth)]
 
     def until(self, frames: int | Sequence[int], tolerance: float | None = None) -> Objective:
         """The same objective over the first `frames` frames, one number for all targets or one for each, solved to
@@ -226,7 +231,7 @@ class Objective:
     @property
     def shows_motion(self) -> bool:
         """Whether anything that can move is compared after the initial state; true where nothing can move."""
-        fixed = [(run.scene.cloths[run.cloth].fixed, run.comparison.seen) for run in self.runs]
+        fixed = [(~run.system.vertex.free, run.comparison.seen) for run in self.runs]
         return any((seen & ~held).any() or held.all() for held, seen in fixed)
 
     @property
@@ -335,9 +340,8 @@ class Objective:
         """
         solved = self.tolerance if tolerance is None else tolerance
         grad = adjoint.gradient(system, memory, by_position, solved, extra_kinds(self.scene, run.cloth))
-        for block in self.blocks:
-            if block.cloth in (run.cloth, None):
-                gradient[block.part] += block.reduce(getattr(grad, block.name), p)
+        for block, part in acting(self.scene, run.cloth):
+            gradient[block.part] += block.reduce(getattr(grad, block.name)[part], p)
 
     def remedies(self, p: Array) -> Fallbacks:
         """Which fallbacks the steps of the motions of p (P,) need. Raises Diverged."""

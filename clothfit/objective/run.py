@@ -24,7 +24,8 @@ from clothfit.engine.tape import Plan, Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Comparison
 from clothfit.objective.running_cost import running_cost
-from clothfit.scene.fit_vector import elements
+from clothfit.scene.block import Block
+from clothfit.scene.fit_vector import acting, elements
 from clothfit.scene.scene import Scene
 
 REST_STEPS = 16
@@ -34,7 +35,7 @@ REST_STEPS = 16
 class Run(NamedTuple):
     """One cloth in one experiment: what is simulated once for each p."""
 
-    cloth: int
+    cloth: int  # the first of those that are simulated together
     scene: Scene  # the experiment's, with the flags of the fitted one
     system: System  # with the values of `scene`
     comparison: Comparison
@@ -45,6 +46,11 @@ class Run(NamedTuple):
     def steps(self) -> int:
         """Number of steps that are simulated."""
         return self.comparison.last_step
+
+    @property
+    def acting(self) -> list[tuple[Block, slice]]:
+        """The blocks that act in it, each with the places of its values."""
+        return acting(self.scene, self.cloth)
 
     @property
     def axes(self) -> Axes | None:
@@ -100,7 +106,10 @@ def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:
     """For each cloth, the vertices (n,) that one of the runs compares at some time after the initial state."""
     seen: dict[int, Flags] = {}
     for run in runs:
-        seen[run.cloth] = seen.get(run.cloth, False) | run.comparison.seen
+        cloths = run.scene.together(run.cloth)
+        ends = np.cumsum([run.scene.vertex_counts[i] for i in cloths])
+        for cloth, own in zip(cloths, np.split(run.comparison.seen, ends[:-1]), strict=True):
+            seen[cloth] = seen.get(cloth, False) | own
     return seen
 
 

@@ -100,7 +100,7 @@ def fit(
     found, heard = p.copy(), only_here(waiting)
 
     def fitted_one(cloth: int) -> tuple[Indices, Array]:
-        own = [block for block in objective.blocks if block.cloth == cloth and is_linear(block)]
+        own = [block for block in objective.blocks_of(cloth) if is_linear(block)]
         places = np.concatenate([np.arange(b.start, b.start + b.count) for b in own] or [np.zeros(0, int)])
         places = places[fitted[places]]
         if not len(places):
@@ -155,7 +155,7 @@ def information(objective: Objective, p: Array, fitted: Flags, factor: Array) ->
     places = np.flatnonzero(fitted)
     H, g, squares, count = np.zeros((len(places),) * 2), np.zeros(len(places)), 0.0, 0
     for run in objective.runs:
-        own = [block for block in objective.blocks if block.cloth == run.cloth]
+        own = objective.blocks_of(run.cloth)
         column = np.full(len(p), -1, np.int32)
         for block in own:
             column[block.part] = np.where(fitted[block.part], (np.cumsum(fitted) - 1)[block.part], -1)
@@ -181,7 +181,8 @@ def rows_of(
     seen = track(run.comparison.goal, system)
     seen = smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen
     made = balances(system, seen)
-    wanted = columns(system, own, p, column, np.ones(len(p)), width or int(column.max()) + 1)
+    acting = [(block, part) for block, part in run.acting if block in own]
+    wanted = columns(system, acting, p, column, np.ones(len(p)), width or int(column.max()) + 1)
     return Rows(summed_twice(made, system.method) if treatment.summed else made, system, spread(wanted))
 
 

@@ -31,6 +31,7 @@ from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import gauss_newton
 from clothfit.optimise.prior import Prior, first, patterns
 from clothfit.optimise.search import Search
+from clothfit.scene.fit_vector import acting
 
 CHUNK = 3_000_000
 """Numbers of the sensitivity that are kept at a time."""
@@ -238,8 +239,8 @@ class Trajectory:
     def acts(self, run: Run) -> Flags:
         """Which parameters (P,) act in a run."""
         acts = np.zeros(len(self.fitted), bool)
-        for block in self.objective.blocks:
-            acts[block.part] = block.cloth in (run.cloth, None)
+        for block, _ in run.acting:
+            acts[block.part] = True
         return acts
 
     def operations(self) -> float:
@@ -292,8 +293,7 @@ def run_model(
     count = int(column.max(initial=-1)) + 1
     if not count:
         return np.zeros((0, 0)), np.zeros(0), cost.value
-    blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
-    wanted = columns(system, blocks, p, column, factor, count)
+    wanted = columns(system, acting(objective.scene, run.cloth), p, column, factor, count)
     residuals = cost.residuals(mobile(system))
     steps = carried(system, tape, wanted, tolerance, residuals.update)
     H, g = accumulate(residuals, steps, at_start(system, wanted), scores)

@@ -30,14 +30,14 @@ from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import Motion
+from clothfit.motion.motion import Motion, in_groups
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.measures import surface_of
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.gauss_newton import Model
 from clothfit.registration.record import Registration, rotation, rotation_derivative
-from clothfit.scene.fit_vector import elements, fitted_cloths
+from clothfit.scene.fit_vector import acting, elements, fitted_cloths
 from clothfit.scene.scene import Scene
 
 THETA = 9
@@ -181,7 +181,8 @@ class Unknowns:
         p, theta = self.split(z)
         size, cost, squares = len(self.chosen), 0.0, list[Array]()
         H, g = np.zeros((size, size)), np.zeros(size)
-        for k, cloth in product(range(len(self.given)), fitted_cloths(self.main)):
+        cloths = sorted({self.main.together(cloth)[0] for cloth in fitted_cloths(self.main)})
+        for k, cloth in product(range(len(self.given)), cloths):
             weights = None if self.weights is None else self.weights[len(squares)]
             part = self._sums(k, cloth, p, theta[k], weights, derivative)
             cost += part.cost
@@ -194,7 +195,7 @@ class Unknowns:
 
     def _sums(self, k: int, cloth: int, p: Array, theta: Array, weights: Array | None, derivative: bool) -> Sums:
         """What one cloth of a target adds, by all values and its θ."""
-        motion, scene = self.given[k]
+        motion, scene = in_groups(self.given[k].motion, self.given[k].scene), self.given[k].scene
         now, own = self.where[k].at(theta), motion.weights_of(cloth)
         times, points, seen = now.times(motion.times), motion.of(cloth), motion.seen(cloth)
         surface = surface_of(motion, cloth)
@@ -208,7 +209,7 @@ class Unknowns:
         at = np.maximum(times, 0.0)
         steps = int(at.max(initial=0.0) / scene.delta) + 1
         system = with_elements(self._system(k, cloth, steps), elements(scene, cloth, p))
-        blocks = [block for block in self.main.blocks if derivative and block.cloth in (cloth, None)]
+        blocks = acting(scene, cloth) if derivative else []
         count, column = len(p) if derivative else 0, np.arange(len(p), dtype=np.int32)
         wanted = columns(system, blocks, p, column, self.coordinates.change(p), count)
         free = mobile(system)

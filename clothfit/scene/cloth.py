@@ -254,6 +254,7 @@ class SelfContact:
     thickness: float  # m, above 0: the distance below which two parts push each other
     stiffness: float  # N/m, above 0: of each pair
     friction: float  # coefficient, 0 or more
+    between: bool = False  # whether objects touch each other, too
 
 
 def self_contact(document: Mapping[str, Any]) -> SelfContact | None:
@@ -262,7 +263,32 @@ def self_contact(document: Mapping[str, Any]) -> SelfContact | None:
     if own is None:
         return None
     item = {**structure.defaults("selfCollision"), **own}
-    return SelfContact(*(float(item[name]) for name in ("thickness", "stiffness", "friction")))
+    thickness, stiffness, friction = (float(item[name]) for name in ("thickness", "stiffness", "friction"))
+    return SelfContact(thickness, stiffness, friction, item["betweenObjects"])
+
+
+def together(cloths: Sequence[Cloth]) -> Cloth:
+    """Several objects as one, vertices and springs of one after those of the other, with the damping and the drag of
+    the first.
+    """
+    first = np.cumsum([0, *(len(each.mass) for each in cloths)])
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in cloths])
+        for name in ("positions", "fixed", "mass", "stiffness", "velocity", "rest")
+    }
+    joined |= {
+        name: np.concatenate([getattr(each, name) + start for each, start in zip(cloths, first, strict=False)])
+        for name in ("springs", "triangles")
+    }
+    pins = tuple(
+        replace(pin, vertices=(pin.vertices + start).astype(pin.vertices.dtype))
+        for each, start in zip(cloths, first, strict=False)
+        for pin in each.pins
+    )
+    modes = [{name: each.mode(name) for name in ("drag", "path")} for each in cloths]
+    asked = {name: [own[name] for own in modes if own[name] != "n"] for name in ("drag", "path")}
+    fits = {name: own[0] for name, own in asked.items() if own}
+    return replace(cloths[0], **joined, pins=pins, fits=fits, layout=NOTHING, settings="nn")
 
 
 def vector(item: Mapping[str, Any]) -> Array:

@@ -112,31 +112,51 @@ def check_shape(scene: Scene, p: Sequence[float] | Array) -> Array:
 
 
 def elements(scene: Scene, cloth: int, p: Array) -> Elements:
-    """Values of one cloth for the fit vector p (P,).
+    """Values of one cloth, and of those that are simulated with it, for the fit vector p (P,).
 
     Masses and stiffnesses that are not flagged have the scene's value; other kinds that are not flagged are empty.
     """
-    values = {name: getattr(scene.cloths[cloth], name) for name in LETTERED}
-    for block in _acting(scene, cloth):
-        values[block.name] = block.spread(p)
+    values = {name: _together(scene, cloth, name) for name in LETTERED}
+    for block, part in acting(scene, cloth):
+        if block.cloth is None:
+            values[block.name] = block.spread(p)
+            continue
+        values.setdefault(block.name, _together(scene, cloth, block.name))[part] = block.spread(p)
     if "offset" in values:
         values["offset"] = values["offset"] - scene.offset  # a system has the colliders where its scene has them
     return _elements(values)
 
 
 def changes(scene: Scene, cloth: int, p: Array, direction: Array) -> Elements:
-    """Change of the values of one cloth at p (P,) along `direction` (P,): 0 of masses and stiffnesses that are not
-    flagged.
+    """Change of the values of one cloth, and of those that are simulated with it, at p (P,) along `direction` (P,): 0
+    of masses and stiffnesses that are not flagged.
     """
-    values = {name: np.zeros(len(getattr(scene.cloths[cloth], name))) for name in LETTERED}
-    for block in _acting(scene, cloth):
-        values[block.name] = block.change(p, direction)
+    values = {name: 0.0 * _together(scene, cloth, name) for name in LETTERED}
+    for block, part in acting(scene, cloth):
+        if block.cloth is None:
+            values[block.name] = block.change(p, direction)
+            continue
+        values.setdefault(block.name, 0.0 * _together(scene, cloth, block.name))[part] = block.change(p, direction)
     return _elements(values)
 
 
-def _acting(scene: Scene, cloth: int) -> list[Block]:
-    """The blocks that act on a cloth."""
-    return [block for block in scene.blocks if block.cloth in (cloth, None)]
+def acting(scene: Scene, cloth: int) -> list[tuple[Block, slice]]:
+    """The blocks that act on a cloth and on those that are simulated with it, each with the places of its values among
+    those of all of them.
+    """
+    group, found = scene.together(cloth), list[tuple[Block, slice]]()
+    for block in scene.blocks:
+        if block.cloth is None:
+            found.append((block, slice(None)))
+        elif block.cloth in group:
+            first = sum(np.atleast_1d(getattr(scene.cloths[i], block.name)).shape[0] for i in group if i < block.cloth)
+            found.append((block, slice(first, first + block.shape[0])))
+    return found
+
+
+def _together(scene: Scene, cloth: int, name: str) -> Array:
+    """The scene's values of a kind of a cloth, and of those that are simulated with it."""
+    return np.concatenate([np.atleast_1d(getattr(scene.cloths[i], name)) for i in scene.together(cloth)]).astype(float)
 
 
 def _elements(values: dict[str, Array]) -> Elements:
@@ -145,5 +165,5 @@ def _elements(values: dict[str, Array]) -> Elements:
 
 def extra_kinds(scene: Scene, cloth: int) -> list[str]:
     """The kinds beside masses and stiffnesses by which a fit needs the gradient of one cloth."""
-    asked = {block.name for block in _acting(scene, cloth)}
+    asked = {block.name for block, _ in acting(scene, cloth)}
     return [kind.name for kind in KINDS if kind.name in asked and kind.name not in LETTERED]

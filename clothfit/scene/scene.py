@@ -132,6 +132,17 @@ class Scene(checks.ReadOnly):
         start = sum(self.vertex_counts[:cloth])
         return slice(start, start + self.vertex_counts[cloth])
 
+    def together(self, cloth: int) -> range:
+        """The objects that a cloth is simulated with, itself included: all where they touch each other."""
+        layers = self.self_contact is not None and self.self_contact.between
+        return range(len(self.cloths)) if layers else range(cloth, cloth + 1)
+
+    @property
+    def groups(self) -> list[range]:
+        """The objects that are simulated together, one group after another."""
+        first = [i for i in range(len(self.cloths)) if self.together(i)[0] == i]
+        return [self.together(i) for i in first]
+
     def mode(self, name: str) -> str:
         """How one of the scene's own kinds ("wind", "friction", …) is fitted: "n" not at all, "G" one value or vector,
         "L" that of each key or contact.
@@ -262,6 +273,7 @@ def load(path_or_file: Readable, *, folder: str | None = None) -> Scene:
     inputs = _inputs(document, folder, problems)
     touched = obstacles(document, folder, problems)
     _check_touched(document, *touched, problems)
+    _check_layers(document, cloths, problems)
     if constants and not problems:  # one in a field that is not ours
         problems.append(constant_problem(source))
     asked = from_file(document["fit"].get("bounds", {}), KINDS, "fit.bounds", problems)
@@ -405,6 +417,21 @@ def _check_touched(
     problems += [f"fit.{name}: there are no colliders{plain}" for name in without]
     if "colliderOffset" in asked and "rotKeys" in document.get("frame", {}):
         problems.append("fit.colliderOffset: an offset can be fitted where the axes do not turn (frame.rotKeys)")
+
+
+def _check_layers(document: Mapping[str, Any], cloths: Sequence[Cloth | None], problems: list[str]) -> None:
+    """Note what objects that touch each other cannot have."""
+    asked = self_contact(document)
+    if asked is None or not asked.between or not all(cloths) or len(cloths) < 2:
+        return
+    own = [cloth for cloth in cloths if cloth]
+    if len({cloth.drag_law for cloth in own}) > 1:
+        problems.append("selfCollision.betweenObjects: the objects need one dragLaw")
+    for i, cloth in enumerate(own):
+        if cloth.shift.any() or cloth.mode("shift") != "n":
+            problems.append(
+                f"objects[{i}].pinOffset: objects that touch each other cannot have one; move posKeys instead"
+            )
 
 
 def _scene(

@@ -149,7 +149,7 @@ def push_predict(model, seeds, t, s, x, v, many, work):
     substep.set_world(model, t, s, work)
     h = model.h / model.substeps
     many.start[:] = many.x
-    if len(model.faces.corners) > 0 and model.faces.drag > 0.0:
+    if len(model.faces.corners) > 0 and model.faces.drag[0] > 0.0:
         push_air(model, seeds, x, v, h, many, work)
     substep.predict(model, t, s, x, v, work)
     for i in range(len(x)):
@@ -164,7 +164,7 @@ def push_predict(model, seeds, t, s, x, v, many, work):
                 v_row[seeds.damping[i]] -= h * model.damping[i] * kept
             for k in range(len(v_row)):
                 v_row[k] *= slow
-            if len(model.faces.corners) > 0 and model.faces.drag > 0.0:
+            if len(model.faces.corners) > 0 and model.faces.drag[0] > 0.0:
                 add_air(many, i, j)
             if seeds.mass[i] >= 0:
                 v_row[seeds.mass[i]] -= pushed
@@ -180,7 +180,7 @@ def push_air(model, seeds, x, v, h, many, work):
         for i in range(len(x)):
             for j in range(3):
                 dx[i, j], dv[i, j], force[i, j] = many.x[i, j, k], many.v[i, j, k], 0.0
-        many.air.drag[0] = model.faces.drag if seeds.drag[0] == k else 0.0
+        many.air.drag[0] = model.faces.drag[0] if seeds.drag[0] == k else 0.0
         wind.add_pushforward(model.faces, x, v, v, work.still, dx, dv, many.air, h, force)
         wind.add_damping(model.faces, x, v, h, dv, force)
         for i in range(len(x)):

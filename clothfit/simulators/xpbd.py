@@ -222,14 +222,14 @@ class Parts:
 
 def field(model: Model, name: str) -> Array:
     """The rows of a field."""
-    rows: Array = np.array([model.faces.drag]) if name == "drag" else getattr(model, name)
+    rows: Array = model.faces.drag if name == "drag" else getattr(model, name)
     return rows
 
 
 def with_rows(model: Model, name: str, rows: Array) -> Model:
     """A model with other rows of a field."""
     if name == "drag":
-        return model._replace(faces=model.faces._replace(drag=float(rows[0])))
+        return model._replace(faces=model.faces._replace(drag=np.array(rows[:1], float)))
     change: dict[str, Any] = {name: rows}
     return model._replace(**change)
 
@@ -273,7 +273,7 @@ def relaxations(group: Array) -> Part:
 
 def drag(model: Model) -> list[Part]:
     """That of the air, where the scene has some."""
-    own, kind = float(model.faces.drag), DRAG_IN_AIR if model.faces.quadratic else KIND["drag"]
+    own, kind = float(model.faces.drag[0]), DRAG_IN_AIR if model.faces.quadratic else KIND["drag"]
     return [Part([Value("air drag", kind.unit, own, own)], "drag", np.zeros(1, np.int32))] if own > 0 else []
 
 

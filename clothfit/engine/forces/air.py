@@ -26,11 +26,11 @@ from __future__ import annotations
 
 from math import sqrt
 
-from clothfit.engine.forces.faces import add_along, add_by_normal, at, change_of_normal, edges, mean, relative
+from clothfit.engine.forces.faces import add_along, add_by_normal, at, change_of_normal, drag_of, edges, mean, relative
 from clothfit.engine.solve.sparse import XX, YY, ZZ, add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, splat, sub
-from clothfit.kernels.vectors import cross, dot, vector
+from clothfit.kernels.vectors import cross, dot, item, vector
 from clothfit.scene.kinds import AIR_DENSITY
 
 RATIO = 0.02
@@ -74,7 +74,7 @@ def powers(faces, y, u, w):
     wind, drag = 0.0, 0.0
     for i in range(len(faces.corners)):
         unit, size, flow, _, _ = state(faces, y, u, i)
-        along = mul(splat(3.0 * SHARE * faces.drag * size), mean(faces, w, i))
+        along = mul(splat(3.0 * SHARE * drag_of(faces, i) * size), mean(faces, w, i))
         still = dot(along, push(unit, vector(faces.wind)))
         wind += still
         drag += dot(along, push(unit, flow)) - still
@@ -87,7 +87,7 @@ def add_force(faces, y, u, f):
         unit, size, flow, _, _ = state(faces, y, u, i)
         pushed = push(unit, flow)
         for corner in range(3):
-            add_along(f, faces.corners[i, corner], SHARE * faces.drag * size, pushed)
+            add_along(f, faces.corners[i, corner], SHARE * drag_of(faces, i) * size, pushed)
 
 
 @kernel(apart=None)
@@ -95,7 +95,7 @@ def add_damping(faces, y, u, scale, q, out):
     for i in range(len(faces.corners)):
         unit, size, _, v, omega = state(faces, y, u, i)
         _, _, P, Q = slopes(v, omega)
-        c = -scale * SHARE * faces.drag * size
+        c = -scale * SHARE * drag_of(faces, i) * size
         for corner in range(3):
             j = faces.corners[i, corner]
             q_j = load3(q, j)
@@ -108,7 +108,7 @@ def add_step(faces, y, u, h, ahead, A, b):
     for i in range(len(faces.corners)):
         unit, size, flow, v, omega = state(faces, y, u, i)
         _, _, P, Q = slopes(v, omega)
-        c = h * SHARE * faces.drag * size
+        c = h * SHARE * drag_of(faces, i) * size
         P, Q = c * P, c * Q
         low, high = outer(mul(splat(P), unit), unit)
         for corner in range(3):
@@ -151,7 +151,7 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
         if omega > 0.0:
             by_omega = RATIO * (along - v * total + omega / root * (T - E))
             by_flow = fma(splat(by_omega / omega), flow, by_flow)
-        scale = h * SHARE * faces.drag
+        scale = h * SHARE * drag_of(faces, i)
         by_flow = mul(splat(scale * size), by_flow)
         for corner in range(3):
             j = faces.corners[i, corner]
@@ -160,7 +160,7 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
             add_along(gu, j, scale * size * Q, lam_j)
             add_along(gu, j, -1.0 / 3.0, by_flow)
         if len(grad.drag) > 0:
-            grad.drag[0] += h * SHARE * size * value
+            grad.drag[item(faces.object, i)] += h * SHARE * size * value
         if len(grad.wind) > 0:
             grad.wind[0] += lane0(by_flow)
             grad.wind[1] += lane1(by_flow)
@@ -189,10 +189,10 @@ def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
         dP = 2.0 * v / sigma * dv - dQ
         through = (abs(v) - rub) * v
         dthrough = (2.0 * abs(v) - rub) * dv - drub * v
-        scale = h * SHARE * faces.drag * size
-        dscale = h * SHARE * faces.drag * grown
+        scale = h * SHARE * drag_of(faces, i) * size
+        dscale = h * SHARE * drag_of(faces, i) * grown
         if len(direction.drag) > 0:
-            dscale += h * SHARE * size * direction.drag[0]
+            dscale += h * SHARE * size * direction.drag[item(faces.object, i)]
         for corner in range(3):
             j = faces.corners[i, corner]
             du_j, change = load3(du, j), sub(load3(w, j), load3(u, j))

@@ -12,22 +12,35 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
-from clothfit.kernels.vectors import cross, vector
+from clothfit.kernels.vectors import cross, item, vector
 
 
 class Faces(NamedTuple):
     """Constants of the faces of one cloth that feel the air."""
 
     corners: Indices  # (T, 3), the vertices a, b, c; no rows where the air does nothing
-    drag: float  # drag coefficient, kg/(m⁶ s); of the law "air" without unit
+    drag: Array  # drag coefficient of each object, (K,), kg/(m⁶ s); of the law "air" without unit
     wind: Array  # W, (3,), m/s
     quadratic: bool  # whether the law is that of `air`, not that of `wind`
+    object: Indices | None = None  # (T,), the object of each face; None: there is one
 
 
-def build(triangles: Indices, drag: float, wind: Array, fitted: bool = False, quadratic: bool = False) -> Faces:
-    """The faces, or none of them where the drag coefficient is 0 and not `fitted`: no pass over them is ever made."""
-    corners = triangles if drag > 0 or fitted else triangles[:0]
-    return Faces(np.ascontiguousarray(corners), float(drag), np.array(wind, float), quadratic)
+def build(
+    triangles: Indices, drag: Array, wind: Array, fitted: bool = False, quadratic: bool = False,
+    owner: Indices | None = None,
+) -> Faces:  # fmt: skip
+    """The faces of objects with drag coefficients (K,), and whose they are (T,) where there are several; none of them
+    where all coefficients are 0 and not `fitted`: no pass over them is ever made.
+    """
+    kept = slice(None if fitted or drag.any() else 0)
+    corners = np.ascontiguousarray(triangles[kept])
+    return Faces(corners, drag, np.array(wind, float), quadratic, owner if owner is None else owner[kept])
+
+
+@kernel
+def drag_of(faces, i):
+    """The drag coefficient of face i."""
+    return faces.drag[item(faces.object, i)]
 
 
 @kernel

@@ -50,7 +50,7 @@ from clothfit.kernels.lanes.operations import (
     sum4,
     where_less,
 )
-from clothfit.kernels.vectors import dot
+from clothfit.kernels.vectors import dot, item
 
 TOGETHER = 64
 """Springs whose lengths are computed together: roots and divisions take as long as all else that a spring needs, but
@@ -60,9 +60,9 @@ four at a time, and not one after the other.
 FEW = 10_000
 """Springs whose blocks stay in the caches; those of more are fetched ahead of their turn."""
 
-ROWS = 13
-EE, LE, SE, WE, LS, REST, K, BENT, BY_K, CL, CS, CW, CE = range(ROWS)
-"""What `add_pullback` computes of springs: e·e, λ·e, s·e, w·e, λ·s, L₀, k, ρ̃, −∂φ/∂k and the factors of ∂φ/∂e."""
+ROWS = 14
+EE, LE, SE, WE, LS, REST, K, BENT, BY_K, CL, CS, CW, CE, BETA = range(ROWS)
+"""What `add_pullback` computes of springs: e·e, λ·e, s·e, w·e, λ·s, L₀, k, ρ̃, −∂φ/∂k, the factors of ∂φ/∂e, and β."""
 
 
 class Springs(NamedTuple):
@@ -71,15 +71,20 @@ class Springs(NamedTuple):
     ends: Indices  # (S, 2), the vertices a and b
     rest: Array  # L₀, (S,), m
     stiffness: Array  # k, (S,), N/m
-    damping: float  # β = α/2, s
+    damping: Array  # β = α/2 of each object, (K,), s
     slot: Indices  # (S,), place of the block (a, b) in the matrix
     cap: float = np.inf  # most that ρ counts as in K: 1 makes −K positive semi-definite
+    object: Indices | None = None  # (S,), the object of each spring; None: there is one
     bend: float = 0.0  # how far below the cap ρ̂ leaves ρ, so that its derivative does not jump
 
 
-def build(ends: Indices, rest: Array, stiffness: Array, damping: float, slot: Indices) -> Springs:
-    """Springs with rest lengths (S,) m and stiffnesses (S,) N/m, with the object's damping coefficient α."""
-    return Springs(ends, np.array(rest, float), np.array(stiffness, float), 0.5 * float(damping), slot)
+def build(
+    ends: Indices, rest: Array, stiffness: Array, damping: Array, slot: Indices, owner: Indices | None = None
+) -> Springs:
+    """Springs with rest lengths (S,) m and stiffnesses (S,) N/m, the damping coefficients α (K,) of their objects, and
+    whose they are (S,) where there are several.
+    """
+    return Springs(ends, np.array(rest, float), np.array(stiffness, float), 0.5 * damping, slot, object=owner)
 
 
 @kernel
@@ -148,7 +153,7 @@ def damping_power(springs, y, u, w):
     for i in range(len(springs.rest)):
         _, _, d = axis(springs, y, i)
         along = dot(d, difference(u, springs, i)) * dot(d, difference(w, springs, i))
-        total -= springs.damping * springs.stiffness[i] * along
+        total -= springs.damping[item(springs.object, i)] * springs.stiffness[i] * along
     return total
 
 
@@ -157,7 +162,8 @@ def add_force(springs, y, u, f):
     for i in range(len(springs.rest)):
         length, _, d = axis(springs, y, i)
         stretch = length - springs.rest[i]
-        pull = -springs.stiffness[i] * (stretch + springs.damping * dot(d, difference(u, springs, i)))
+        beta = springs.damping[item(springs.object, i)]
+        pull = -springs.stiffness[i] * (stretch + beta * dot(d, difference(u, springs, i)))
         add_opposite(f, springs, i, mul(splat(pull), d))
 
 
@@ -165,7 +171,8 @@ def add_force(springs, y, u, f):
 def add_damping(springs, y, u, scale, q, out):
     for i in range(len(springs.rest)):
         _, _, d = axis(springs, y, i)
-        pull = -scale * springs.damping * springs.stiffness[i] * dot(d, difference(q, springs, i))
+        beta = springs.damping[item(springs.object, i)]
+        pull = -scale * beta * springs.stiffness[i] * dot(d, difference(q, springs, i))
         add_opposite(out, springs, i, mul(splat(pull), d))
 
 
@@ -184,7 +191,7 @@ def add_step(springs, y, u, h, ahead, A, b):
             k, stretch, hat = springs.stiffness[i], size[1, j], size[2, j]
             d = mul(load4(e, j), splat(size[0, j]))
             across = splat(h * h * k * (1.0 - hat))
-            along = splat(h * k * (h * hat + springs.damping))
+            along = splat(h * k * (h * hat + springs.damping[item(springs.object, i)]))
             low, high = outer(mul(along, d), d)
             low, high = fma(across, upright, low), fma(across, lowered, high)
             add_block(A.diagonal, springs.ends[i, 0], low, high)
@@ -208,7 +215,7 @@ def pull_of(springs, y, i, h, w):
     _, inverse, d = axis(springs, y, i)
     hat, _ = capped(springs, springs.rest[i] * inverse)
     k = springs.stiffness[i]
-    along = h * k * (h * hat + springs.damping) * dot(d, w)
+    along = h * k * (h * hat + springs.damping[item(springs.object, i)]) * dot(d, w)
     return fma(splat(h * h * k * (1.0 - hat)), w, mul(splat(along), d))
 
 
@@ -254,6 +261,7 @@ def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
             size[EE, j], size[LE, j] = dot(e_i, e_i), dot(l_i, e_i)
             size[SE, j], size[WE, j] = dot(s_i, e_i), dot(w_i, e_i)
             size[LS, j], size[REST, j], size[K, j] = dot(l_i, s_i), springs.rest[i], springs.stiffness[i]
+            size[BETA, j] = springs.damping[item(springs.object, i)]
         by_lengths(springs, end - begin, h, size)
         for i in range(begin, end):
             j = i - begin
@@ -263,7 +271,8 @@ def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
             add_opposite(gy, springs, i, g)
         if len(grad.damping) > 0:  # β = α/2
             for j in range(end - begin):
-                grad.damping[0] -= 0.5 * h * size[K, j] * size[LE, j] * size[WE, j]
+                own = item(springs.object, begin + j)
+                grad.damping[own] -= 0.5 * h * size[K, j] * size[LE, j] * size[WE, j]
         if len(grad.rest) > 0:
             for j in range(end - begin):
                 if size[EE, j] > 0.0:  # else it exerts nothing, whatever its rest length
@@ -277,9 +286,9 @@ def by_lengths(springs, count, h, size):
     time: the factors of ∂φ/∂e, what they add to the gradient, ρ̃, and λ·d, s·d, w·d for the products with e.
     """
     zero, one, two, three, four = splat(0.0), splat(1.0), splat(2.0), splat(3.0), splat(4.0)
-    cap, bend, beta, step = splat(springs.cap), splat(springs.bend), splat(springs.damping), splat(h)
+    cap, bend, step = splat(springs.cap), splat(springs.bend), splat(h)
     for j in range(0, count, 4):
-        length, rest = root(load(size, EE, j)), load(size, REST, j)
+        beta, length, rest = load(size, BETA, j), root(load(size, EE, j)), load(size, REST, j)
         inverse = div(one, where_less(zero, length, length, rest))
         ld, sd = mul(load(size, LE, j), inverse), mul(load(size, SE, j), inverse)
         wd, ls = mul(load(size, WE, j), inverse), load(size, LS, j)
@@ -309,8 +318,9 @@ def by_lengths(springs, count, h, size):
 @kernel(apart=None)
 def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
     # With t = (d·de)/L and n = de/L − t d = dd:  dρ = −ρ t, dρ̂ = −ρ̃ t, and each product rule in turn.
-    beta = springs.damping
     for i in range(len(springs.rest)):
+        own = item(springs.object, i)
+        beta = springs.damping[own]
         length, inverse, d = axis(springs, y, i)
         s_i, w_i, e_i = difference(s, springs, i), difference(w, springs, i), difference(dy, springs, i)
         rho = springs.rest[i] * inverse
@@ -328,7 +338,7 @@ def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
         ce = hk * (1.0 - rho)
         cn = hk * turn
         if len(direction.damping) > 0:
-            cd += 0.5 * hk * direction.damping[0] * wd
+            cd += 0.5 * hk * direction.damping[own] * wd
         if len(direction.rest) > 0 and dot(d, d) > 0.0:  # else it exerts nothing, whatever its rest length
             change = bent / springs.rest[i]  # ∂ρ̂/∂L₀
             cd += hk * direction.rest[i] * (sd * change - 1.0)

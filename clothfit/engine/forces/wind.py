@@ -18,11 +18,11 @@ from __future__ import annotations
 from math import sqrt
 
 from clothfit.engine.forces import air
-from clothfit.engine.forces.faces import add_along, add_by_normal, at, change_of_normal, edges, mean, relative
+from clothfit.engine.forces.faces import add_along, add_by_normal, at, change_of_normal, drag_of, edges, mean, relative
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, splat, sub
-from clothfit.kernels.vectors import cross, dot, vector
+from clothfit.kernels.vectors import cross, dot, item, vector
 
 
 @kernel
@@ -30,7 +30,7 @@ def normal(faces, y, i):
     """n of face i, and κ."""
     p, q = edges(faces, y, i)
     n = cross(p, q)
-    return n, faces.drag / 6.0 * sqrt(dot(n, n))
+    return n, drag_of(faces, i) / 6.0 * sqrt(dot(n, n))
 
 
 @kernel
@@ -116,7 +116,7 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
             g = fma(splat(-theta), lam_j, fma(splat(-nu), change, g))
             add_along(gu, j, h * kappa * (nu - total / 3.0), n)
         if len(grad.drag) > 0:
-            grad.drag[0] += h / 6.0 * sqrt(size) * value
+            grad.drag[item(faces.object, i)] += h / 6.0 * sqrt(size) * value
         if len(grad.wind) > 0:
             grad.wind[0] += h * kappa * total * lane0(n)
             grad.wind[1] += h * kappa * total * lane1(n)
@@ -139,7 +139,7 @@ def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
         dn = change_of_normal(faces, y, dy, i)
         dkappa = kappa * dot(n, dn) / size
         if len(direction.drag) > 0:
-            dkappa += direction.drag[0] / 6.0 * sqrt(size)
+            dkappa += direction.drag[item(faces.object, i)] / 6.0 * sqrt(size)
         flow = relative(faces, u, i)
         eta = dot(n, flow)
         deta = dot(dn, flow) - dot(n, mean(faces, du, i))

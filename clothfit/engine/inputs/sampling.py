@@ -117,7 +117,7 @@ def applied(scene: Scene, cloth: Cloth, times: Array, frame: Axes | None) -> dic
     """
     if scene.forces is None:
         return {}
-    own = scene.vertices(scene.cloths.index(cloth))
+    own = scene.vertices(scene.cloths.index(cloth)) if cloth in scene.cloths else slice(None)
     force, gain, target = scene.forces.at(times)
     mine = force[:, own]
     made = {"force": np.ascontiguousarray(frame.world_directions(mine) if frame else mine)}

@@ -55,7 +55,7 @@ def applies(system):
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
     if energetic(system.inputs):
         return False
-    return system.guarded and system.method == IMPLICIT and (still or faces.drag == 0.0 or len(faces.corners) == 0)
+    return system.guarded and system.method == IMPLICIT and (still or not faces.drag.any() or len(faces.corners) == 0)
 
 
 @kernel

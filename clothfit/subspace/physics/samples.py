@@ -304,7 +304,7 @@ class Reduced:
         mass = np.ascontiguousarray(weighted.reshape(-1, self.r).T @ self.basis.reshape(-1, self.r))
         weight = np.ascontiguousarray(weighted.sum(axis=0).T)
         self.fixed = Fixed(
-            wide(self.layout.rows), mass, weight, float(system.vertex.damping), *carrier.paths(system), system.h,
+            wide(self.layout.rows), mass, weight, float(system.vertex.damping[0]), *carrier.paths(system), system.h,
             system.newton_iterations, system.method == BDF2
         )  # fmt: skip
 

@@ -39,6 +39,9 @@ LEFT = 0.1
 SEAM = 1e-6
 """The part of the thickness below which what is apart at the start counts as a seam, which may pass through itself."""
 
+LOOKS = 1000
+"""Times that a pair is looked at on its way, at most; one that is not through by then counts as passing."""
+
 CELLS = 4
 """Most cells for each box."""
 
@@ -218,7 +221,7 @@ def passes(surface, kind, own, x, after):
         return False
     y, t = np.empty((4, 3)), 0.0
     corners = np.arange(4)
-    while True:
+    for _ in range(LOOKS):
         t += (delta - 0.5 * least) / speed
         if t >= 1.0:
             return False
@@ -227,7 +230,8 @@ def passes(surface, kind, own, x, after):
                 y[e, c] = x[own[e], c] + t * (after[own[e], c] - x[own[e], c])
         delta = distance(kind, corners, y)
         if not delta > least:
-            return thickness_of(surface, kind, own) > SEAM * surface.thickness
+            break
+    return thickness_of(surface, kind, own) > SEAM * surface.thickness
 
 
 @kernel
