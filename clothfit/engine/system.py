@@ -60,8 +60,9 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
     pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed, whole=scene.self_contact is not None)
     surface = surface_of(scene, index) if inputs else None
     own = owners(layers) if inputs else Owners()
+    x0 = with_pins(np.array(cloth.positions), cloth.shift, inputs)
     return System(
-        x0=with_pins(np.array(cloth.positions), cloth.shift, inputs),
+        x0=x0,
         v0=at_start(cloth.velocity, cloth.fixed, inputs, scene.delta),
         h=scene.delta,
         method=scene.method,
@@ -78,7 +79,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
             cloth.drag_law == AIR, own.face
         ),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
-        colliders=touched,
+        colliders=touched and touch.released(touched, x0, ~cloth.fixed),
         pattern=pattern,
         inputs=inputs,
         surface=surface,
@@ -158,6 +159,7 @@ def at_rest(scene: Scene, count: int) -> touch.Colliders:
         meshes_of(scene, count),
         count,
         scene.newton_iterations + more if scene.method in (IMPLICIT, BDF2) else 1,
+        [each.release for each in own],
     )
 
 
@@ -253,6 +255,7 @@ def with_contacts(system: System, values: Elements) -> System:
                 own.rows[:, touch.LAW, column] = numbers[: len(own.rows)]
         if len(offset):
             own.rows[:, touch.PLACE] += offset
+            own = touch.released(own, system.x0, system.vertex.free)
     if len(offset):
         ball = ball._replace(centre=ball.centre + offset)
         inputs = tables.with_offset(inputs, len(ball.centre), offset)

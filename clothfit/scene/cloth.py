@@ -223,6 +223,7 @@ class Collider(checks.ReadOnly):
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, that of all colliders
     body: Body | None = None  # of a mesh
     scaling: Keys | None = None  # by what its size changes over time
+    release: float = 0.0  # s, in which what begins inside leaves it
 
     @property
     def centre(self) -> Array:
@@ -314,7 +315,7 @@ def _obstacle(
     position = keys(item.get("posKeys"), f"{place}.posKeys", folder, problems)
     rotation = keys(item.get("rotKeys"), f"{place}.rotKeys", folder, problems)
     scaling = scales(item.get("scaleKeys"), f"{place}.scaleKeys", folder, problems)
-    if item["type"] == SPHERE and not {"friction", "thickness", "stiffness", "scaleKeys"} & own.keys():
+    if item["type"] == SPHERE and not {"friction", "thickness", "stiffness", "scaleKeys", "release"} & own.keys():
         return Sphere(vector(item["pos"]), float(item["scale"]["x"]) / 2, position, offset)
     body = _body(item, place, folder, problems)
     if scaling and body and body.motion:
@@ -323,6 +324,7 @@ def _obstacle(
     return Collider(
         item["type"], vector(item["pos"]), vector(item["rot"]), size(item, place, problems), thickness, stiffness,
         friction, position, rotation, number, offset, body, None if item["type"] == PLANE else scaling,
+        float(item["release"]),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
 from clothfit.engine.step import implicit
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
-from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.fit_vector import acting, parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 SLOW_WITHOUT = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow otherwise")
@@ -136,7 +136,7 @@ def fitted(kind, method="implicit", newton=1, **fields):
     system, memory = simulate_all(objective, objective.runs[0], p)
     factor = np.linspace(0.5, 2.0, len(p))
     column = np.random.default_rng(7).permutation(len(p)).astype(np.int32)  # in no order
-    wanted = columns(system, objective.blocks, p, column, factor, len(p))
+    wanted = columns(system, acting(objective.scene, 0), p, column, factor, len(p))
     return objective, p, system, memory, wanted, column, factor
 
 
@@ -201,7 +201,7 @@ def test_parameters_without_a_column_are_held():
     column = np.full(len(p), -1, np.int32)
     kept = [3, 12, 20]
     column[kept] = np.arange(3)
-    some = together(sweep(system, memory, columns(system, objective.blocks, p, column, factor, 3)))
+    some = together(sweep(system, memory, columns(system, acting(objective.scene, 0), p, column, factor, 3)))
     every = one_by_one(objective, p, np.arange(len(p)), factor)
     np.testing.assert_allclose(some, every[:, :, kept], atol=1e-12 * np.abs(every).max())  # as above
 

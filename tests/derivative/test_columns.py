@@ -6,7 +6,7 @@ from helpers.scenes import cloth
 
 from clothfit.derivative.sensitivity import along, columns
 from clothfit.engine.system import build
-from clothfit.scene.fit_vector import changes, parameters, size
+from clothfit.scene.fit_vector import acting, changes, parameters, size
 
 EVERY = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "G"}
 VELOCITIES = [xyz((0.1 * i, 1, -i)) for i in range(9)]
@@ -20,8 +20,7 @@ def made(settings="LG", fit=EVERY, whole=None):
 
 def of_second(given, column, factor, count):
     """The columns of the second cloth."""
-    own = [block for block in given.blocks if block.cloth in (1, None)]
-    return columns(build(given, 1), own, parameters(given), column, factor, count)
+    return columns(build(given, 1), acting(given, 1), parameters(given), column, factor, count)
 
 
 def test_a_column_is_the_change_of_all_elements_by_its_parameter():
@@ -45,7 +44,7 @@ def test_a_column_is_the_change_of_all_elements_by_its_parameter():
 
 def test_nothing_to_fit_has_no_columns():
     given = scene(cloth(3, 3))
-    found = columns(build(given, 0), given.blocks, np.zeros(0), np.zeros(0, np.int32), np.zeros(0), 0)
+    found = columns(build(given, 0), [], np.zeros(0), np.zeros(0, np.int32), np.zeros(0), 0)
     assert len(parameters(given)) == 0
     assert found.width == 0
     assert (found.mass.column == -1).all()

@@ -15,6 +15,7 @@ from clothfit.derivative.sensitivity import at_start, columns, sweep, tangents
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
 from clothfit.engine.system import mobile
 from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import acting
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -96,7 +97,7 @@ def test_gradient_tangent_and_columns(wobble, method, newton, turning, law):
     np.testing.assert_allclose((ends[0] - ends[1])[1:] / 2e-6, change[1:], atol=1e-6 * np.abs(change).max())
     system, tape = objective.simulate(objective.runs[0], p)
     assert mobile(system).all()
-    wanted = columns(system, objective.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
+    wanted = columns(system, acting(objective.scene, 0), p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
     shift = next(block_.part for block_ in objective.blocks if block_.name == "shift")
     start = at_start(system, wanted)
     assert start[:, shift].any()

@@ -177,7 +177,7 @@ def test_rest_lengths_are_the_lengths_at_the_start():
 
 @pytest.mark.parametrize("name", STATES)
 def test_the_matrix_is_the_true_jacobian_of_the_undamped_force(name):
-    at, undamped, t = state(SYSTEM, name), SPRINGS._replace(damping=0.0), 1e-6
+    at, undamped, t = state(SYSTEM, name), SPRINGS._replace(damping=np.zeros(1)), 1e-6
     above, below = (physics.total_force(springs, undamped, at.y + side * t * at.dy, at.u) for side in (1, -1))
     A, _ = step_terms(SYSTEM, springs, undamped, at.y, at.u)
     # differences of some 100 N at 1e-6, truncation 1e-11

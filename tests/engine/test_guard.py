@@ -93,7 +93,7 @@ def test_no_step_is_shortened_in_wind():
     windy = gentle(windVel=xyz((30.0, 0, 0)))
     assert not guard.applies(windy)
     assert guard.applies(gentle(windVel=xyz((0, 0, 0))))
-    assert guard.applies(windy._replace(faces=windy.faces._replace(drag=0.0)))
+    assert guard.applies(windy._replace(faces=windy.faces._replace(drag=np.zeros(1))))
     assert not guard.applies(gentle("symplectic", windVel=xyz((0, 0, 0))))
 
 

@@ -107,7 +107,7 @@ def test_a_hanging_chain_comes_to_rest_with_each_tension_the_weight_below():
 def drifting(method, newton=1):
     """A free damped cloth in empty space, stretched and tumbling, whose nodes are not damped; and its masses (n, 1)."""
     one = cloth(3, 3, vertIsFixed=[False] * 9, dragCoefficient=0.0, damping=0.3)
-    made = physics.unbound(at_method(method, one, delta=0.005, forwardSubSteps=newton), damping=0.0)
+    made = physics.unbound(at_method(method, one, delta=0.005, forwardSubSteps=newton), damping=np.zeros(1))
     at = physics.state(made, "stretched")
     return made._replace(x0=at.y, v0=at.u), made.vertex.mass[:, None]
 

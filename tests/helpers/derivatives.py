@@ -7,6 +7,7 @@ from clothfit.base.arrays import Array
 from clothfit.derivative.sensitivity import columns, sweep
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
 from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import acting
 
 
 def assert_right(objective: Objective, p: Array) -> None:
@@ -32,7 +33,7 @@ def assert_dense_sensitivity(made: Scene, tolerance: float, equal: float = 1e-11
     system, tape = objective.simulate(objective.runs[0], p)
     direction = np.random.default_rng(2).normal(size=len(p))
     change = objective.tangent(p, direction)[0][:, system.vertex.free]
-    wanted = columns(system, objective.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
+    wanted = columns(system, acting(objective.scene, 0), p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
     for t, dx in enumerate(sweep(system, tape, wanted)):
         expected = change[t + 1].reshape(-1)
         # two ways to the same sums of some hundred products

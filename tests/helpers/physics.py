@@ -138,7 +138,7 @@ def pendulum(method: str, h: float, alpha: float = 0.8, k: float = 30.0, m: floa
 
 def of_air(system: System) -> System:
     """The system with the other law of the air, and the drag of a plate."""
-    return system._replace(faces=system.faces._replace(quadratic=True, drag=1.2))
+    return system._replace(faces=system.faces._replace(quadratic=True, drag=np.array([1.2])))
 
 
 def unbound(system: System, **changes: Any) -> System:
@@ -297,7 +297,7 @@ def dense_forces(system: System, x: Array, v: Array) -> tuple[Array, Array, Arra
     system has no push sideways.
     """
     n = len(x)
-    alpha, m = system.vertex.damping, system.vertex.mass
+    alpha, m = system.vertex.damping[0], system.vertex.mass
     f = m[:, None] * (system.vertex.gravity - alpha * v)
     K, D = np.zeros((n, n, 3, 3)), np.zeros((n, n, 3, 3))
     D[range(n), range(n)] = -alpha * m[:, None, None] * np.eye(3)
@@ -321,7 +321,7 @@ def dense_forces(system: System, x: Array, v: Array) -> tuple[Array, Array, Arra
     for corners in system.faces.corners:
         a, b, c = x[corners]
         normal = np.cross(b - a, c - a)
-        kappa = system.faces.drag * np.linalg.norm(normal) / 2 / 3
+        kappa = system.faces.drag[0] * np.linalg.norm(normal) / 2 / 3
         if system.faces.quadratic:
             N, w = normal / np.linalg.norm(normal), system.faces.wind - v[corners].mean(axis=0)
             along, across = np.outer(N, N), np.eye(3) - np.outer(N, N)

@@ -21,7 +21,7 @@ from clothfit.optimise import trajectory as normal
 from clothfit.optimise.prior import FIRST_TAU, first
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.fit_vector import acting, parameters, with_parameters
 from clothfit.scene.scene import load
 
 pytestmark = FITS
@@ -241,7 +241,7 @@ def parts(aim, p):
     """∂r/∂x of the free coordinates, r, the sweep, and its size."""
     (run,) = aim.runs
     system, memory = simulate_all(aim, run, p)
-    wanted = columns(system, aim.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
+    wanted = columns(system, acting(aim.scene, 0), p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
     by_position = jacobian(run.comparison, memory.x)[:, free_columns(system.vertex.free, run.steps)]
     size = (3 * int(system.vertex.free.sum()), len(p))
     return by_position, residual(run.comparison, memory.x), lambda: sweep(system, memory, wanted), size

@@ -81,7 +81,7 @@ def test_the_changes_along_all_directions_are_those_of_the_motion(bending):
     """
     model = xpbd.model_of(sheet(), 0, xpbd.Settings(3, 2, bending), FRAMES)
     if bending == "angle":
-        model = model._replace(faces=model.faces._replace(quadratic=True, drag=1.2))
+        model = model._replace(faces=model.faces._replace(quadratic=True, drag=np.array([1.2])))
     model = model._replace(relaxation=np.linspace(0.6, 1.6, len(model.rest)))  # below and above 1
     x, _ = directions.simulate(model, FRAMES)
     assert (np.linalg.norm(x - model.centre[0, 0], axis=2) < model.radius[0]).any()  # it touches

@@ -30,7 +30,17 @@ from clothfit.engine.forces import touch
 from clothfit.engine.forces.faces import add_along
 from clothfit.engine.forces.meeting import counts
 from clothfit.engine.forces.spheres import offset_of
-from clothfit.engine.forces.touch import FRICTION, LAW, STIFFNESS, across, contact, gamma_slope, slide
+from clothfit.engine.forces.touch import (
+    FRICTION,
+    LAW,
+    SHAPE,
+    STIFFNESS,
+    across,
+    contact,
+    gamma_slope,
+    held_change,
+    slide,
+)
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, sub
@@ -121,7 +131,8 @@ def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
                 by_n = fma(splat(gamma * nu), z, fma(splat(-dot(n, v)), by_u, by_n))
                 by_y = fma(splat(k), across(n, by_n), mul(splat(j * dot(t, by_n)), t))
                 by_y = add(by_y, touch.surface_gradient(colliders.bodies, own, spot, by_v))
-                by_y = fma(splat(gamma_slope(gamma, depth) * pi - kappa * nu), n, by_y)
+                by_delta = gamma_slope(gamma, depth) * pi - kappa * nu
+                by_y = fma(splat(by_delta), n, by_y)
                 add_along(gy, i, h, by_y)
                 add_along(gu, i, h, by_u)
                 rub = max(depth, 0.0) / q * pi
@@ -133,6 +144,9 @@ def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
                     grad.offset[0] -= h * lane0(by_y)
                     grad.offset[1] -= h * lane1(by_y)
                     grad.offset[2] -= h * lane2(by_y)
+                    if len(colliders.begin) > 0:
+                        for axis in range(3):  # what is held begins deeper
+                            grad.offset[axis] += h * by_delta * own[SHAPE, 2] * colliders.begin[c, i, 1 + axis]
 
 
 @kernel(empty=None, apart=None)
@@ -149,7 +163,8 @@ def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
                 V, v, q, gamma = slide(colliders, y, u, i, c, depth, n, spot)
                 dy_i, s_i, z = sub(load3(dy, i), offset), load3(s, i), sub(load3(w, i), V)
                 dn = fma(splat(k), across(n, dy_i), mul(splat(j * dot(t, dy_i)), t))
-                ddelta, dV = dot(n, dy_i), touch.surface_change(colliders.bodies, own, spot, dy_i)
+                ddelta = dot(n, dy_i) + held_change(colliders, c, i, offset)
+                dV = touch.surface_change(colliders.bodies, own, spot, dy_i)
                 change = sub(sub(load3(du, i), dV), mul(splat(dot(n, v)), dn))
                 dq = dot(across(n, v), change) / q
                 dgamma = -gamma_slope(gamma, depth) * ddelta - gamma / q * dq

@@ -42,7 +42,7 @@ def counts(colliders, depth, n, c, i, y_i, way):
     """Whether the step knows vertex i at collider c: inside, about to enter, or met."""
     if depth > 0.0 or colliders.met[colliders.turn[0], c, i]:
         return True
-    return begins(colliders.bodies, colliders.rows[c], depth, n, i, y_i, way)
+    return begins(colliders, c, depth, n, i, y_i, way)
 
 
 @kernel(absent=None)

@@ -26,8 +26,8 @@ CREEP = 1e-3
 
 PLACE, VELOCITY, SPIN, AXES, SIZE, RATE, LAW, SHAPE = 0, 1, 2, 3, 6, 7, 8, 9
 """Rows of a collider: c, m; ċ, m/s; ω, 1/s; three unit vectors, its axes; r, s, l of a cone or half of the lengths of a
-box, m; how fast it stretches along its axes, 1/s; d₀, m, κ, N/m, and μ; the number of `surfaces`, and of a mesh which
-of `bodies`.
+box, m; how fast it stretches along its axes, 1/s; d₀, m, κ, N/m, and μ; the number of `surfaces`, of a mesh which of
+`bodies`, and the share of `Colliders.begin` that is left.
 """
 
 STATE = 8
@@ -47,6 +47,8 @@ class Colliders(NamedTuple):
     met: Flags  # (N, C, n), contacts that each iteration of a step only ends in (`meeting`)
     turn: Indices  # (1,), the iteration that is computed
     bodies: meshes.Bodies  # the meshes
+    begin: Array  # (C, n, 4), d, m, and n of each vertex at the start, 0 where it may be pushed at once; or (0, 0, 4)
+    release: Array  # (C,), s, in which what begins inside leaves
 
     @property
     def state(self) -> Array:
@@ -71,7 +73,7 @@ class Colliders(NamedTuple):
 
 def build(
     shape: Sequence[int], law: Sequence[Sequence[float]], state: Array, bodies: meshes.Bodies | None = None,
-    count: int = 0, iterations: int = 1,
+    count: int = 0, iterations: int = 1, release: Sequence[float] = (),
 ) -> Colliders:  # fmt: skip
     """So many colliders, C of them, which may be 0: shapes, laws (3,) and the states (C, 8, 3). Those that are meshes
     have the bodies, in this order. `count` and `iterations` are those of the cloth's vertices and its steps.
@@ -82,13 +84,42 @@ def build(
         row[LAW], row[SHAPE] = numbers, number
     rows[rows[:, SHAPE, 0] == MESH, SHAPE, 1] = np.arange(np.count_nonzero(rows[:, SHAPE, 0] == MESH))
     met, turn = np.zeros((iterations, len(shape), count), bool), np.zeros(1, np.int32)
-    return Colliders(rows, met, turn, bodies or meshes.build([], count))
+    times = np.array(release if len(release) else np.zeros(len(shape)), float)
+    return Colliders(rows, met, turn, bodies or meshes.build([], count), np.zeros((0, 0, 4)), times)
+
+
+def released(colliders: Colliders, x0: Array, free: Flags) -> Colliders:
+    """The same colliders for a motion that begins at x0 (n, 3): of those that a free vertex begins inside of, what they
+    hold of the cloth is let go over their time.
+    """
+    if not len(colliders.rows):
+        return colliders
+    depth, normal = depths(colliders._replace(begin=np.zeros((0, 0, 4))), x0)
+    inside = (depth > colliders.thickness[:, None]) & free
+    begin = np.concatenate([depth[..., None], normal], axis=2)
+    begin[(depth <= 0.0) | ~(inside.any(axis=1) & (colliders.release > 0.0))[:, None]] = 0.0
+    return colliders._replace(begin=begin if begin.any() else np.zeros((0, 0, 4)))
+
+
+@kernel(absent=None)
+def let_go(colliders, time):
+    """Set what is left of what colliders hold at a time, s, from the start: it goes smoothly to 0."""
+    if len(colliders.begin) > 0:
+        for c in range(len(colliders.rows)):
+            s = min(time / colliders.release[c], 1.0) if colliders.release[c] > 0.0 else 1.0
+            colliders.rows[c, SHAPE, 2] = 1.0 - s * s * (3.0 - 2.0 * s)
+
+
+@kernel
+def held(colliders, c, i):
+    """How much deeper than the thickness says vertex i may be in collider c, m."""
+    return colliders.rows[c, SHAPE, 2] * colliders.begin[c, i, 0] if len(colliders.begin) > 0 else 0.0
 
 
 def copied(colliders: Colliders) -> Colliders:
     """The same colliders with memory of their own for what changes."""
     own = {name: getattr(colliders, name).copy() for name in ("rows", "met", "turn")}
-    return Colliders(**own, bodies=meshes.copied(colliders.bodies))
+    return colliders._replace(**own, bodies=meshes.copied(colliders.bodies))
 
 
 @kernel
@@ -98,7 +129,7 @@ def contact(colliders, y, i, c):
     """
     own = colliders.rows[c]
     delta, k, j, n, t, spot = measured(colliders.bodies, own, i, load3(y, i))
-    return own[LAW, THICKNESS] - delta, k, j, outward(own, n), outward(own, t), spot
+    return own[LAW, THICKNESS] - held(colliders, c, i) - delta, k, j, outward(own, n), outward(own, t), spot
 
 
 @kernel
@@ -125,13 +156,16 @@ def outward(own, v):
 
 
 @kernel
-def begins(bodies, own, depth, n, i, y_i, way):
+def begins(colliders, c, depth, n, i, y_i, way):
     """Whether a vertex outside of a mesh that goes from y_i by `way` in a step enters it, seen from where it is."""
+    bodies, own = colliders.bodies, colliders.rows[c]
     if not (own[SHAPE, 0] == MESH and depth - dot(n, way) > 0.0):
         return False
-    b, c = int(own[SHAPE, 1]), load3(own, PLACE)
-    p, q = inward(own, sub(y_i, c)), inward(own, sub(add(y_i, way), c))
-    return meshes.distance(bodies, b, i, q)[0] < own[LAW, THICKNESS] or meshes.crosses(bodies, b, p, q)
+    b, centre, slack = int(own[SHAPE, 1]), load3(own, PLACE), held(colliders, c, i)
+    p, q = inward(own, sub(y_i, centre)), inward(own, sub(add(y_i, way), centre))
+    if meshes.distance(bodies, b, i, q)[0] < own[LAW, THICKNESS] - slack:
+        return True
+    return slack == 0.0 and meshes.crosses(bodies, b, p, q)
 
 
 @kernel
@@ -217,6 +251,15 @@ def fill_spots(colliders, y, found):
             f, part, _, _ = contact(colliders, y, i, c)[5]
             if f >= 0:
                 found[c, i] = 7 * f + part
+
+
+@kernel
+def held_change(colliders, c, i, offset):
+    """The change of `held` where all colliders move by an offset."""
+    if len(colliders.begin) == 0:
+        return 0.0
+    begin = colliders.begin[c, i]
+    return colliders.rows[c, SHAPE, 2] * dot(pack(begin[1], begin[2], begin[3], 0.0), offset)
 
 
 @kernel

@@ -20,7 +20,7 @@ import numpy as np
 
 from clothfit.base.arrays import NO_NUMBERS, NO_TABLE, NO_VECTORS, Array, Elements, Flags, Indices
 from clothfit.engine.forces import springs
-from clothfit.engine.forces.touch import PLACE, STATE
+from clothfit.engine.forces.touch import PLACE, STATE, let_go
 from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.fitted_paths import FittedPaths, moves, pull_places, push_places
 from clothfit.engine.inputs.poses import Poses, pose
@@ -109,6 +109,7 @@ def set_inputs(inputs, system, t):
         for c in range(len(system.colliders.rows)):
             copy(states[c * STATE :], system.colliders.rows[c, :STATE])
     pose(inputs.poses, system.colliders, late, inputs.lead, system.h)
+    let_go(system.colliders, late * system.h)
     if len(inputs.path) > 0:
         copy(inputs.path[t + 1], inputs.place)
         copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)
