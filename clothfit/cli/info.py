@@ -80,6 +80,7 @@ def show_record(path: str, kind: str, console: Console) -> None:
 def of_scene(scene_path: str, console: Console) -> None:
     """Print what a scene holds."""
     scene = read_scene(scene_path, console)
+    from clothfit.engine.starts import sentences
     from clothfit.evaluation import overview
     from clothfit.evaluation.forecast import forecast, inputs_of
     from clothfit.fit.flags import auto_flags
@@ -94,8 +95,9 @@ def of_scene(scene_path: str, console: Console) -> None:
     console.warn(*overview.misspelt_fields(scene), *overview.beyond_bounds(scene), of=scene.name)
     sizes = [[b - a for a, b in zip(own.low, own.high, strict=True)] for own in objects]
     unlikely = [doubts(size, own.mass.total, OF_SCENES) for size, own in zip(sizes, objects, strict=True)]
-    moving = inputs_of(scene)
+    moving, starts = inputs_of(scene), sentences(scene)
     show_scene(scene, console)
+    console.warn(*starts, of=scene.name)
     if scene.auto:
         console.result("a fit chooses by itself (auto) among what is to fit")
     for each in moving:
@@ -122,7 +124,7 @@ def of_scene(scene_path: str, console: Console) -> None:
             ],
             "flagged": wanted, "inputs": [each._asdict() for each in moving], "stability": ahead.steps,
             "memory": needed, "unknown_fields": strange, "subspace": {} if ahead_of is None else ahead_of._asdict(),
-            "warnings": scene.warnings, "doubts": unlikely,
+            "warnings": [*scene.warnings, *starts], "doubts": unlikely,
         })  # fmt: skip
 
 
@@ -190,8 +192,9 @@ def show_scene(scene: Scene, console: Console) -> None:
     if own["self_collision"]:
         law = own["self_collision"]
         numbers = f"thickness {law['thickness']:.4g} m, {law['stiffness']:.4g} N/m, friction {law['friction']:.4g}"
-        console.result(f"cloths do not pass through themselves: {numbers}")
-    if len(scene.cloths) > 1:
+        layers = " and each other" if law["between"] and len(scene.cloths) > 1 else ""
+        console.result(f"cloths do not pass through themselves{layers}: {numbers}")
+    if len(scene.cloths) > 1 and len(scene.groups) == len(scene.cloths):
         console.result("objects do not touch each other")
     spheres = [f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m" for each in own["spheres"]]
     for kind, told in (("spheres", spheres), ("colliders", list(map(collider_line, own["colliders"])))):

@@ -55,6 +55,7 @@ def command(scene_paths: tuple[str, ...], tool: str | None, console: Console) ->
 
 def judge(path: str, tool: str | None = None) -> Verdict:
     """Look at a file, and at what a tool would play otherwise."""
+    from clothfit.engine.starts import sentences
     from clothfit.evaluation.forecast import check
     from clothfit.evaluation.overview import beyond_editor, misspelt_fields
     from clothfit.scene.mesh_numbering import numberings
@@ -63,12 +64,13 @@ def judge(path: str, tool: str | None = None) -> Verdict:
     try:
         scene = load(sys.stdin.buffer if path == STREAM else path)
         numberings(scene)
-        if scene.moves or scene.self_contact or any(each.body for each in scene.colliders):
+        if scene.moves or any(each.body for each in scene.colliders):
             check(scene)
+        starts = sentences(scene)
     except InvalidScene as error:
         return Verdict(path, better(error, path), ())
     doubts = (*doubts_of_time(scene.delta, scene.gravity.tolist()), *unlikely(scene))
-    warnings = (*scene.warnings, *doubts, *misspelt_fields(scene))
+    warnings = (*scene.warnings, *doubts, *misspelt_fields(scene), *starts)
     note = None if tool is None else beyond_editor(scene)
     return Verdict(scene.name if path == STREAM else path, None, warnings, note)
 

@@ -61,6 +61,9 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
     surface = surface_of(scene, index) if inputs else None
     own = owners(layers) if inputs else Owners()
     x0 = with_pins(np.array(cloth.positions), cloth.shift, inputs)
+    points = vertex.Vertex(
+        np.array(cloth.mass), numbers(layers, "damping"), np.array(scene.gravity, float), ~cloth.fixed, own.vertex
+    )
     return System(
         x0=x0,
         v0=at_start(cloth.velocity, cloth.fixed, inputs, scene.delta),
@@ -68,9 +71,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
         method=scene.method,
         newton_iterations=scene.newton_iterations,
         guarded=True,
-        vertex=vertex.Vertex(
-            np.array(cloth.mass), numbers(layers, "damping"), np.array(scene.gravity, float), ~cloth.fixed, own.vertex
-        ),
+        vertex=points,
         springs=springs.build(
             np.array(cloth.springs), cloth.rest, cloth.stiffness, numbers(layers, "damping"), slot, own.spring
         ),
@@ -79,7 +80,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
             cloth.drag_law == AIR, own.face
         ),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
-        colliders=touched and touch.released(touched, x0, ~cloth.fixed),
+        colliders=touched and touch.released(touched, points, x0),
         pattern=pattern,
         inputs=inputs,
         surface=surface,
@@ -119,19 +120,12 @@ def meets_itself(system: System) -> bool:
 
 
 def surface_of(scene: Scene, index: int) -> pairs.Surface:
-    """What of a cloth can touch itself: nothing where the scene does not ask for that. Raises InvalidScene for a cloth
-    that crosses itself at the start.
-    """
+    """What of a cloth can touch itself: nothing where the scene does not ask for that."""
     law = scene.self_contact
     if law is None:
         return pairs.nowhere()
-    cloth, numbers = cloth_of(scene, index)[0], (law.thickness, law.stiffness, law.friction)
-    found = pairs.surface(cloth.triangles, cloth.positions, cloth.fixed, numbers)
-    try:
-        pairs.check_start(found, f"objects[{index}]")
-    except InvalidScene as error:
-        raise InvalidScene(error.problems, scene.name) from None
-    return found
+    cloth, numbers = cloth_of(scene, index)[0], (law.thickness, law.stiffness, law.friction, law.release)
+    return pairs.surface(cloth.triangles, cloth.positions, cloth.fixed, numbers)
 
 
 def of_the_world(
@@ -255,7 +249,7 @@ def with_contacts(system: System, values: Elements) -> System:
                 own.rows[:, touch.LAW, column] = numbers[: len(own.rows)]
         if len(offset):
             own.rows[:, touch.PLACE] += offset
-            own = touch.released(own, system.x0, system.vertex.free)
+            own = touch.released(own, system.vertex, system.x0)
     if len(offset):
         ball = ball._replace(centre=ball.centre + offset)
         inputs = tables.with_offset(inputs, len(ball.centre), offset)

@@ -53,17 +53,17 @@ class Touch(NamedTuple):
     zones: zones.Zones | None  # what moved together
 
 
-def surface_of(system: System) -> pairs.Surface:
-    """What of the cloth can touch itself: here there is something."""
+def surface_of(system: System, t: int = 0) -> pairs.Surface:
+    """What of the cloth can touch itself, here there is something, in step t of its motion."""
     assert system.surface is not None
-    return system.surface
+    return pairs.at_time(system.surface, (t + 1) * system.h)
 
 
 def with_pairs(
-    system: System, work: implicit.Workspace, x: Array, numbers: Indices
+    system: System, work: implicit.Workspace, surface: pairs.Surface, x: Array, numbers: Indices
 ) -> tuple[System, implicit.Workspace]:
     """A system and its workspace for a step from x (n, 3) in which these pairs press."""
-    return with_contact(system, work, pairs.of_numbers(surface_of(system), x, numbers))
+    return with_contact(system, work, pairs.of_numbers(surface, x, numbers))
 
 
 def with_contact(
@@ -94,26 +94,27 @@ def fill(
 
 def step(system: System, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> tuple[Touch, int]:
     """Take step t of a part; returns also how it ended."""
-    x = part.x[t]
-    numbers = pairs.near(surface_of(system), x)
+    x, surface = part.x[t], surface_of(system, part.first + t)
+    numbers = pairs.near(surface, x)
     if system.method < IMPLICIT:
-        own, room = with_pairs(system, work, x, numbers)
+        own, room = with_pairs(system, work, surface, x, numbers)
         return Touch(numbers, None), march.run_explicit(own, part, t, t + 1)[1]
     if system.method == BDF2:
         if not len(numbers):
-            own, room = with_pairs(system, work, x, numbers)
+            own, room = with_pairs(system, work, surface, x, numbers)
             ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
-            if ended != march.DONE or not len(pairs.crossing(surface_of(system), x, part.x[t + 1])):
+            if ended != march.DONE or not len(pairs.crossing(surface, x, part.x[t + 1])):
                 return Touch(numbers, None), ended
         system = bdf2.forms(system)[0]
-    return pressed(system, tolerance, work, part, t, numbers)
+    return pressed(system, tolerance, work, part, t, surface, numbers)
 
 
 def pressed(
-    system: System, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, numbers: Indices
+    system: System, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface,
+    numbers: Indices,
 ) -> tuple[Touch, int]:
     """Take step t of a part by the implicit method, from the pairs that are near."""
-    surface, x, v, after = surface_of(system), part.x[t], part.velocity(t), part.x[t + 1]
+    x, v, after = part.x[t], part.velocity(t), part.x[t + 1]
     begin(system, part, t, work)
     first, contact, hit = work.solution.copy(), pairs.of_numbers(surface, x, numbers), NOBODY
     active, accuracy = pressing(contact, x, system.h * v), max(tolerance, ROUGH)
@@ -139,7 +140,7 @@ def pressed(
         order = np.argsort(together := np.concatenate([numbers, new]))
         numbers, active = together[order], np.concatenate([active, np.ones(len(new), bool)])[order]
         contact = pairs.of_numbers(surface, x, numbers)
-    return Touch(numbers[used], separated(system, part, t, hit)), march.DONE
+    return Touch(numbers[used], separated(system, surface, part, t, hit)), march.DONE
 
 
 def model(system: System, part: Rollout, t: int) -> tuple[Array, Array]:
@@ -158,11 +159,13 @@ def pressing(contact: force.Contact, y: Array, s: Array) -> Flags:
     return np.asarray(depth > 0.0)
 
 
-def separated(system: System, part: Rollout, t: int, hit: Indices) -> zones.Zones | None:
+def separated(
+    system: System, surface: pairs.Surface, part: Rollout, t: int, hit: Indices
+) -> zones.Zones | None:
     """Join what would pass through each other in step t, at first the pairs `hit`: writes its velocity and the
     positions after it.
     """
-    surface, x, after, w = surface_of(system), part.x[t], part.x[t + 1], part.w[t, part.used[t] - 1]
+    x, after, w = part.x[t], part.x[t + 1], part.w[t, part.used[t] - 1]
     made, found, known = None, w.copy(), NOBODY
     while len(hit):
         interrupts.check()
@@ -187,7 +190,8 @@ class Taken(NamedTuple):
 def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Taken:
     """Step t of a part, for the system that it was taken with but for its pairs."""
     touch, one = part.touches[t], part.part(t, t + 1).bare()
-    own, room = with_pairs(system, work, part.x[t], touch.numbers)
+    surface = surface_of(system, part.first + t)
+    own, room = with_pairs(system, work, surface, part.x[t], touch.numbers)
     if touch.zones is not None:
         w = one.w.copy()
         w[0, one.used[0] - 1, touch.zones.member] = touch.zones.found

@@ -110,10 +110,7 @@ def inputs_of(scene: Scene) -> list[Input]:
 
 
 def check(scene: Scene) -> None:
-    """Raise InvalidScene for an input whose file cannot be read or does not fit, and for a cloth that crosses itself
-    where the scene asks that it does not.
-    """
-    for index, cloth in enumerate(scene.cloths):
+    """Raise InvalidScene for an input whose file cannot be read or does not fit."""
+    for cloth in scene.cloths:
         sampling.build(scene, cloth, 1)
-        system.surface_of(scene, index)
     system.meshes_of(scene, 0)

@@ -255,7 +255,8 @@ class SelfContact:
     thickness: float  # m, above 0: the distance below which two parts push each other
     stiffness: float  # N/m, above 0: of each pair
     friction: float  # coefficient, 0 or more
-    between: bool = False  # whether objects touch each other, too
+    release: float  # s, in which what crosses at the start goes back
+    between: bool  # whether objects touch each other, too
 
 
 def self_contact(document: Mapping[str, Any]) -> SelfContact | None:
@@ -264,8 +265,10 @@ def self_contact(document: Mapping[str, Any]) -> SelfContact | None:
     if own is None:
         return None
     item = {**structure.defaults("selfCollision"), **own}
-    thickness, stiffness, friction = (float(item[name]) for name in ("thickness", "stiffness", "friction"))
-    return SelfContact(thickness, stiffness, friction, item["betweenObjects"])
+    thickness, stiffness, friction, release = (
+        float(item[name]) for name in ("thickness", "stiffness", "friction", "release")
+    )
+    return SelfContact(thickness, stiffness, friction, release, item["betweenObjects"])
 
 
 def together(cloths: Sequence[Cloth]) -> Cloth:

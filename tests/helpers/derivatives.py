@@ -20,7 +20,8 @@ def assert_right(objective: Objective, p: Array) -> None:
 
 def assert_gradient_and_tangent(made: Scene, tolerance: float, product: float) -> None:
     """The gradient belongs to the cost, and the tangent is its transpose to `product`, relative."""
-    target = simulate(made.with_values([made.cloths[0].mass * 1.1], [made.cloths[0].stiffness * 0.9]))
+    values = [cloth.mass * 1.1 for cloth in made.cloths], [cloth.stiffness * 0.9 for cloth in made.cloths]
+    target = simulate(made.with_values(*values))
     found = check(Objective(made, target, tolerance), parameters(made), seed=1)
     assert found.order > 1.9
     assert found.difference < 1e-6

@@ -10,7 +10,7 @@ from clothfit.engine.system import System
 from helpers.physics import ball, full, keys, xyz
 from helpers.surfaces import body, torus
 
-RUB = {"friction": 0.6, "thickness": 0.1, "stiffness": 700.0}
+RUB = {"friction": 0.6, "thickness": 0.1, "stiffness": 700.0, "release": 0}
 TURN = {"rotKeys": keys([0, 1], [(0, 0, 0), (40, 90, -30)]), "posKeys": keys([0, 1], [(0, 0, 0), (0.8, 0.5, 0.4)])}
 
 
@@ -24,7 +24,7 @@ def capsule(
 ) -> dict[str, Any]:
     """A round cone about the y axis."""
     own = {"radius": radius, "radius2": radius2, "height": height}
-    return {"type": 2, "pos": xyz(at), "scale": xyz((1, 1, 1)), **own, **fields}
+    return {"type": 2, "pos": xyz(at), "scale": xyz((1, 1, 1)), "release": 0, **own, **fields}
 
 
 def box(at: Any = (0, 0, 0), lengths: Any = (1, 1, 1), **fields: Any) -> dict[str, Any]:

@@ -50,4 +50,4 @@ def body(made: tuple[Array, Indices], **fields: Any) -> dict[str, Any]:
     """A collider of a mesh, as a scene's file has it."""
     points, faces = made
     mesh = {"vertices": [xyz(point) for point in points], "triangles": faces.reshape(-1).tolist()}
-    return {"type": 4, "pos": xyz((0, 0, 0)), "scale": xyz((1, 1, 1)), "mesh": mesh, **fields}
+    return {"type": 4, "pos": xyz((0, 0, 0)), "scale": xyz((1, 1, 1)), "mesh": mesh, "release": 0, **fields}

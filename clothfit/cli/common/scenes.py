@@ -114,12 +114,16 @@ def one_stream(*paths: str | None) -> None:
 
 
 def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
-    """Warn, before the simulation, when explicit or symplectic steps will not stay stable."""
+    """Warn, before the simulation, when explicit or symplectic steps will not stay stable, and of what starts inside
+    of something.
+    """
     from clothfit.engine.stability import warning
+    from clothfit.engine.starts import sentences
 
     sentence = warning(scene, frames - 1)
     if sentence:
         console.warn(sentence)
+    console.warn(*sentences(scene), of=scene.name)
 
 
 def warn_of_contacts(scene: Scene, motion: Motion, console: Console, energy: Energy | None = None) -> None:

@@ -15,6 +15,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import bodies as meshes
 from clothfit.engine.forces.surfaces import MESH, distance
 from clothfit.engine.forces.triangle import AB, CA, A
+from clothfit.engine.forces.vertex import Vertex
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
@@ -32,6 +33,9 @@ box, m; how fast it stretches along its axes, 1/s; d₀, m, κ, N/m, and μ; the
 
 STATE = 8
 """Rows that change as a collider moves."""
+
+RESTING = 10.0
+"""Weights of a vertex that may press it into a collider on which a cloth lies."""
 
 THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
 """Places in the row LAW."""
@@ -88,14 +92,15 @@ def build(
     return Colliders(rows, met, turn, bodies or meshes.build([], count), np.zeros((0, 0, 4)), times)
 
 
-def released(colliders: Colliders, x0: Array, free: Flags) -> Colliders:
-    """The same colliders for a motion that begins at x0 (n, 3): of those that a free vertex begins inside of, what they
-    hold of the cloth is let go over their time.
+def released(colliders: Colliders, vertex: Vertex, x0: Array) -> Colliders:
+    """The same colliders for a motion that begins at x0 (n, 3): of those that a free vertex begins inside of, deeper
+    than what lies on it presses, what they hold of the cloth is let go over their time.
     """
     if not len(colliders.rows):
         return colliders
     depth, normal = depths(colliders._replace(begin=np.zeros((0, 0, 4))), x0)
-    inside = (depth > colliders.thickness[:, None]) & free
+    pressed = RESTING * np.linalg.norm(vertex.gravity) * vertex.mass / colliders.stiffness[:, None]
+    inside = (depth - colliders.thickness[:, None] > pressed) & vertex.free
     begin = np.concatenate([depth[..., None], normal], axis=2)
     begin[(depth <= 0.0) | ~(inside.any(axis=1) & (colliders.release > 0.0))[:, None]] = 0.0
     return colliders._replace(begin=begin if begin.any() else np.zeros((0, 0, 4)))

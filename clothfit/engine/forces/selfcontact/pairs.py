@@ -3,7 +3,7 @@
 A pair has a number: v T + t for vertex v and triangle t of T, and beyond those n T + e E + f for edges e < f of E.
 Pairs that share a vertex do not count, nor do those of fixed vertices only. The thickness of a pair is that of the
 cloth, or less: the distance that it has at the start, half of that where an edge joins the two. What lies together at
-the start, a seam that is not welded, does not touch.
+the start, a seam that is not welded, does not touch. What crosses there is let through for a while, and drawn back.
 
 Along straight ways, x + t (x' − x), the distance of a pair falls no faster than its vertices move past each other: so
 far it may go at once, and then look again (conservative advancement). A pair whose distance falls below a tenth of what
@@ -23,15 +23,19 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.errors import InvalidScene
+from clothfit.base.eigen import connected_components
 from clothfit.engine.forces.selfcontact.force import Contact
 from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, distance, side
 from clothfit.kernels.kernel import kernel
 
 ROUNDING = 1e-9
 """Distance relative to a way below which two parts meet: a search for where goes no finer."""
+
+FASTEST = 0.5
+"""Speed, m/s, with which what crosses at the start is drawn back, at most."""
 
 LEFT = 0.1
 """The part of a distance that must be left."""
@@ -61,11 +65,17 @@ class Surface(NamedTuple):
     thickness: float  # m
     stiffness: float  # κ, N/m
     friction: float  # μ
+    release: float  # s, in which what passes through another part at the start goes back
+    crossed: Flags  # (n,), whether a vertex is where two parts cross at the start
+    drawn: npt.NDArray[np.int64]  # (D,), pairs, ascending, that are drawn back to the other side,
+    side: Array  # (D,), 1 or −1, which one that is,
+    beyond: Array  # (D,), and how far from it they are at the start, m
+    left: float = 0.0  # the share of `beyond` that is left in a step, 1 at the start
 
 
-def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, float, float]) -> Surface:
+def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, float, float, float]) -> Surface:
     """The surface of a cloth with so many triangles, at these positions (n, 3) at the start, with a thickness, m, a
-    stiffness, N/m, and a coefficient of friction.
+    stiffness, N/m, a coefficient of friction, and a time of release, s.
     """
     n = len(start)
     sides = np.sort(np.concatenate([triangles[:, :2], triangles[:, 1:], triangles[:, ::2]]), axis=1)
@@ -75,7 +85,59 @@ def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, fl
     first = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
     shape = np.array(triangles, np.int32, order="C"), np.ascontiguousarray(edges)  # what is read-only is another type
     free = np.where(fixed, 0.0, 1.0)
-    return Surface(*shape, np.array(start, float), free, first, np.ascontiguousarray(both[:, 1]), *map(float, law))
+    joined, nobody, nothing = np.ascontiguousarray(both[:, 1]), np.zeros(0, np.int64), np.zeros(0)
+    fabric = *shape, np.array(start, float), free, first, joined
+    return with_crossed(Surface(*fabric, *law, crossed=np.zeros(n, bool), drawn=nobody, side=nothing, beyond=nothing))
+
+
+def with_crossed(surface: Surface) -> Surface:
+    """The surface with what crosses at the start.
+
+    Without the edges that pass through triangles a piece of cloth falls apart; the largest part of it is where it
+    should be. The free vertices of the others are drawn back through what they are nearest to, unless they would have
+    to be faster than FASTEST.
+    """
+    hits = pierced(surface)
+    if not len(hits):
+        return surface
+    n, passing = len(surface.start), np.isin(np.arange(len(surface.edges)), hits[:, 0])
+    part = connected_components(surface.edges[~passing], n)
+    piece, size = connected_components(surface.edges, n), np.bincount(part)
+    order = np.argsort(size[part], kind="stable")
+    main = np.zeros(n, np.int64)
+    main[piece[order]] = part[order]  # of each piece the largest, which comes last
+    through = part != main[piece]
+    crossed = through.copy()
+    crossed[surface.edges[hits[:, 0]]] = crossed[surface.triangles[hits[:, 1]]] = True
+    numbers = [v * len(surface.triangles) + nearest_triangle(surface, part, v) for v in np.flatnonzero(through)]
+    drawn = np.array(numbers, np.int64)
+    vertices, kind, _, side = look_up(surface, surface.start, drawn)
+    beyond = np.array([distance(k, own, surface.start) for k, own in zip(kind, vertices, strict=True)])
+    kept = (beyond <= FASTEST * surface.release) & (surface.free[vertices].sum(axis=1) > 0)
+    return surface._replace(crossed=crossed, drawn=drawn[kept], side=-side[kept], beyond=beyond[kept])
+
+
+@kernel
+def nearest_triangle(surface, part, v):
+    """The triangle that is nearest to a vertex at the start, of those without a corner in the same part."""
+    best, least, own = 0, 1e300, np.zeros(4, np.int32)
+    own[0] = v
+    for t in range(len(surface.triangles)):
+        a, b, c = surface.triangles[t, 0], surface.triangles[t, 1], surface.triangles[t, 2]
+        if part[a] != part[v] and part[b] != part[v] and part[c] != part[v]:
+            own[1], own[2], own[3] = a, b, c
+            delta = distance(CORNER, own, surface.start)
+            if delta < least:
+                best, least = t, delta
+    return best
+
+
+def at_time(surface: Surface, time: float) -> Surface:
+    """The surface for a step that ends at a time, s."""
+    if not surface.crossed.any() or time >= surface.release:
+        return surface
+    s = time / surface.release
+    return surface._replace(left=1.0 - s * s * (3.0 - 2.0 * s))
 
 
 def none(surface: Surface) -> Contact:
@@ -87,7 +149,7 @@ def none(surface: Surface) -> Contact:
 def nowhere() -> Surface:
     """The surface of a cloth that does not meet itself: of no vertices."""
     nobody = np.zeros((0, 3), np.int32)
-    return surface(nobody, np.zeros((0, 3)), np.zeros(0, bool), (0.0, 0.0, 0.0))
+    return surface(nobody, np.zeros((0, 3)), np.zeros(0, bool), (0.0, 0.0, 0.0, 0.0))
 
 
 def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:
@@ -117,6 +179,10 @@ def look_up(surface, x, numbers):
         kind[k] = vertices_of(surface, numbers[k], vertices[k])
         thickness[k] = thickness_of(surface, kind[k], vertices[k])
         sides[k] = side(kind[k], vertices[k], x)
+        d = np.searchsorted(surface.drawn, numbers[k]) if surface.left > 0.0 else len(surface.drawn)
+        if d < len(surface.drawn) and surface.drawn[d] == numbers[k]:
+            thickness[k] = surface.thickness - surface.left * (surface.thickness + surface.beyond[d])
+            sides[k] = surface.side[d]
     return vertices, kind, thickness, sides
 
 
@@ -151,8 +217,12 @@ def thickness_of(surface, kind, own):
 
 @kernel
 def counts(surface, kind, own):
-    """Whether a pair can touch: no vertex is in both, and one is free."""
+    """Whether a pair can touch: no vertex is in both, one is free, and the two do not cross since the start."""
     ends = 1 if kind == CORNER else 2
+    crossed = surface.crossed
+    one = crossed[own[0]] or (kind == EDGE and crossed[own[1]])
+    if surface.left > 0.0 and one and (crossed[own[2]] or crossed[own[3]] or (kind == CORNER and crossed[own[1]])):
+        return False
     for a in range(ends):
         for b in range(ends, 4):
             if own[a] == own[b]:
@@ -162,8 +232,9 @@ def counts(surface, kind, own):
 
 
 def near(surface: Surface, x: Array) -> Indices:
-    """The numbers, ascending, of the pairs that are nearer at x (n, 3) than their thickness."""
-    return selected(surface, x, x, 0.5 * surface.thickness, False)
+    """The numbers, ascending, of the pairs that are nearer at x (n, 3) than their thickness, or drawn back."""
+    found = selected(surface, x, x, 0.5 * surface.thickness, False)
+    return np.union1d(found, surface.drawn) if surface.left > 0.0 else found
 
 
 def crossing(surface: Surface, x: Array, after: Array) -> Indices:
@@ -253,22 +324,6 @@ def past_each_other(kind, own, x, after):
         else:
             other = max(other, size)
     return sqrt(one) + sqrt(other)
-
-
-def check_start(surface: Surface, place: str) -> None:
-    """Raise InvalidScene where an edge of a cloth, with this place in the scene, passes through a triangle: a cloth
-    that crosses itself at the start cannot be kept from that.
-    """
-    found = pierced(surface)
-    if not len(found):
-        return
-    e, t = found[0]
-    (a, b), corners = surface.edges[e].tolist(), ", ".join(map(str, surface.triangles[t].tolist()))
-    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-    raise InvalidScene(
-        f"{place}.vertPos: the edge from vertex {a} to {b} passes through the triangle {t} ({corners}){more}; "
-        "selfCollision needs a cloth that does not cross itself at the start"
-    )
 
 
 def pierced(surface: Surface) -> Indices:

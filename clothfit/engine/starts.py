@@ -1,0 +1,78 @@
+"""How a motion begins: which vertices start inside of what they cannot pass through, and what is done about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.messages import counted, metres
+from clothfit.engine.forces import touch
+from clothfit.engine.forces.selfcontact import pairs
+from clothfit.engine.system import System, build
+from clothfit.scene.scene import Scene
+
+LEAST = 1e-6
+"""Depth, m, below which a vertex counts as on a surface, not inside."""
+
+
+def sentences(scene: Scene) -> list[str]:
+    """What a user should know of a scene whose cloths start inside of colliders or through each other. Raises
+    InvalidScene for a mesh or keys that cannot be read.
+    """
+    if not (scene.obstacles or scene.self_contact):
+        return []
+    systems = [(group, build(scene, group[0], steps=1)) for group in scene.groups]
+    return [each for group, own in systems for each in (*inside(scene, group, own), *crossing(scene, group, own))]
+
+
+def inside(scene: Scene, group: range, system: System) -> Iterator[str]:
+    """A sentence for each object and each obstacle that it starts in."""
+    for name, depth, release in depths(scene, system):
+        for cloth, own in zip(group, of_objects(scene, group, depth * system.vertex.free), strict=True):
+            count = int((own > LEAST).sum())
+            if count:
+                vertices = counted(count, "vertex starts", "vertices start")
+                how = f"let go over {release:.3g} s (release)" if release else "pushed out at once"
+                yield f"objects[{cloth}]: {vertices} up to {metres(own.max())} inside {name}; {how}"
+
+
+def depths(scene: Scene, system: System) -> Iterator[tuple[str, Array, float]]:
+    """Each obstacle, how deep each vertex (n,) starts below its surface, m, and the time in which it is let go, s."""
+    for ball in scene.spheres:
+        depth = ball.radius - np.linalg.norm(system.x0 - ball.centre, axis=1)
+        yield f"the sphere at ({', '.join(f'{x:.4g}' for x in ball.centre)}) m", depth, 0.0
+    if system.colliders is not None:
+        below, _ = touch.depths(system.colliders._replace(begin=np.zeros((0, 0, 4))), system.x0)
+        held = system.colliders.begin.any(axis=(1, 2)) if len(system.colliders.begin) else np.zeros(len(below), bool)
+        for each, depth, let_go in zip(scene.colliders, below, held, strict=True):
+            if let_go or not each.release:
+                yield f"colliders[{each.place}]", depth - each.thickness, each.release
+
+
+def crossing(scene: Scene, group: range, system: System) -> Iterator[str]:
+    """A sentence where parts of cloths pass through each other."""
+    surface = system.surface
+    if surface is None or not surface.crossed.any():
+        return
+    hits = pairs.pierced(surface)
+    first = np.cumsum([0, *(scene.vertex_counts[i] for i in group)])
+    faces = np.cumsum([0, *(len(scene.cloths[i].triangles) for i in group)])
+    edge, triangle = hits[0]
+    one = int(np.searchsorted(first, surface.edges[edge, 0], "right")) - 1
+    other = int(np.searchsorted(faces, triangle, "right")) - 1
+    a, b = (surface.edges[edge] - first[one]).tolist()
+    more = f", and {len(hits) - 1} more edges pass so" if len(hits) > 1 else ""
+    where = ", ".join(f"{x:.4g}" for x in surface.start[surface.triangles[triangle]].mean(axis=0))
+    back = counted(len(surface.drawn), "vertex is", "vertices are")
+    yield (
+        f"objects[{group[one]}]: the edge from vertex {a} to {b} starts through triangle {triangle - faces[other]} of "
+        f"objects[{group[other]}], near ({where}) m{more}; {back} drawn back over {surface.release:.3g} s "
+        "(selfCollision.release), in which what crosses does not touch"
+    )
+
+
+def of_objects(scene: Scene, group: range, values: Array) -> list[Array]:
+    """Values (n,) of vertices that are simulated together, object by object."""
+    return np.split(values, np.cumsum([scene.vertex_counts[i] for i in group])[:-1])
