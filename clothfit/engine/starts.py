@@ -45,9 +45,9 @@ def depths(scene: Scene, system: System) -> Iterator[tuple[str, Array, float]]:
         yield f"the sphere at ({', '.join(f'{x:.4g}' for x in ball.centre)}) m", depth, 0.0
     if system.colliders is not None:
         below, _ = touch.depths(system.colliders._replace(begin=np.zeros((0, 0, 4))), system.x0)
-        held = system.colliders.begin.any(axis=(1, 2)) if len(system.colliders.begin) else np.zeros(len(below), bool)
-        for each, depth, let_go in zip(scene.colliders, below, held, strict=True):
-            if let_go or not each.release:
+        begin = system.colliders.begin
+        for c, (each, depth) in enumerate(zip(scene.colliders, below, strict=True)):
+            if not each.release or (len(begin) and begin[c].any()):
                 yield f"colliders[{each.place}]", depth - each.thickness, each.release
 
 

@@ -17,6 +17,7 @@ from clothfit.engine.tape import Tape
 from clothfit.fit.hints import Hint
 from clothfit.fit.result import FAILS, Baselines, Fit, without_intervals
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import in_groups
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, shown
 from clothfit.optimise.status import Status
@@ -31,7 +32,8 @@ def still(objective: Objective) -> float:
     squares = 0.0
     for run in objective.runs:
         goal = run.comparison.goal
-        x = objective.experiments[run.experiment].motion.of(run.cloth)[: len(goal.step)]  # in the scene's axes
+        motion = in_groups(objective.experiments[run.experiment].motion, run.scene)  # in the scene's axes
+        x = motion.of(run.cloth)[: len(goal.step)]
         x, seen = run.comparison.shown(x), run.comparison.observed[..., None]
         mean = x.sum(axis=0, where=seen) / np.maximum(seen.sum(axis=0), 1)
         squares += sum(float(((each - mean) ** 2).sum(where=here)) for each, here in zip(x, seen, strict=True))

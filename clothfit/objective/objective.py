@@ -77,7 +77,8 @@ class Objective:
         self.memory = budget(memory)
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = scene.blocks
-        self.cloths = sorted({scene.together(cloth)[0] for cloth in fitted_cloths(scene)})
+        self.objects = fitted_cloths(scene)
+        self.cloths = sorted({scene.together(cloth)[0] for cloth in self.objects})  # one of each group
         self.own = objective if callable(objective) else None
         self.weights = {OWN: 1.0} if callable(objective) else objective_weights(objective)
         self.loss = loss_named(loss, loss_scale)
@@ -259,12 +260,14 @@ class Objective:
         return self.distance(lambda run, observe: self.simulate(run, p, observe)) if self.observations else np.nan
 
     def cost(self, p: Array, cloth: int | None = None) -> float:
-        """G(p), m², for p (P,), or the part of one fitted cloth where it joins none. Raises Diverged."""
+        """G(p), m², for p (P,), or the part of one fitted cloth and of those that are simulated with it, where no cost
+        joins them. Raises Diverged.
+        """
         if self.joint:
             self.place(p)
             return sum(whole.evaluated()[0] for whole in self.wholes.values())
         costs = list[float]()
-        for run in (run for run in self.runs if cloth in (run.cloth, None)):
+        for run in (run for run in self.runs if cloth is None or cloth in self.scene.together(run.cloth)):
             cost = running_cost(run.comparison)
             self.simulate(run, p, cost.update)
             costs.append(cost.value)

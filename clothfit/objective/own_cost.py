@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
-from clothfit.motion.motion import Motion
+from clothfit.motion.motion import Motion, in_groups
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.comparison import MATRIX_ENTRY, OWN, Comparison, Loss, by_state
 from clothfit.objective.target import Target, sample
@@ -97,12 +97,13 @@ class Whole:
         times = motion.times[: len(goal.step)]
         still = np.concatenate([cloth.positions for cloth in scene.cloths])
         self.motion = Motion(np.tile(still, (len(times), 1, 1)), times, scene.vertex_counts, name=scene.name)
-        self._others_moved = len(fitted) == len(scene.cloths)
+        self.groups = in_groups(self.motion, scene)  # the same positions
+        self._others_moved = sum(len(scene.together(cloth)) for cloth in fitted) == len(scene.cloths)
         self._last: tuple[Array, float, Array] | None = None
 
     def place(self, cloth: int, states: Array) -> None:
         """Put an object where it is at the frames (F, n, 3)."""
-        self.motion.of(cloth)[:] = states
+        self.groups.of(cloth)[:] = states
 
     def now(self) -> Motion:
         """The motion as it is, for a function that may keep it. Raises Diverged where another object diverges."""
@@ -158,7 +159,7 @@ class OwnComparison(Comparison):
     def derivative_of(self, s: Array) -> Array:
         """∂G/∂s (F, n, 3)."""
         self.whole.place(self.cloth, s)
-        return np.ascontiguousarray(self.whole.evaluated()[1][:, self.whole.motion.part(self.cloth)])
+        return np.ascontiguousarray(self.whole.evaluated()[1][:, self.whole.groups.part(self.cloth)])
 
     def residual_of(self, s: Array) -> Array:
         """r (R,) of the states s (F, n, 3)."""
@@ -167,7 +168,7 @@ class OwnComparison(Comparison):
     def jacobian_of(self, s: Array) -> csr_array:
         """J (R, 3 n (T + 1)), T = `last_step`; columns in the order of x."""
         columns = np.arange(self.whole.motion.positions.size).reshape(self.whole.motion.positions.shape)
-        own = columns[:, self.whole.motion.part(self.cloth)].ravel()
+        own = columns[:, self.whole.groups.part(self.cloth)].ravel()
         return by_state(self.goal, self._linearised(s)[1].tocsc()[:, own].tocsr())
 
     def _linearised(self, s: Array) -> tuple[Array, csr_array]:

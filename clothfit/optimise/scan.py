@@ -63,7 +63,7 @@ Bracket = tuple[float, float, float]
 
 def scannable(objective: Objective, cloth: int) -> list[Block]:
     """The blocks of a cloth that a scan finds: one value, or one factor, of masses, of stiffnesses, or of both."""
-    own = [block for block in objective.blocks_of(cloth) if block.name in LETTERED]
+    own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
     fitted = objective.identifiable
     return own if own and all(block.is_one and fitted[block.start] for block in own) else []
 
@@ -189,7 +189,7 @@ class Course:
         self.legs = [
             (run, {end: shorter[i].comparison for end, shorter in parts.items()})
             for i, run in enumerate(objective.runs)
-            if run.cloth == cloth
+            if cloth in run.scene.together(run.cloth)
         ]
 
     def cost(self, p: Array, most: float) -> float:

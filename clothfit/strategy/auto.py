@@ -209,7 +209,7 @@ def by_scan(search: Search, start: Array, tau: float | None) -> Status:
     search.enter("scan")
     if not is_near(search):
         search.visit(start)
-    for cloth in search.objective.cloths:
+    for cloth in search.objective.objects:
         own = [block.start for block in scannable(search.objective, cloth)]
         large = is_large(search.objective, cloth)
         for point in scanned(search, cloth, start) if own else []:

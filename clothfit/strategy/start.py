@@ -66,8 +66,8 @@ def best_scales(objective: Objective, patterns: Sequence[Array]) -> list[Array]:
 
 def scaled(objective: Objective, p: Array) -> Array:
     """The parameters p (P,) with the masses and the stiffnesses of each cloth multiplied by the best of a grid."""
-    for cloth in objective.cloths:
-        own = [block for block in objective.blocks_of(cloth) if block.name in LETTERED]
+    for cloth in objective.objects:
+        own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
         if own:
             shapes = [shape(block, p[block.part]) for block in own]
             best = search_grid(partial(grid_cost, objective, cloth, own, shapes, p.copy()), [*map(decades, own)])
