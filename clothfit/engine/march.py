@@ -7,12 +7,17 @@ from __future__ import annotations
 
 from clothfit.base.limits import FARTHEST
 from clothfit.engine.forces import meeting
+from clothfit.engine.forces.touch import contact, slide
 from clothfit.engine.inputs.tables import place_pins, power, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
 from clothfit.engine.step import bdf2, explicit, guard, implicit
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.vectors import combine, copy
+from clothfit.kernels.lanes.operations import load3
+from clothfit.kernels.vectors import combine, copy, dot
+
+HIT = 1e-3
+"""Share of the kinetic energy."""
 
 DONE, REFUSED, FAILED, CONTACTS = 0, 1, 2, 3
 """How a run of steps ends: all are good; the next one is to be taken with the clamped system, its first guess is ready;
@@ -185,14 +190,14 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
             copy(v, first)
             guess.advance(work.past, part.first + t, first)
             part.solves[t] = 0
-        part.theta[t], part.clamped[t], part.early[t] = 1.0, safe, False
-        part.euler[t] = part.theta[t - 1] < 1.0 or part.early[t - 1] if t > 0 else not part.ready
+        part.theta[t], part.clamped[t], part.early[t], part.hit[t] = 1.0, safe, False, False
+        part.euler[t] = part.theta[t - 1] < 1.0 or part.early[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
         if not part.euler[t]:
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded)
             meeting.note(euler.colliders, part.met, t)
             if part.used[t] == 0:
                 return t, REFUSED
-            if taken:
+            if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
                 continue
             part.euler[t] = True
         meeting.clear(euler.colliders)
@@ -207,12 +212,30 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         place_pins(euler.inputs, euler, x[t + 1])
         if not finite(x[t + 1]):
             return t, FAILED
+        part.hit[t] = hits(euler.colliders, euler.vertex, x[t], v, x[t + 1])
         if guarded:
             if shortened(euler, part, t, energy) == guard.CONTACTS:
                 return t, CONTACTS
             grant(part, t, euler.h * given_in(euler, part.first + t, w))
             energy = guard.energy(euler, x[t + 1], w)
     return stop, DONE
+
+
+@kernel(empty=False, apart=False)
+def hits(colliders, vertex, x, v, x_new):
+    """Whether a step from x to x_new, (n, 3), which began with velocities v, stops more than HIT of the kinetic energy
+    at colliders: those velocities tell nothing of the next one.
+    """
+    stopped, whole = 0.0, 0.0
+    for i in range(len(vertex.mass)):
+        whole += vertex.mass[i] * dot(load3(v, i), load3(v, i))
+    for c in range(len(colliders.rows)):
+        for i in range(len(vertex.mass)):
+            depth, _, _, n, _, spot = contact(colliders, x_new, i, c)
+            if vertex.free[i] and depth > 0.0 and contact(colliders, x, i, c)[0] <= 0.0:
+                towards = min(dot(n, slide(colliders, x_new, v, i, c, depth, n, spot)[1]), 0.0)
+                stopped += vertex.mass[i] * towards * towards
+    return stopped > HIT * whole
 
 
 @kernel

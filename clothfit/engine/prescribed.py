@@ -58,7 +58,7 @@ def forms_from(system: System, parts: Iterable[Rollout], tolerance: float) -> Fo
         for t in range(part.steps):
             own, ready = part.part(t, t), part.first + t > 0
             if found:
-                ready = bool(found[-1].theta[0] == 1.0 and not found[-1].early[0])
+                ready = found[-1].smooth(0)
             step = rollout.empty(system, 1)._replace(
                 v=own.v, x_before=own.x_before, v_before=own.v_before, ready=ready, first=part.first + t
             )

@@ -30,7 +30,7 @@ STEP_WORK, DIRECT_WORK = 7, 500
 """Work of a step beside its solves, and of a direct solve, in iterations of conjugate gradients."""
 
 
-OF_STEPS = ("w", "used", "solves", "clamped", "theta", "euler", "early", "met", "touches")
+OF_STEPS = ("w", "used", "solves", "clamped", "theta", "euler", "early", "hit", "met", "touches")
 """Fields of a `Rollout` with an item for each step, or None."""
 
 
@@ -46,6 +46,7 @@ class Rollout(NamedTuple):
     theta: Array  # (T,), part of each step that was taken, 1 unless it was shortened (`step.guard`)
     euler: Flags  # (T,), steps of a BDF2 motion that are implicit Euler steps (`step.bdf2`)
     early: Flags  # (T,), steps that knew the contacts they begin, as they would have added energy (`step.guard`)
+    hit: Flags  # (T,), implicit Euler steps of a BDF2 motion in which the cloth hits something (`march.hits`)
     budget: Array  # (T + 1,), energy that contacts may bring each state to, J (`step.guard`); −∞: that of the state
     v: Array  # (n, 3), velocity before the first of the steps, m/s
     x_before: Array  # (n, 3), position one step before that, m; any, where nothing was before
@@ -65,10 +66,14 @@ class Rollout(NamedTuple):
         x_before, v_before = (self.x[begin - 1], self.velocity(begin - 1)) if begin else (self.x_before, self.v_before)
         cut: dict[str, Any] = {name: getattr(self, name)[begin : end + 1] for name in ("x", "budget")}
         cut |= {name: None if (own := getattr(self, name)) is None else own[begin:end] for name in OF_STEPS}
-        ready = bool(self.theta[begin - 1] == 1.0 and not self.early[begin - 1]) if begin else self.ready
+        ready = self.smooth(begin - 1) if begin else self.ready
         return Rollout(
             **cut, v=self.velocity(begin), x_before=x_before, v_before=v_before, ready=ready, first=self.first + begin
         )
+
+    def smooth(self, t: int) -> bool:
+        """Whether a BDF2 step may follow step t."""
+        return bool(self.theta[t] == 1.0 and not self.early[t] and not self.hit[t])
 
     def bare(self) -> Rollout:
         """The same as kernels take it."""
@@ -128,9 +133,9 @@ def empty(system: System, steps: int) -> Rollout:
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
     used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
-    flags, budget = np.zeros((3, steps), bool), np.full(steps + 1, -np.inf)
+    flags, budget = np.zeros((4, steps), bool), np.full(steps + 1, -np.inf)
     start = system.v0, system.x0, system.v0
-    made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], budget, *start)
+    made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], flags[3], budget, *start)
     if system.colliders is not None:
         made = made._replace(met=np.zeros((steps, *system.colliders.met.shape), bool))
     return made._replace(touches=np.empty(steps, object)) if meets_itself(system) else made

@@ -1,7 +1,8 @@
 """Step after step of a cloth that touches itself: which pairs press in a step, and what it does where that fails.
 
 A step begins with the pairs that are nearer than their thickness. It is taken with them; those that would then pull are
-left out, those that would pass through each other are added, and it is taken again, until neither is left: the step
+left out, those that come as near or would pass through each other are added, and it is taken again, until neither is
+left: the step
 solves a complementarity problem, min ½ (w − w₀)ᵀA (w − w₀) + Σ ½ κ s max(0, d − h n·W)² for the pairs in view. What
 still would pass through becomes zones that move as one (`forces.selfcontact.zones`). So a cloth that does not cross
 itself at the start never does, however fast, but for pins that draw it through itself and for explicit methods, of
@@ -103,7 +104,7 @@ def step(system: System, tolerance: float, work: implicit.Workspace, part: Rollo
         if not len(numbers):
             own, room = with_pairs(system, work, surface, x, numbers)
             ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
-            if ended != march.DONE or not len(pairs.crossing(surface, x, part.x[t + 1])):
+            if ended != march.DONE or not len(pairs.meeting(surface, x, part.x[t + 1])):
                 return Touch(numbers, None), ended
         system = bdf2.forms(system)[0]
     return pressed(system, tolerance, work, part, t, surface, numbers)
@@ -133,7 +134,7 @@ def pressed(
         if accuracy > tolerance:
             accuracy = tolerance
             continue
-        hit = pairs.crossing(surface, x, after)
+        hit = pairs.meeting(surface, x, after)
         new = np.setdiff1d(hit, numbers)
         if not len(new) or turn == ROUNDS - 1:
             break
@@ -167,6 +168,7 @@ def separated(
     """
     x, after, w = part.x[t], part.x[t + 1], part.w[t, part.used[t] - 1]
     made, found, known = None, w.copy(), NOBODY
+    hit = pairs.crossing(surface, x, after, hit)
     while len(hit):
         interrupts.check()
         known = np.concatenate([known, hit])
@@ -174,7 +176,8 @@ def separated(
         w[:] = found
         zones.join(made, system.vertex, w)
         arrive(system, x, w, after)
-        hit = np.setdiff1d(pairs.crossing(surface, x, after), known)
+        hit = np.setdiff1d(pairs.meeting(surface, x, after), known)
+        hit = pairs.crossing(surface, x, after, hit)
     return made
 
 
@@ -203,6 +206,7 @@ def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Ta
 def begin(system, part, t, work):
     """Write a first guess of the velocity to the workspace, and note an ordinary step."""
     part.theta[t], part.clamped[t], part.early[t] = 1.0, system.springs.cap <= 1.0, False
+    part.hit[t] = False
     part.euler[t] = True
     part.solves[t] = 0
     copy(march.velocity(part, t), work.solution)

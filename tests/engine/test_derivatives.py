@@ -61,7 +61,7 @@ def obstacles(wobble):
 def everything(colliders, method="implicit", newton=1, settings="LL", own=OWN, law="editor", **fields):
     """A sheet of which all values are fitted, two of its corners and a vertex between them pinned."""
     one = sheet(settings, vertIsFixed=[i in (0, 1, 2) for i in range(9)], fit=own, pins=PINS, dragLaw=law)
-    one |= {"vertVel": [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)], "pinOffset": xyz((0.004, -0.003, 0.002))}
+    one |= {"vertVel": [xyz((1.0 + 0.1 * i, 0.5, 0.6)) for i in range(9)], "pinOffset": xyz((0.004, -0.003, 0.002))}
     whole = {
         "windVel": xyz((4, -2, -3)), "windVelKeys": keys([0, 0.01, 0.02], [ZERO, (-8, 1, 2), (1, 2, 3)]),
         "gravityKeys": keys([0.005, 0.01], [ZERO, (3, 1, 0)], interpolation="hold"),

@@ -1,12 +1,12 @@
-"""Contacts with meshes that a step begins with, and those that it only ends in.
+"""Contacts with colliders that a step begins with, and those that it only ends in.
 
-A step knows the vertices that are in a mesh where it is linearised, and those that their velocities lead into it. One
-that is outside there and ends inside all the same felt nothing: the faster the body, the deeper. So such contacts are
-added to the step's matrix and its right-hand side as they are, with d < 0, and it is solved again, until it ends in no
-other: those that would then pull are taken out. Where the surface turns away from the plane that a vertex met, by more
-than half of its thickness, one more of Newton's iterations follows, linearised where that one ended; it begins with the
-contacts that pressed. The law is that of `colliders`, a spring that pushes where the way along the normal is longer
-than the distance,
+A step knows the vertices that are in a collider where it is linearised, and those that their velocities lead into it.
+One that is outside there and ends inside all the same felt nothing: the faster the body, the deeper, and with an energy
+that nothing gave. So such contacts are added to the step's matrix and its right-hand side as they are, with d < 0, and
+it is solved again, until it ends in no other: those that would then pull are taken out. Where the surface of a mesh
+turns away from the plane that a vertex met, by more than half of its thickness, one more of Newton's iterations
+follows, linearised where that one ended; it begins with the contacts that pressed. The law is that of `colliders`, a
+spring that pushes where the way along the normal is longer than the distance,
 
     F = κ (d − n·s) n > 0,
 
@@ -31,10 +31,6 @@ ROUNDS = 12
 
 DROPS = 4
 """In how many of these, contacts that pull are taken out; later they stay, so that the rounds end."""
-
-LATE = 0.1
-"""How deep a vertex may end unknown, relative to the thickness. What creeps may come in so far as it creeps in a step.
-"""
 
 
 @kernel
@@ -99,11 +95,8 @@ def meet(colliders, free, at, h, end, drops, A, b):
     arrive(x, h, w, end)
     for c in range(len(colliders.rows)):
         own, met = colliders.rows[c], colliders.met[colliders.turn[0], c]
-        if own[SHAPE, 0] != MESH:
-            continue
-        least = LATE * own[LAW, THICKNESS] + h * CREEP
         for i in range(len(x)):
-            if not free[i] or not (met[i] or contact(colliders, end, i, c)[0] > least):
+            if not free[i] or not (met[i] or contact(colliders, end, i, c)[0] > h * CREEP):
                 continue
             depth, _, _, n, _, _ = contact(colliders, y, i, c)
             if depth > 0.0:
@@ -155,7 +148,6 @@ def carry(colliders, free, at, h, end):
         for i in range(len(y)):
             depth, _, _, n, _, _ = contact(colliders, y, i, c)
             way = fma(splat(h), load3(u, i), sub(load3(x, i), load3(y, i)))
-            mesh = colliders.rows[c, SHAPE, 0] == MESH
-            if mesh and free[i] and counts(colliders, depth, n, c, i, load3(y, i), way):
+            if free[i] and counts(colliders, depth, n, c, i, load3(y, i), way):
                 presses = depth - dot(n, sub(load3(end, i), load3(y, i))) > 0.0
                 colliders.met[k + 1, c, i] = presses and contact(colliders, end, i, c)[0] <= 0.0

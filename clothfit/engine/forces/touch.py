@@ -34,6 +34,9 @@ box, m; how fast it stretches along its axes, 1/s; d₀, m, κ, N/m, and μ; the
 STATE = 8
 """Rows that change as a collider moves."""
 
+LOOKS = 12
+"""Times that a way is cut to two thirds of it, to see whether it leads through a collider."""
+
 RESTING = 10.0
 """Weights of a vertex that may press it into a collider on which a cloth lies."""
 
@@ -162,15 +165,40 @@ def outward(own, v):
 
 @kernel
 def begins(colliders, c, depth, n, i, y_i, way):
-    """Whether a vertex outside of a mesh that goes from y_i by `way` in a step enters it, seen from where it is."""
+    """Whether a vertex outside that goes from y_i by `way` in a step enters a collider, seen from where it is."""
     bodies, own = colliders.bodies, colliders.rows[c]
-    if not (own[SHAPE, 0] == MESH and depth - dot(n, way) > 0.0):
+    if depth - dot(n, way) <= 0.0:
         return False
-    b, centre, slack = int(own[SHAPE, 1]), load3(own, PLACE), held(colliders, c, i)
+    slack = held(colliders, c, i)
+    least = own[LAW, THICKNESS] - slack
+    if own[SHAPE, 0] != MESH:
+        return lowest(own, y_i, way) < least
+    b, centre = int(own[SHAPE, 1]), load3(own, PLACE)
     p, q = inward(own, sub(y_i, centre)), inward(own, sub(add(y_i, way), centre))
-    if meshes.distance(bodies, b, i, q)[0] < own[LAW, THICKNESS] - slack:
-        return True
-    return slack == 0.0 and meshes.crosses(bodies, b, p, q)
+    return meshes.distance(bodies, b, i, q)[0] < least or (slack == 0.0 and meshes.crosses(bodies, b, p, q))
+
+
+@kernel
+def lowest(own, y_i, way):
+    """The least distance of a convex collider on the way from y_i, roughly: it is a convex function along it."""
+    low, high, least = 0.0, 1.0, away_from(own, add(y_i, way))
+    for _ in range(LOOKS):
+        one, other = low + (high - low) / 3.0, high - (high - low) / 3.0
+        first = away_from(own, fma(splat(one), way, y_i))
+        second = away_from(own, fma(splat(other), way, y_i))
+        least = min(least, min(first, second))
+        if first < second:
+            high = other
+        else:
+            low = one
+    return least
+
+
+@kernel
+def away_from(own, y_i):
+    """The distance of a point from a collider that is no mesh."""
+    p = inward(own, sub(y_i, load3(own, PLACE)))
+    return distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))[0]
 
 
 @kernel

@@ -233,13 +233,25 @@ def counts(surface, kind, own):
 
 def near(surface: Surface, x: Array) -> Indices:
     """The numbers, ascending, of the pairs that are nearer at x (n, 3) than their thickness, or drawn back."""
-    found = selected(surface, x, x, 0.5 * surface.thickness, False)
+    found = selected(surface, x, x, 0.5 * surface.thickness, False)  # from x to x
     return np.union1d(found, surface.drawn) if surface.left > 0.0 else found
 
 
-def crossing(surface: Surface, x: Array, after: Array) -> Indices:
-    """The numbers, ascending, of the pairs that would pass through each other from x to `after`, (n, 3) each."""
-    return selected(surface, x, after, LEFT * surface.thickness, True)
+def meeting(surface: Surface, x: Array, after: Array) -> Indices:
+    """The numbers, ascending, of the pairs that would pass through each other from x to `after`, (n, 3) each, or that
+    are then nearer than their thickness.
+    """
+    return selected(surface, x, after, 0.5 * surface.thickness, True)
+
+
+@kernel
+def crossing(surface, x, after, numbers):
+    """Those of the pairs with these numbers that would pass through each other from x to `after`, (n, 3) each."""
+    own, kept = np.zeros(4, np.int32), np.zeros(len(numbers), np.bool_)
+    for k in range(len(numbers)):
+        kind = vertices_of(surface, numbers[k], own)
+        kept[k] = counts(surface, kind, own) and passes(surface, kind, own, x, after)
+    return numbers[kept]
 
 
 def selected(surface: Surface, x: Array, after: Array, margin: float, moving: bool) -> Indices:
@@ -270,7 +282,7 @@ def select(surface, x, after, moving, kind, pairs, numbers):
         vertices_of(surface, number, own)
         if not counts(surface, kind, own):
             continue
-        if passes(surface, kind, own, x, after) if moving else is_near(surface, kind, own, x):
+        if is_near(surface, kind, own, after) or (moving and passes(surface, kind, own, x, after)):
             numbers[count] = number
             count += 1
     return count
