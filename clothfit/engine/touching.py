@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Indices
 from clothfit.engine import march
 from clothfit.engine.forces import meeting
 from clothfit.engine.forces.selfcontact import force, pairs, zones
@@ -39,7 +39,12 @@ ROUNDS = 12
 DROPS = 5
 """How often, of these, pairs that pull are left out; later they stay, so that the rounds end."""
 
-ROUGH = 1e-3
+FLAT = 3e-3
+"""Depth relative to the thickness that decides nothing where a solution is rough, or the rounds do not end: pairs may
+then push or pull by so little, or be left out.
+"""
+
+ROUGH = 1e-2
 """Tolerance of the first solutions, which only find pairs."""
 
 
@@ -118,7 +123,7 @@ def pressed(
     x, v, after = part.x[t], part.velocity(t), part.x[t + 1]
     begin(system, part, t, work)
     first, contact, hit = work.solution.copy(), pairs.of_numbers(surface, x, numbers), NOBODY
-    active, accuracy = pressing(contact, x, system.h * v), max(tolerance, ROUGH)
+    active, accuracy = depths(contact, x, system.h * first) > 0.0, max(tolerance, ROUGH)
     for turn in range(ROUNDS):
         interrupts.check()
         used = active
@@ -128,19 +133,24 @@ def pressed(
         if not march.finite(after):
             return Touch(numbers[used], None), march.FAILED
         copy(part.w[t, part.used[t] - 1], first)
-        active = pressing(contact, *model(system, part, t)) | (used if turn >= DROPS else False)
+        flat = FLAT * surface.thickness if accuracy > tolerance or turn >= DROPS else 0.0
+        deep = depths(contact, *model(system, part, t))
+        active = np.where(used, (deep > -flat) | (turn >= DROPS), deep > flat)
         if (active != used).any() and turn < ROUNDS - 1:
-            continue
-        if accuracy > tolerance:
-            accuracy = tolerance
             continue
         hit = pairs.meeting(surface, x, after)
         new = np.setdiff1d(hit, numbers)
-        if not len(new) or turn == ROUNDS - 1:
+        shallow = depths(pairs.of_numbers(surface, x, new), after, 0.0 * after) <= flat
+        new = np.union1d(new[~shallow], pairs.crossing(surface, x, after, new[shallow]))
+        if turn == ROUNDS - 1 or (not len(new) and accuracy <= tolerance):
             break
+        if not len(new):
+            accuracy = tolerance
+            continue
         order = np.argsort(together := np.concatenate([numbers, new]))
         numbers, active = together[order], np.concatenate([active, np.ones(len(new), bool)])[order]
         contact = pairs.of_numbers(surface, x, numbers)
+    part.hit[t] = used.any()
     return Touch(numbers[used], separated(system, surface, part, t, hit)), march.DONE
 
 
@@ -153,11 +163,11 @@ def model(system: System, part: Rollout, t: int) -> tuple[Array, Array]:
     return x + h * part.w[t, used - 2], h * (w - part.w[t, used - 2])
 
 
-def pressing(contact: force.Contact, y: Array, s: Array) -> Flags:
-    """Which pairs end a step nearer than their thickness, by its model: from y to y + s."""
-    depth = np.zeros(len(contact.kind))
-    force.pressure(contact, y, s, depth)
-    return np.asarray(depth > 0.0)
+def depths(contact: force.Contact, y: Array, s: Array) -> Array:
+    """How deep, m, each pair ends a step by its model: from y to y + s."""
+    found = np.zeros(len(contact.kind))
+    force.pressure(contact, y, s, found)
+    return found
 
 
 def separated(

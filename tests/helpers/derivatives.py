@@ -18,13 +18,15 @@ def assert_right(objective: Objective, p: Array) -> None:
     assert report.product < PRODUCT  # linear systems are solved to 1e-14
 
 
-def assert_gradient_and_tangent(made: Scene, tolerance: float, product: float) -> None:
-    """The gradient belongs to the cost, and the tangent is its transpose to `product`, relative."""
+def assert_gradient_and_tangent(made: Scene, tolerance: float, product: float, switches: bool = False) -> None:
+    """The gradient belongs to the cost, and the tangent is its transpose to `product`, relative; what touches what
+    `switches` within the long steps of the order, but not within the short one of the difference.
+    """
     values = [cloth.mass * 1.1 for cloth in made.cloths], [cloth.stiffness * 0.9 for cloth in made.cloths]
     target = simulate(made.with_values(*values))
     found = check(Objective(made, target, tolerance), parameters(made), seed=1)
-    assert found.order > 1.9
-    assert found.difference < 1e-6
+    assert switches or found.order > 1.9
+    assert found.difference < (1e-7 if switches else 1e-6)
     assert found.product < product
 
 
@@ -41,7 +43,9 @@ def assert_dense_sensitivity(made: Scene, tolerance: float, equal: float = 1e-11
         np.testing.assert_allclose(dx @ direction, expected, atol=equal * np.abs(expected).max())
 
 
-def assert_derivatives(made: Scene, tolerance: float, product: float, equal: float = 1e-11) -> None:
-    """Gradient, tangent and all columns belong to the motion and to each other."""
-    assert_gradient_and_tangent(made, tolerance, product)
+def assert_derivatives(
+    made: Scene, tolerance: float, product: float, equal: float = 1e-11, switches: bool = False
+) -> None:
+    """Gradient, tangent and all columns belong to the motion and to each other; see `assert_gradient_and_tangent`."""
+    assert_gradient_and_tangent(made, tolerance, product, switches)
     assert_dense_sensitivity(made, tolerance, equal)
