@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from clothfit.cli.common.output import Output, beside, output_for, print_json
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
+    from clothfit.evaluation.touches import Touching
     from clothfit.formats.axes import Convention
     from clothfit.motion.divergence import Diverged
     from clothfit.motion.energy import Energy
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 STORED = ("kinetic", "elastic", "gravity", "contact", "total")
 FLOWS = ("wind", "damping", "drag", "numerical")
 OPTIONAL = ("contact", "wind", "damping", "drag")  # columns that the table leaves out where they are 0 throughout
+MOST_TOUCHING = 8  # lines on what touches what
 MOST_ROWS = 10  # of the table, besides the start
 ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which an energy counts as 0
 
@@ -71,6 +74,7 @@ def command(
     pictures.check(scene_path, out.path, dump_path)
     scenes.warn_of_steps(scene, frames, console)
     console.announce_compilation()
+    from clothfit.evaluation.touches import touches
     from clothfit.kernels.clock import passing
 
     began = passing()
@@ -81,13 +85,15 @@ def command(
     kept = {} if energy is None else {f"energy_{name}": array for name, array in energy_columns(energy).items()}
     motions.write(motion, out, scene, convention, console, kept)
     scenes.warn_of_contacts(scene, motion, console, energy)
+    touching = touches(scene, motion)
     if error is None:
-        report(scene, motion, seconds, out, console)
+        report(scene, motion, touching, seconds, out, console)
     else:
         console.say(f"the {len(motion.times)} frames before it are in {out.name}")
     dumped = keep(scene, error, dump, console)
     show_energy(energy, console)
-    print_json(summary(scene, motion, seconds, out, error) | {"dump": dumped} | energy_summary(energy))
+    own = {"dump": dumped, "touching": [each._asdict() for each in touching]}
+    print_json(summary(scene, motion, seconds, out, error) | own | energy_summary(energy))
     pictures.simulated(scene, motion, energy, console)
     if error is not None:
         raise error
@@ -105,11 +111,14 @@ def moved(scene: Scene, frames: int, tolerance: float | None) -> tuple[Motion, D
         return error.motion, error
 
 
-def report(scene: Scene, motion: Motion, seconds: float, out: Output, console: Console) -> None:
+def report(
+    scene: Scene, motion: Motion, touching: Sequence[Touching], seconds: float, out: Output, console: Console
+) -> None:
     """Print what a motion that stayed finite took, and warn of what it needed."""
     done = len(motion.times) - 1
-    console.warn(*motion.remedies.sentences(done * len(scene.cloths)))
+    console.warn(*motion.remedies.sentences(done * len(scene.groups)))
     scenes.warn_of_stretch(scene, motion, console)
+    console.say(*(each.sentence for each in touching[:MOST_TOUCHING]))
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
 
 

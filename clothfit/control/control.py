@@ -86,6 +86,7 @@ def find_controls(
     where a control cannot be one, or a hard key asks for a fixed vertex to be elsewhere; Diverged where no motion stays
     finite.
     """
+    scene.check_apart("a control")
     check(scene, keys, controls)
     state = checkpoint.begin(identity(scene, keys, controls, costs)) if checkpoint else {}
     began, steps, said = computing(), last_step(keys), report or (lambda *_: None)

@@ -105,14 +105,14 @@ def step(system: System, tolerance: float, work: implicit.Workspace, part: Rollo
     if system.method < IMPLICIT:
         own, room = with_pairs(system, work, surface, x, numbers)
         return Touch(numbers, None), march.run_explicit(own, part, t, t + 1)[1]
-    if system.method == BDF2:
-        if not len(numbers):
-            own, room = with_pairs(system, work, surface, x, numbers)
-            ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
-            if ended != march.DONE or not len(pairs.meeting(surface, x, part.x[t + 1])):
-                return Touch(numbers, None), ended
-        system = bdf2.forms(system)[0]
-    return pressed(system, tolerance, work, part, t, surface, numbers)
+    if system.method == BDF2 and not len(numbers):
+        own, room = with_pairs(system, work, surface, x, numbers)
+        ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
+        if ended != march.DONE or not len(pairs.meeting(surface, x, part.x[t + 1])):
+            return Touch(numbers, None), ended
+    touch, ended = pressed(bdf2.forms(system)[0], tolerance, work, part, t, surface, numbers)
+    part.hit[t] = system.method == BDF2 and len(touch.numbers) > 0
+    return touch, ended
 
 
 def pressed(
@@ -150,7 +150,6 @@ def pressed(
         order = np.argsort(together := np.concatenate([numbers, new]))
         numbers, active = together[order], np.concatenate([active, np.ones(len(new), bool)])[order]
         contact = pairs.of_numbers(surface, x, numbers)
-    part.hit[t] = used.any()
     return Touch(numbers[used], separated(system, surface, part, t, hit)), march.DONE
 
 

@@ -91,6 +91,7 @@ class Engine:
 
     def __init__(self, scene: Scene, *, speed: float | None = 1.0, on_frame: Callable[[], None] | None = None) -> None:
         check_is_scene(scene)
+        scene.check_apart("the live engine")
         self._speed = checked_speed(speed)
         self._scene, self._on_frame = scene, on_frame
         self._cloths = [Moving(scene, i) for i in range(len(scene.cloths))]

@@ -143,6 +143,14 @@ class Scene(checks.ReadOnly):
         first = [i for i in range(len(self.cloths)) if self.together(i)[0] == i]
         return [self.together(i) for i in first]
 
+    def check_apart(self, what: str) -> None:
+        """Raise InvalidInput where objects touch each other: `what` takes each for itself."""
+        if len(self.groups) < len(self.cloths):
+            raise InvalidInput(
+                f"{self.name}: selfCollision.betweenObjects: {what} takes each object for itself; write them as one "
+                "object, or let them pass through each other"
+            )
+
     def mode(self, name: str) -> str:
         """How one of the scene's own kinds ("wind", "friction", …) is fitted: "n" not at all, "G" one value or vector,
         "L" that of each key or contact.

@@ -5,12 +5,13 @@ import pytest
 from helpers.derivatives import assert_derivatives
 from helpers.physics import scene, thing, xyz
 
-from clothfit import simulate
+from clothfit import InvalidInput, find_controls, live, simulate
 from clothfit.cli.validate import judge
 from clothfit.engine.forces import touch
 from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.starts import sentences
 from clothfit.engine.system import build
+from clothfit.evaluation.touches import touches
 from clothfit.scene.fit_vector import elements, parameters
 from clothfit.scene.scene import dumps
 
@@ -157,6 +158,25 @@ def test_what_starts_through_another_cloth_is_drawn_back():
 
 def test_derivatives_while_a_cloth_is_drawn_back():
     assert_derivatives(poked(optimizationIterations=8, fit={"contact": True}), 1e-13, 1e-10)
+
+
+def test_who_touches_whom():
+    ball = {**BALL, "scale": xyz((0.4, 0.4, 0.4)), "pos": xyz((0, -0.25, 0))}
+    made = layers(sheet(7, 0.6, 0.0), sheet(7, 0.5, 0.03, (0.01, 0.02)), colliders=[ball], optimizationIterations=41)
+    motion = simulate(made)
+    found = {(each.object, each.other): each for each in touches(made, motion)}
+    assert set(found) == {(0, "objects[1]"), (0, "the sphere at (0, -0.25, 0) m")}
+    fall = np.sqrt(2 * 0.05 / 9.81)  # to the ball, 5 cm below
+    assert found[0, "the sphere at (0, -0.25, 0) m"].first == pytest.approx(fall, abs=2 * made.delta)
+    together = found[0, "objects[1]"]
+    assert together.first > fall - made.delta  # both fall as fast until then
+    assert "objects[0] touches objects[1] " in together.sentence
+
+
+@pytest.mark.parametrize("use", [live.Engine, lambda made: find_controls(made, [])])
+def test_what_takes_each_object_for_itself_refuses_layers(use):
+    with pytest.raises(InvalidInput, match="takes each object for itself"):
+        use(layers(sheet(3, 0.3, 0.0, held=True), sheet(3, 0.3, 0.1, held=True)))
 
 
 def test_what_layers_cannot_have_is_refused(tmp_path):

@@ -128,7 +128,11 @@ def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
 
 def warn_of_contacts(scene: Scene, motion: Motion, console: Console, energy: Energy | None = None) -> None:
     """Warn when contacts that begin within a step have given the cloths energy: in wind, or in explicit steps."""
+    from clothfit.engine.starts import sentences
+
     if not scene.obstacles or scene.moves or len(motion.times) < 2:  # what moves gives energy as well
+        return
+    if sentences(scene):  # as does what is let go
         return
     import numpy as np
 
