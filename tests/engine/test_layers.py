@@ -5,13 +5,14 @@ import pytest
 from helpers.derivatives import assert_derivatives
 from helpers.physics import scene, thing, xyz
 
-from clothfit import InvalidInput, find_controls, live, simulate
+from clothfit import InvalidInput, find_controls, simulate
 from clothfit.cli.validate import judge
 from clothfit.engine.forces import touch
 from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.starts import sentences
 from clothfit.engine.system import build
 from clothfit.evaluation.touches import touches
+from clothfit.live.engine import Engine
 from clothfit.scene.fit_vector import elements, parameters
 from clothfit.scene.scene import dumps
 
@@ -173,7 +174,7 @@ def test_who_touches_whom():
     assert "objects[0] touches objects[1] " in together.sentence
 
 
-@pytest.mark.parametrize("use", [live.Engine, lambda made: find_controls(made, [])])
+@pytest.mark.parametrize("use", [Engine, lambda made: find_controls(made, [])])
 def test_what_takes_each_object_for_itself_refuses_layers(use):
     with pytest.raises(InvalidInput, match="takes each object for itself"):
         use(layers(sheet(3, 0.3, 0.0, held=True), sheet(3, 0.3, 0.1, held=True)))
