@@ -1,0 +1,211 @@
+"""The fabric of a cloth: what its masses and springs are per area and per width, on whatever mesh; and the way back.
+
+    density      masses over areas, kg/m²
+    stretch      force per width over strain in a pull test, along warp, weft and bias, N/m (`membrane`)
+    shear        stiffness against a change of the angle between warp and weft, N/m
+    bending      secant bending stiffness at CURVATURE, along warp, weft and bias, N m (`bending`)
+    bending at rest   the same for small bends: 0 where the bending springs are at rest in a flat cloth
+
+n vertices, S springs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.errors import InvalidInput
+from clothfit.fabric import bending, hinges, membrane
+from clothfit.fabric.bending import CURVATURE, EXCESS
+from clothfit.fabric.hinges import Hinges, Material
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.directions import keys
+
+ROUNDS = 6
+"""Most corrections of what is asked of the springs by what they do on an irregular mesh."""
+
+CLOSE = 2e-3
+"""Relative difference from what is wanted at which these end."""
+
+PULL = 0.5
+"""Most that the edges of hinges may be strained to hold their bending springs."""
+
+LARGEST = 50_000
+"""Vertices up to which a mesh is loaded to see how it gives way; in a larger one uniform strains are taken."""
+
+Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Fabric:
+    """What a cloth is made of; directions are warp, weft and bias."""
+
+    density: float  # kg/m²
+    stretch: Three  # N/m
+    shear: float  # N/m
+    bending: Three  # N m, secant at `curvature`
+    bending_at_rest: Three  # N m
+    curvature: float  # 1/m
+
+
+class Woven(NamedTuple):
+    """Springs and masses of a fabric on a mesh."""
+
+    ends: Indices  # (S, 2), the smaller index first
+    stiffness: Array  # (S,), N/m
+    rest: Array  # (S,), m
+    mass: Array  # (n,), kg
+    bent: float  # share of the bending stiffness that the edges can hold: 1, or less where they are too soft for it
+
+
+def fabric_of(cloth: Cloth) -> Fabric | None:
+    """The fabric of an object; None where it has no faces with an area, or no springs."""
+    mesh = _material(cloth)
+    if mesh is None:
+        return None
+    stretch = _stretch(mesh, cloth.springs, cloth.stiffness)
+    linear, cubic, own = _hinges(mesh, cloth, stretch)
+    share = bending.relaxed(mesh, own, linear) if len(mesh.positions) <= LARGEST else np.ones(3)
+    rest, secant = (share * bending.secant(mesh, own, linear, 0 * linear, 1.0),
+                    share * bending.secant(mesh, own, linear, cubic, CURVATURE))  # fmt: skip
+    return Fabric(float(cloth.mass.sum()) / mesh.area, _three(stretch[:3]), float(stretch[3]), _three(secant),
+                  _three(rest), CURVATURE)  # fmt: skip
+
+
+def _three(values: Array) -> Three:
+    first, second, third = values.tolist()
+    return first, second, third
+
+
+def _material(cloth: Cloth) -> Material | None:
+    """The mesh of an object and its directions."""
+    if not len(cloth.triangles) or not len(cloth.springs) or not (cloth.areas > 0).any():
+        return None
+    given = cloth.layout
+    along = across = None
+    if given.warp is None and given.family is not None:
+        edges = hinges.directions.edges_of(cloth.triangles).ends
+        along, across = hinges.named_edges(edges, cloth.springs, given.names, given.family)
+        if not (along.any() and across.any()):
+            along = across = None
+    return hinges.material(cloth.positions, cloth.triangles, given.warp, along, across)
+
+
+def _stretch(mesh: Material, ends: Indices, stiffness: Array) -> Array:
+    """Stiffness along warp, weft and bias, and in shear (4,), N/m."""
+    if len(mesh.positions) <= LARGEST:
+        return membrane.measured(mesh, ends, stiffness)
+    full = membrane.of_springs(mesh, ends, stiffness)
+    return np.append(membrane.pulls(full), full[2, 2])
+
+
+def _hinges(mesh: Material, cloth: Cloth, stretch: Array) -> tuple[Array, Array, Hinges]:
+    """c and k g² (H,), N m, of all hinges that a spring may lie over, and those.
+
+    What pushes a bent cloth also stretches it: the springs' k counts in series with the rest of the cloth.
+    """
+    own = hinges.all_hinges(mesh)
+    key, first = np.unique(keys(cloth.springs), return_index=True)
+    chord = keys(own.vertices[:, :2])
+    at = np.minimum(np.searchsorted(key, chord), len(key) - 1)
+    there = (key[at] == chord) & ~np.isin(chord, keys(mesh.ends))
+    spring = first[at]
+    stiffness = np.where(there, cloth.stiffness[spring], 0.0)
+    push = stiffness * (cloth.rest[spring] - own.length)
+    push = np.where(push > 1e-9 * stiffness * own.length, push, 0.0)
+    area = mesh.areas[own.triangle].sum(axis=1) / 2
+    over = stiffness * own.length**2 / np.maximum(area, 1e-300)
+    rest = np.maximum(stretch[:2].mean() - over, 1e-3 * over)
+    cubic = stiffness * own.lever**2 * rest / np.maximum(rest + over, 1e-300)
+    return push * own.lever, cubic, own
+
+
+def woven(
+    positions: Array, triangles: Indices, density: float, stretch: Three, bend: Three, fixed: Flags | None = None,
+    warp: Array | None = None,
+) -> Woven:  # fmt: skip
+    """The springs and masses of a fabric on a mesh that is flat at rest wherever it can be unfolded.
+
+    `density` in kg/m², `stretch` in N/m and `bend` in N m along warp, weft and bias. Triangles all of whose vertices are
+    `fixed` (n,) cannot bend: a hinge at them has twice the stiffness, as its other half has. Raises InvalidInput where
+    a value is not above 0 (of bending, not at least 0), or the mesh has no area.
+    """
+    if not (density > 0 and min(stretch) > 0 and min(bend) >= 0 and np.isfinite([density, *stretch, *bend]).all()):
+        raise InvalidInput("a fabric needs a density and stretch stiffnesses above 0, and bending stiffnesses of 0 or more")
+    mesh = hinges.material(positions, triangles, warp)
+    if not mesh.area > 0:
+        raise InvalidInput("a fabric needs a mesh with an area")
+    own = hinges.hinges_of(mesh)
+    edge, over = _membrane(mesh, own, np.array(stretch, float))
+    fold = _folds(mesh, own, np.array(bend, float))
+    if fixed is not None:
+        fold = fold * np.where(fixed[own.vertices].sum(axis=1) - (own.edge < 0) * fixed[own.vertices[:, 2]]
+                               == np.where(own.edge < 0, 2, 3), 2.0, 1.0)  # fmt: skip
+    mass = density * hinges.vertex_areas(mesh)
+    if not mass.all():
+        raise InvalidInput(f"vertex {mass.argmin()} has no mass, being in no triangle that has an area; remove it")
+    return _springs(mesh, own, edge, over, fold, mass)
+
+
+def _springs(mesh: Material, own: Hinges, edge: Array, over: Array, fold: Array, mass: Array) -> Woven:
+    """Edges, and springs over hinges that push, in balance."""
+    key = keys(mesh.ends)
+    tension = np.zeros(len(key))  # force densities, N/m
+    for i, j in ((0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
+        density = -fold * own.weights[:, i] * own.weights[:, j]
+        use = np.flatnonzero(density)
+        at = np.searchsorted(key, keys(own.vertices[use][:, [i, j]]))
+        np.add.at(tension, at, density[use])
+    most = np.abs(tension / edge).max(initial=0.0)
+    share = min(1.0, PULL / most) if most > 0 else 1.0
+    push = share * fold / own.lever
+    stiffness = np.maximum(over, push / (EXCESS * own.length))
+    kept = stiffness > 0
+    stiffness, push = stiffness[kept], push[kept]
+    length = np.linalg.norm(mesh.positions[mesh.ends[:, 0]] - mesh.positions[mesh.ends[:, 1]], axis=1)
+    return Woven(
+        np.concatenate([mesh.ends, np.sort(own.vertices[kept, :2], axis=1)]).astype(np.int32),
+        np.concatenate([edge, stiffness]),
+        np.concatenate([length * (1 - share * tension / edge), own.length[kept] + push / stiffness]),
+        mass, share,
+    )  # fmt: skip
+
+
+def _membrane(mesh: Material, own: Hinges, stretch: Array) -> tuple[Array, Array]:
+    """Stiffnesses of the edges and of springs over the diagonals of a grid, N/m, whose pulls come near those wanted."""
+    crossing = (own.edge >= 0) & mesh.diagonal[own.edge]
+    ends = np.concatenate([mesh.ends, own.vertices[:, :2]])
+    asked, best, least = stretch.copy(), None, np.inf
+    for _ in range(ROUNDS):
+        edge, over = membrane.springs_for(mesh, membrane.wanted(asked), own, crossing)
+        ratio = _stretch(mesh, ends, np.concatenate([edge, over]))[:3] / stretch
+        wrong = np.abs(np.log(np.maximum(ratio, 1e-3)))
+        if (error := wrong[:2].sum() + 0.1 * wrong[2]) < least:
+            best, least = (edge, over), error
+        if error < CLOSE:
+            break
+        asked = asked / np.clip(ratio, 0.5, 2.0)
+    assert best is not None
+    return best
+
+
+def _folds(mesh: Material, own: Hinges, bend: Array) -> Array:
+    """Stiffnesses of the hinges, N m, with these bending stiffnesses (3,)."""
+    if not bend[:2].any() or not len(own.edge):
+        return np.zeros(len(own.edge))
+    bend = np.maximum(bend, 1e-3 * bend.max())
+    asked, best, least = bend.copy(), None, np.inf
+    for _ in range(ROUNDS):
+        fold = bending.folds_for(mesh, own, bending.wanted(asked))
+        share = bending.relaxed(mesh, own, fold) if len(mesh.positions) <= LARGEST else np.ones(3)
+        ratio = share * bending.secant(mesh, own, fold, 0 * fold, 1.0) / bend
+        if (error := np.abs(np.log(np.maximum(ratio, 1e-3))) @ (1.0, 1.0, 0.1)) < least:
+            best, least = fold, error
+        if error < CLOSE:
+            break
+        asked = asked / np.clip(ratio, 0.5, 2.0)
+    assert best is not None
+    return best
