@@ -20,17 +20,18 @@ ROUNDS = 12
 
 def shares(matrix: Any, target: Array) -> Array:
     """The stiffnesses x (S,), as shares of those of the plain rule, with the least |matrix · x − target|."""
-    from scipy.sparse import diags_array, vstack
-    from scipy.sparse.linalg import lsmr
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import splu
 
     count = matrix.shape[1]
+    normal = (matrix.T @ matrix + TRUST**2 * diags_array(np.ones(count))).tocsr()
+    right = matrix.T @ target + TRUST**2
     x, held = np.ones(count), np.zeros(count, bool)
     for _ in range(ROUNDS):
         free = np.flatnonzero(~held)
-        system = vstack([matrix[:, free], TRUST * diags_array(np.ones(len(free)))]).tocsr()
-        right = np.concatenate([target - matrix @ np.where(held, FLOOR, 0.0), np.full(len(free), TRUST)])
         x = np.full(count, FLOOR)
-        x[free] = lsmr(system, right, atol=1e-8, btol=1e-8, maxiter=2000, x0=np.ones(len(free)))[0]
+        known = normal @ np.where(held, FLOOR, 0.0)
+        x[free] = splu(normal[free][:, free].tocsc()).solve((right - known)[free])
         low = ~held & (x < FLOOR)
         if not low.any():
             break

@@ -61,7 +61,7 @@ def secant(mesh: Material, hinges: Hinges, linear: Array, cubic: Array, curvatur
     The mean over the vertices that are far enough from the border to have all their hinges; where there is none, over
     the areas of the hinges.
     """
-    fold = hinges.moment @ (PULLS * TWICE).T * curvature  # (H, 3)
+    fold = hinges.moment @ (PULLS * TWICE).T * curvature  # (H, 4)
     energy = 0.5 * linear[:, None] * fold**2 + 0.125 * cubic[:, None] * fold**4
     whole, area = inside(mesh, hinges)
     share = parts(hinges, whole)
@@ -69,7 +69,12 @@ def secant(mesh: Material, hinges: Hinges, linear: Array, cubic: Array, curvatur
     if not total > 0:
         share, total = np.ones(len(hinges.edge)), mesh.areas[hinges.triangle].sum() / 3
     scale = 0.5 * max(curvature, 1e-300) ** 2
-    return np.asarray(share @ energy / scale / total) if total > 0 else np.zeros(3)
+    return mean_bias(share @ energy / scale / total) if total > 0 else np.zeros(3)
+
+
+def mean_bias(four: Array) -> Array:
+    """Warp, weft and bias (3,) of values along warp, weft and both bias directions (4,)."""
+    return np.array([four[0], four[1], (four[2] + four[3]) / 2])
 
 
 def parts(hinges: Hinges, chosen: Flags) -> Array:
@@ -97,7 +102,7 @@ def relaxed(mesh: Material, hinges: Hinges, linear: Array) -> Array:
     load = rise.T @ (linear[:, None] * fold)
     gain = (load * splu(matrix.tocsc()).solve(load)).sum(axis=0)
     whole_energy = np.einsum("h,hi,hi->i", linear, fold, fold)
-    return np.asarray(1 - gain / np.where(whole_energy > 0, whole_energy, 1.0))
+    return mean_bias(1 - gain / np.where(whole_energy > 0, whole_energy, 1.0))
 
 
 def wanted(bending: Array) -> Array:

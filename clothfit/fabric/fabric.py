@@ -22,16 +22,16 @@ from clothfit.fabric import bending, hinges, membrane
 from clothfit.fabric.bending import CURVATURE, EXCESS
 from clothfit.fabric.hinges import Hinges, Material
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.directions import keys
+from clothfit.scene.directions import Keys, Slots, keys
 
-ROUNDS = 6
+ROUNDS = 10
 """Most corrections of what is asked of the springs by what they do on an irregular mesh."""
 
 CLOSE = 2e-3
 """Relative difference from what is wanted at which these end."""
 
 PULL = 0.5
-"""Most that the edges of hinges may be strained to hold their bending springs."""
+"""Most that edges may be strained to hold bending springs; those that are too soft for it are made stiffer."""
 
 LARGEST = 50_000
 """Vertices up to which a mesh is loaded to see how it gives way; in a larger one uniform strains are taken."""
@@ -58,7 +58,6 @@ class Woven(NamedTuple):
     stiffness: Array  # (S,), N/m
     rest: Array  # (S,), m
     mass: Array  # (n,), kg
-    bent: float  # share of the bending stiffness that the edges can hold: 1, or less where they are too soft for it
 
 
 def fabric_of(cloth: Cloth) -> Fabric | None:
@@ -108,19 +107,42 @@ def _hinges(mesh: Material, cloth: Cloth, stretch: Array) -> tuple[Array, Array,
     What pushes a bent cloth also stretches it: the springs' k counts in series with the rest of the cloth.
     """
     own = hinges.all_hinges(mesh)
-    key, first = np.unique(keys(cloth.springs), return_index=True)
     chord = keys(own.vertices[:, :2])
-    at = np.minimum(np.searchsorted(key, chord), len(key) - 1)
-    there = (key[at] == chord) & ~np.isin(chord, keys(mesh.ends))
-    spring = first[at]
+    spring, there = _matched(chord, _rank(chord) + np.isin(chord, keys(mesh.ends)), keys(cloth.springs))
     stiffness = np.where(there, cloth.stiffness[spring], 0.0)
     push = stiffness * (cloth.rest[spring] - own.length)
     push = np.where(push > 1e-9 * stiffness * own.length, push, 0.0)
     area = mesh.areas[own.triangle].sum(axis=1) / 2
     over = stiffness * own.length**2 / np.maximum(area, 1e-300)
-    rest = np.maximum(stretch[:2].mean() - over, 1e-3 * over)
+    c2, s2 = np.abs(own.moment[:, :2]).T / np.maximum(np.abs(own.moment[:, :2]).sum(axis=1), 1e-300)[:, None].T
+    rest = np.maximum(_along(stretch, c2, s2) - over, 1e-3 * over)
     cubic = stiffness * own.lever**2 * rest / np.maximum(rest + over, 1e-300)
     return push * own.lever, cubic, own
+
+
+def _rank(key: Keys) -> Slots:
+    """How many of the keys (N,) before each are the same."""
+    order = np.argsort(key, kind="stable")
+    _, start, count = np.unique(key[order], return_index=True, return_counts=True)
+    rank = np.empty(len(key), np.intp)
+    rank[order] = np.arange(len(key)) - np.repeat(start, count)
+    return rank
+
+
+def _matched(wanted: Keys, rank: Slots, springs: Keys) -> tuple[Slots, Flags]:
+    """Which of the springs (S,) is the one of this rank with each key (H,), and whether there is one: at an edge, and
+    over two hinges between the same vertices, there are several.
+    """
+    order = np.lexsort((_rank(springs), springs))
+    at = np.searchsorted(springs[order], wanted) + rank
+    inside = np.minimum(at, len(springs) - 1)
+    return order[inside], (at < len(springs)) & (springs[order][inside] == wanted)
+
+
+def _along(stretch: Array, c2: Array, s2: Array) -> Array:
+    """Stiffness (N,), N/m, of a pull in directions with these squares of components."""
+    one, two, bias = 1 / np.maximum(stretch[:3], 1e-6 * stretch.max() + 1e-300)
+    return 1 / np.maximum(c2 * c2 * one + s2 * s2 * two + c2 * s2 * (4 * bias - one - two), 1e-2 * min(one, two))
 
 
 def woven(
@@ -139,55 +161,52 @@ def woven(
     if not mesh.area > 0:
         raise InvalidInput("a fabric needs a mesh with an area")
     own = hinges.hinges_of(mesh)
-    edge, over = _membrane(mesh, own, np.array(stretch, float))
     fold = _folds(mesh, own, np.array(bend, float))
     if fixed is not None:
         fold = fold * np.where(fixed[own.vertices].sum(axis=1) - (own.edge < 0) * fixed[own.vertices[:, 2]]
                                == np.where(own.edge < 0, 2, 3), 2.0, 1.0)  # fmt: skip
+    kept = fold > 0
+    over, push, flat = own.vertices[kept, :2], (fold / own.lever)[kept], own.length[kept]
+    edge = _membrane(mesh, np.array(stretch, float), over, push / (EXCESS * flat))
     mass = density * hinges.vertex_areas(mesh)
     if not mass.all():
         raise InvalidInput(f"vertex {mass.argmin()} has no mass, being in no triangle that has an area; remove it")
-    return _springs(mesh, own, edge, over, fold, mass)
-
-
-def _springs(mesh: Material, own: Hinges, edge: Array, over: Array, fold: Array, mass: Array) -> Woven:
-    """Edges, and springs over hinges that push, in balance."""
-    key = keys(mesh.ends)
-    tension = np.zeros(len(key))  # force densities, N/m
-    for i, j in ((0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
-        density = -fold * own.weights[:, i] * own.weights[:, j]
-        use = np.flatnonzero(density)
-        at = np.searchsorted(key, keys(own.vertices[use][:, [i, j]]))
-        np.add.at(tension, at, density[use])
-    most = np.abs(tension / edge).max(initial=0.0)
-    share = min(1.0, PULL / most) if most > 0 else 1.0
-    push = share * fold / own.lever
-    stiffness = np.maximum(over, push / (EXCESS * own.length))
-    kept = stiffness > 0
-    stiffness, push = stiffness[kept], push[kept]
-    length = np.linalg.norm(mesh.positions[mesh.ends[:, 0]] - mesh.positions[mesh.ends[:, 1]], axis=1)
+    density_of = _held(mesh, own, fold)
+    edge = np.maximum(edge, np.abs(density_of) / PULL)
+    length = np.linalg.norm(positions[mesh.ends[:, 0]] - positions[mesh.ends[:, 1]], axis=1)
     return Woven(
-        np.concatenate([mesh.ends, np.sort(own.vertices[kept, :2], axis=1)]).astype(np.int32),
-        np.concatenate([edge, stiffness]),
-        np.concatenate([length * (1 - share * tension / edge), own.length[kept] + push / stiffness]),
-        mass, share,
+        np.concatenate([mesh.ends, np.sort(over, axis=1)]).astype(np.int32),
+        np.concatenate([edge, push / (EXCESS * flat)]),
+        np.concatenate([length * (1 - density_of / edge), flat * (1 + EXCESS)]),
+        mass,
     )  # fmt: skip
 
 
-def _membrane(mesh: Material, own: Hinges, stretch: Array) -> tuple[Array, Array]:
-    """Stiffnesses of the edges and of springs over the diagonals of a grid, N/m, whose pulls come near those wanted."""
-    crossing = (own.edge >= 0) & mesh.diagonal[own.edge]
-    ends = np.concatenate([mesh.ends, own.vertices[:, :2]])
+def _held(mesh: Material, own: Hinges, fold: Array) -> Array:
+    """Force densities (E,), N/m, of the edges that hold hinges with these stiffnesses (H,), N m, in the plane."""
+    key = keys(mesh.ends)
+    found = np.zeros(len(key))
+    for i, j in ((0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
+        density = -fold * own.weights[:, i] * own.weights[:, j]
+        use = np.flatnonzero(density)
+        np.add.at(found, np.searchsorted(key, keys(own.vertices[use][:, [i, j]])), density[use])
+    return found
+
+
+def _membrane(mesh: Material, stretch: Array, over: Indices, stiffness: Array) -> Array:
+    """Stiffnesses of the edges, N/m, that pull as wanted (3,), N/m, together with springs `over` hinges (N, 2), N/m."""
+    ends = np.concatenate([mesh.ends, over])
     asked, best, least = stretch.copy(), None, np.inf
     for _ in range(ROUNDS):
-        edge, over = membrane.springs_for(mesh, membrane.wanted(asked), own, crossing)
-        ratio = _stretch(mesh, ends, np.concatenate([edge, over]))[:3] / stretch
+        edge = membrane.springs_for(mesh, membrane.wanted(asked))
+        ratio = _stretch(mesh, ends, np.concatenate([edge, stiffness]))[:3] / stretch
         wrong = np.abs(np.log(np.maximum(ratio, 1e-3)))
         if (error := wrong[:2].sum() + 0.1 * wrong[2]) < least:
-            best, least = (edge, over), error
+            best, least = edge, error
         if error < CLOSE:
             break
         asked = asked / np.clip(ratio, 0.5, 2.0)
+        asked[2] = min(asked[2], 1.5 * asked[:2].max())
     assert best is not None
     return best
 

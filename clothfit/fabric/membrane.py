@@ -22,15 +22,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Indices
 from clothfit.fabric.balance import shares
-from clothfit.fabric.hinges import Hinges, Material, edge_squares, vertex_areas, vertex_normals
+from clothfit.fabric.hinges import Material, edge_squares, vertex_areas, vertex_normals
 
-PULLS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 0.5]])
-"""d ⊗ d of warp, weft and bias, as components (11, 22, 12)."""
+PULLS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 0.5], [0.5, 0.5, -0.5]])
+"""d ⊗ d of warp, weft and the bias to both sides, as components (11, 22, 12)."""
 
 TWICE = np.array([1.0, 1.0, 2.0])
 """How often a component of a symmetric tensor counts in a double product."""
+
+SKEW = 0.1
+"""Weight of what ties pulling to shearing, which no grid with parallel diagonals is without."""
 
 BALANCE = 0.3
 """Weight of the balance of forces, against that of the stiffness around each vertex."""
@@ -63,7 +66,9 @@ def of_springs(mesh: Material, ends: Indices, stiffness: Array) -> Array:
 
 
 def pulls(stiffness: Array) -> Array:
-    """Stiffness along warp, weft and bias (3,), N/m, in a pull test whose sides are free; 0 where nothing resists."""
+    """Stiffness along warp, weft and bias (3,), N/m, in a pull test whose sides are free; 0 where nothing resists. Of
+    the two bias directions, which differ where all diagonals of a grid are parallel, it is the geometric mean.
+    """
     full = stiffness * np.outer(TWICE, TWICE)  # of the strains 11, 22 and 12, the last once
     scale = np.abs(full).max()
     if not scale > 0:
@@ -73,7 +78,13 @@ def pulls(stiffness: Array) -> Array:
     soft = values < 1e-9  # a mode that nothing resists
     gives = (np.abs(load) > 1e-6) & soft
     compliance = ((load**2)[:, ~soft] / values[~soft]).sum(axis=1)
-    return np.where(gives.any(axis=1) | (compliance == 0), 0.0, scale / np.where(compliance > 0, compliance, 1.0))
+    made = np.where(gives.any(axis=1) | (compliance == 0), 0.0, scale / np.where(compliance > 0, compliance, 1.0))
+    return both_ways(made)
+
+
+def both_ways(four: Array) -> Array:
+    """Warp, weft and bias (3,) of stiffnesses along warp, weft and both bias directions (4,)."""
+    return np.array([four[0], four[1], np.sqrt(four[2] * four[3])])
 
 
 def wanted(stretch: Array) -> Array:
@@ -89,7 +100,7 @@ def wanted(stretch: Array) -> Array:
         c = np.sqrt(t * a * b)
         return np.array([[a, c, 0.0], [c, b, 0.0], [0.0, 0.0, c]])
 
-    low, high = 1e-12, 0.64
+    low, high = 1e-12, 0.3
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if pulls(made(middle))[2] < bias else (low, middle)
@@ -128,12 +139,13 @@ def measured(mesh: Material, ends: Indices, stiffness: Array) -> Array:
     rise = coo_array((values.reshape(-1), (rows, columns.reshape(-1))), shape=(len(ends), 2 * count)).tocsr()
     matrix = rise.T @ diags_array(stiffness) @ rise + diags_array(np.full(2 * count, GROUND * stiffness.max()))
     factor = splu(matrix.tocsc())
-    found = np.zeros(4)
+    found = np.zeros(5)
     for i, stress in enumerate((*PULLS, np.array([0.0, 0.0, 1.0]))):
         load = np.einsum("nkj,nj->nk", frames, _stress_forces(mesh, stress)).reshape(-1)
         given = float(load @ factor.solve(load))
         found[i] = mesh.area / given if given > 0 else 0.0
-    return np.where(found > RESISTS * found.max(), found, 0.0)
+    found = np.where(found > RESISTS * found.max(), found, 0.0)
+    return np.append(both_ways(found[:4]), found[4])
 
 
 def _frames(mesh: Material) -> Array:
@@ -144,17 +156,12 @@ def _frames(mesh: Material) -> Array:
     return np.stack([first, np.cross(normal, first)], axis=1)
 
 
-def springs_for(mesh: Material, stiffness: Array, hinges: Hinges, crossing: Flags) -> tuple[Array, Array]:
-    """Stiffnesses, N/m, of the edges (E,), and of the springs over hinges (H,), 0 where those are not `crossing`."""
+def springs_for(mesh: Material, stiffness: Array) -> Array:
+    """Stiffnesses (E,), N/m, of the edges."""
     from scipy.sparse import coo_array
 
-    squares = edge_squares(mesh)
+    squares, ends = edge_squares(mesh), mesh.ends
     rule = plain_rule(mesh, stiffness, squares)
-    chosen = np.flatnonzero(crossing)
-    ends = np.concatenate([mesh.ends, hinges.vertices[chosen, :2]])
-    others = _chord_squares(mesh, hinges, chosen)
-    squares = np.concatenate([squares, others])
-    rule = np.concatenate([rule, rule[hinges.edge[chosen]]])
     rule = np.maximum(rule, 1e-6 * rule.max())
     e = mesh.positions[ends[:, 1]] - mesh.positions[ends[:, 0]]
     count, springs = len(mesh.positions), len(ends)
@@ -165,11 +172,12 @@ def springs_for(mesh: Material, stiffness: Array, hinges: Hinges, crossing: Flag
     rows, columns, values, right = [], [], [], []
     spring = np.arange(springs)
     for row, (i, j) in enumerate(((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))):
+        weight = SKEW if 2 in (i, j) else 1.0
         for end in (0, 1):
             rows.append(ends[:, end] + count * row)
             columns.append(spring)
-            values.append(half[:, i] * half[:, j] * energy / own[ends[:, end]])
-        right.append(np.full(count, stiffness[i, j] / scale))
+            values.append(weight * half[:, i] * half[:, j] * energy / own[ends[:, end]])
+        right.append(np.full(count, weight * stiffness[i, j] / scale))
     for way in range(3):  # a unit strain 11, 22, and 12 with 21
         pull = (rule * squares[:, way])[:, None] * e
         for axis in range(3):
@@ -183,22 +191,7 @@ def springs_for(mesh: Material, stiffness: Array, hinges: Hinges, crossing: Flag
                        shape=(14 * count, springs)).tocsr()  # fmt: skip
     target = np.concatenate(right)
     x = shares(matrix, target)
-    strength = rule * x
-    over = np.zeros(len(hinges.edge))
-    over[chosen] = strength[len(mesh.ends) :]
-    return strength[: len(mesh.ends)], over
-
-
-def _chord_squares(mesh: Material, hinges: Hinges, chosen: Array) -> Array:
-    """c², s² and 2 c s (N, 3) of the springs over some hinges."""
-    own = hinges.vertices[chosen]
-    e = mesh.positions[own[:, 1]] - mesh.positions[own[:, 0]]
-    made = np.zeros((len(chosen), 3))
-    for k in (0, 1):
-        t = hinges.triangle[chosen, k]
-        c, s = (e * mesh.warp[t]).sum(axis=1), (e * mesh.weft[t]).sum(axis=1)
-        made += np.stack([c * c, s * s, 2 * c * s], axis=1) / np.maximum(c * c + s * s, 1e-300)[:, None] / 2
-    return made
+    return rule * x
 
 
 def _stress_forces(mesh: Material, stress: Array) -> Array:
