@@ -50,6 +50,7 @@ FEWEST = 3
 
 SUMMARIES = {
     "new": "make a scene of a plane or a mesh",
+    "fabrics": "list real fabrics, with what is known of them",
     "info": "print what a file holds: a scene, a motion, a mesh",
     "validate": "check scenes without simulating",
     "simulate": "simulate the cloths of a scene and write their motion",

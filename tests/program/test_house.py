@@ -13,7 +13,7 @@ from clothfit.cli.program import COMMANDS
 PACKAGE = ROOT / "clothfit"
 
 FOLDERS = [
-    "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise",
+    "base", "kernels", "scene", "formats", "fabric", "meshes", "engine", "motion", "derivative", "objective", "optimise",
     "registration", "strategy", "fit", "control", "evaluation", "many", "subspace", "pictures", "report",
     "export", "simulators", "live", "cli",
 ]  # fmt: skip
