@@ -73,10 +73,11 @@ class Asked:
     rotate: str | None = given("--rotate X,Y,Z", "Rotate by these degrees about z, x, y in turn, as in Unity.",
         title="Where it is")
     move: str | None = given("--move X,Y,Z", "Then move by these distances in m.")
-    fabric: str | None = given("--fabric NAME", "Real fabric, as clothfit fabrics lists them: its weight, and where they "
-        "are known its stretch and bending, instead of the options below.", title="What it is made of")
+    fabric: str | None = given("--fabric NAME", "Real fabric, of those that clothfit fabrics lists: its weight, and "
+        "where they are known stretch and bending, for the options below.", title="What it is made of")
     density: float = given("--density D", "Mass per area in kg/m².  [default: 0.2]", float, default=DENSITY)
-    stiffness: float = given("--stiffness E", "Stiffness of the springs in N/m.  [default: 50]", float, default=STIFFNESS)
+    stiffness: float = given("--stiffness E", "Stiffness of the springs in N/m.  [default: 50]", float,
+        default=STIFFNESS)
     bending: float | None = given("--bending SHARE", "Stiffness of bending springs, as a share of --stiffness.  "
         "[default: 0.25]", float)
     no_bending: bool = given("--no-bending", "Make springs along edges only.")
@@ -391,14 +392,15 @@ def describe_fabric(scene: Scene, own: Preset, console: Console) -> None:
     """Say what of a real fabric the scene has, and whether its steps are short enough for it."""
     from clothfit.fabric.fabric import longest_step
 
-    known = [name for name in ("stretch", "bending") if own.full(name)]
     missing = [name for name in ("density", "stretch", "bending") if name not in own.source]
-    console.say(f"{own.name}: {own.description}" + (f"; nothing is known of its {' and '.join(missing)}" if missing else ""))
+    unknown = f"; nothing is known of its {' and '.join(missing)}" if missing else ""
+    console.say(f"{own.name}: {own.description}{unknown}")
     bend = own.full("bending")
-    if known and bend and scene.delta > (limit := min(longest_step(cloth, bend) for cloth in scene.cloths)):
-        if INTEGRATORS[scene.method] == "bdf2":
-            console.warn(f"the time step of {scene.delta:.3g} s is long for so stiff a bend on so fine a mesh: steps of "
-                         f"{limit:.2g} s (--delta), or --integrator implicit, do not shake it", of=scene.name)  # fmt: skip
+    if bend is None or INTEGRATORS[scene.method] != "bdf2":
+        return
+    if scene.delta > (limit := min(longest_step(cloth, bend) for cloth in scene.cloths)):
+        console.warn(f"the time step of {scene.delta:.3g} s may shake so stiff a bend on so fine a mesh; steps of "
+                     f"{limit:.2g} s (--delta) or --integrator implicit do not", of=scene.name)  # fmt: skip
 
 
 def divided(own: SceneCloth) -> Divisions:

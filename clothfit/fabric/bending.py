@@ -1,16 +1,16 @@
 """Bending stiffness of a cloth of springs, and springs for a given one.
 
-A bending spring joins the vertices p and q opposite an edge. Its length l, when the hinge is folded by θ, is shorter by
-½ g θ² with the lever g = h₁ h₂ / l: only in second order. At its rest length, as the editor makes it, it therefore does
-not resist a small fold at all: its energy is ⅛ k g² θ⁴. One that is longer at rest than the flat hinge lets it be pushes
-with t = k (L₀ − l); the edges of the hinge hold it in the plane, and its energy in a fold is
+A bending spring joins the vertices p and q opposite an edge. Its length l, when the hinge is folded by θ, is shorter
+by ½ g θ² with the lever g = h₁ h₂ / l: only in second order. At its rest length, as the editor makes it, it therefore
+does not resist a small fold at all: its energy is ⅛ k g² θ⁴. One that is longer at rest than the flat hinge lets it be
+pushes with t = k (L₀ − l); the edges of the hinge hold it in the plane, and its energy in a fold is
 
     ½ c θ² + ⅛ k g² θ⁴,   c = t g.
 
-That is a linear bending stiffness, as of an elastic plate. The forces between the four vertices are exactly those of the
-energy ½ c (Σ λᵢ zᵢ)², force densities −c λᵢ λⱼ: the quadratic bending energy of M. Bergou et al., A quadratic bending
-model for inextensible surfaces, SGP 2006, made of springs. With θ = κ : M of a curvature κ (`hinges`) the energy per
-area of a cloth bent to a cylinder of curvature κ is w(κ), from which
+That is a linear bending stiffness, as of an elastic plate. The forces between the four vertices are exactly those of
+the energy ½ c (Σ λᵢ zᵢ)², force densities −c λᵢ λⱼ: the quadratic bending energy of M. Bergou et al., A quadratic
+bending model for inextensible surfaces, SGP 2006, made of springs. With θ = κ : M of a curvature κ (`hinges`) the
+energy per area of a cloth bent to a cylinder of curvature κ is w(κ), from which
 
     B(κ) = 2 w / κ²
 
@@ -32,7 +32,7 @@ CURVATURE = 10.0
 """1/m, at which the secant bending stiffness is given: a bend with a radius of 10 cm."""
 
 EXCESS = 1.0
-"""How much longer than the flat hinge a bending spring is at rest, as a share: the longer, the less its push changes."""
+"""How much longer than the flat hinge a bending spring is at rest, as a share: the more, the less its push changes."""
 
 BALANCE = 0.3
 """Weight of the balance of forces, against that of the stiffness around each vertex."""
@@ -151,4 +151,4 @@ def folds_for(mesh: Material, hinges: Hinges, plate: Array) -> Array:
     matrix = coo_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
                        shape=(9 * count, number)).tocsr()  # fmt: skip
     target = np.concatenate(right)
-    return rule * shares(matrix, target)
+    return np.asarray(rule * shares(matrix, target))

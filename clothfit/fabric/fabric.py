@@ -3,7 +3,8 @@
     density      masses over areas, kg/m²
     stretch      force per width over strain in a pull test, along warp, weft and bias, N/m (`membrane`)
     shear        stiffness against a change of the angle between warp and weft, N/m
-    bending      secant bending stiffness at CURVATURE, along warp, weft and bias, N m (`bending`)
+    bending      secant bending stiffness along warp, weft and bias, N m (`bending`), at CURVATURE or, where the mesh is
+                 too coarse for that, at the curvature that folds a hinge by about a radian
     bending at rest   the same for small bends: 0 where the bending springs are at rest in a flat cloth
 
 n vertices, S springs.
@@ -23,13 +24,16 @@ from clothfit.fabric import bending, hinges, membrane
 from clothfit.fabric.bending import CURVATURE, EXCESS
 from clothfit.fabric.hinges import Hinges, Material
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.directions import Keys, Slots, keys
+from clothfit.scene.directions import Keys, Slots, edges_of, keys
 
 ROUNDS = 10
 """Most corrections of what is asked of the springs by what they do on an irregular mesh."""
 
 CLOSE = 2e-3
 """Relative difference from what is wanted at which these end."""
+
+WEIGHTS = np.array([1.0, 1.0, 0.1])
+"""Of warp, weft and bias, where a mesh cannot have all."""
 
 PULL = 0.5
 """Most that edges may be strained to hold bending springs; those that are too soft for it are made stiffer."""
@@ -51,6 +55,11 @@ class Fabric:
     bending_at_rest: Three  # N m
     curvature: float  # 1/m
 
+    @property
+    def bends(self) -> bool:
+        """Whether its bending says something of the cloth, and not of how coarse its mesh is."""
+        return self.curvature == CURVATURE or min(self.bending_at_rest) > 0
+
 
 class Woven(NamedTuple):
     """Springs and masses of a fabric on a mesh."""
@@ -70,10 +79,11 @@ def fabric_of(cloth: Cloth) -> Fabric | None:
     stretch = _stretch(mesh, cloth.springs, cloth.stiffness)
     linear, cubic, own = _hinges(mesh, cloth, stretch)
     share = bending.relaxed(mesh, own, linear) if len(mesh.positions) <= LARGEST else np.ones(3)
+    curvature = min(CURVATURE, 1.0 / float(np.median(own.length))) if len(own.length) else CURVATURE
     rest, secant = (share * bending.secant(mesh, own, linear, 0 * linear, 1.0),
-                    share * bending.secant(mesh, own, linear, cubic, CURVATURE))  # fmt: skip
+                    share * bending.secant(mesh, own, linear, cubic, curvature))  # fmt: skip
     return Fabric(float(cloth.mass.sum()) / mesh.area, _three(stretch[:3]), float(stretch[3]), _three(secant),
-                  _three(rest), CURVATURE)  # fmt: skip
+                  _three(rest), curvature)  # fmt: skip
 
 
 def _three(values: Array) -> Three:
@@ -88,7 +98,7 @@ def _material(cloth: Cloth) -> Material | None:
     given = cloth.layout
     along = across = None
     if given.warp is None and given.family is not None:
-        edges = hinges.directions.edges_of(cloth.triangles).ends
+        edges = edges_of(cloth.triangles).ends
         along, across = hinges.named_edges(edges, cloth.springs, given.names, given.family)
         if not (along.any() and across.any()):
             along = across = None
@@ -144,7 +154,8 @@ def _matched(wanted: Keys, rank: Slots, springs: Keys) -> tuple[Slots, Flags]:
 def _along(stretch: Array, c2: Array, s2: Array) -> Array:
     """Stiffness (N,), N/m, of a pull in directions with these squares of components."""
     one, two, bias = 1 / np.maximum(stretch[:3], 1e-6 * stretch.max() + 1e-300)
-    return 1 / np.maximum(c2 * c2 * one + s2 * s2 * two + c2 * s2 * (4 * bias - one - two), 1e-2 * min(one, two))
+    compliance = c2 * c2 * one + s2 * s2 * two + c2 * s2 * (4 * bias - one - two)
+    return np.asarray(1 / np.maximum(compliance, 1e-2 * min(one, two)))
 
 
 def woven(
@@ -153,20 +164,20 @@ def woven(
 ) -> Woven:  # fmt: skip
     """The springs and masses of a fabric on a mesh that is flat at rest wherever it can be unfolded.
 
-    `density` in kg/m², `stretch` in N/m and `bend` in N m along warp, weft and bias. Triangles all of whose vertices are
-    `fixed` (n,) cannot bend: a hinge at them has twice the stiffness, as its other half has. Raises InvalidInput where
-    a value is not above 0 (of bending, not at least 0), or the mesh has no area.
+    `density` in kg/m², `stretch` in N/m and `bend` in N m along warp, weft and bias. A triangle all of whose vertices
+    are `fixed` (n,) cannot bend, and a hinge at it has twice the stiffness, as only its other half bends. Raises
+    InvalidInput where a value is not above 0 (of bending, not at least 0), or the mesh has no area.
     """
     if not (density > 0 and min(stretch) > 0 and min(bend) >= 0 and np.isfinite([density, *stretch, *bend]).all()):
-        raise InvalidInput("a fabric needs a density and stretch stiffnesses above 0, and bending stiffnesses of 0 or more")
+        raise InvalidInput("a fabric needs a density and stretch above 0, and bending of 0 or more")
     mesh = hinges.material(positions, triangles, warp)
     if not mesh.area > 0:
         raise InvalidInput("a fabric needs a mesh with an area")
     own = hinges.hinges_of(mesh)
     fold = _folds(mesh, own, np.array(bend, float))
     if fixed is not None:
-        fold = fold * np.where(fixed[own.vertices].sum(axis=1) - (own.edge < 0) * fixed[own.vertices[:, 2]]
-                               == np.where(own.edge < 0, 2, 3), 2.0, 1.0)  # fmt: skip
+        held = fixed[own.vertices]
+        fold = fold * np.where(held[:, 2:].all(axis=1) & (held[:, 0] != held[:, 1]), 2.0, 1.0)
     kept = fold > 0
     over, push, flat = own.vertices[kept, :2], (fold / own.lever)[kept], own.length[kept]
     edge = _membrane(mesh, np.array(stretch, float), over, push / (EXCESS * flat))
@@ -185,8 +196,8 @@ def woven(
 
 
 def longest_step(cloth: Cloth, bend: Three) -> float:
-    """The time step, s, up to which the step of second order follows a cloth whose bending springs push: √(5 m / B) times
-    the median length of its springs, with m the mean mass of a vertex. Longer ones shake it; what they leave out, Euler's damps.
+    """The time step, s, up to which the step of second order follows a cloth whose bending springs push (longer ones
+    shake it): √(5 m / B) times the median length of its springs, with m the mean mass of a vertex.
     """
     most = max(bend)
     return float(np.median(cloth.lengths) * np.sqrt(5 * cloth.mass.mean() / most)) if most > 0 else np.inf
@@ -211,7 +222,7 @@ def _membrane(mesh: Material, stretch: Array, over: Indices, stiffness: Array) -
         edge = membrane.springs_for(mesh, membrane.wanted(asked))
         ratio = _stretch(mesh, ends, np.concatenate([edge, stiffness]))[:3] / stretch
         wrong = np.abs(np.log(np.maximum(ratio, 1e-3)))
-        if (error := wrong[:2].sum() + 0.1 * wrong[2]) < least:
+        if (error := float(wrong @ WEIGHTS)) < least:
             best, least = edge, error
         if error < CLOSE:
             break
@@ -231,7 +242,7 @@ def _folds(mesh: Material, own: Hinges, bend: Array) -> Array:
         fold = bending.folds_for(mesh, own, bending.wanted(asked))
         share = bending.relaxed(mesh, own, fold) if len(mesh.positions) <= LARGEST else np.ones(3)
         ratio = share * bending.secant(mesh, own, fold, 0 * fold, 1.0) / bend
-        if (error := np.abs(np.log(np.maximum(ratio, 1e-3))) @ (1.0, 1.0, 0.1)) < least:
+        if (error := float(np.abs(np.log(np.maximum(ratio, 1e-3))) @ WEIGHTS)) < least:
             best, least = fold, error
         if error < CLOSE:
             break

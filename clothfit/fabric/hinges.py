@@ -1,16 +1,18 @@
-"""The triangle mesh as a material: the directions of the cloth, its edges and hinges under uniform strain and curvature.
+"""The mesh of a cloth: directions in its triangles, its edges under uniform strain, its hinges under uniform curvature.
 
-A hinge is two triangles (p, a, b) and (q, b, a) at their common edge, unfolded into a plane. The heights of p and q over
-the edge are h₁ and h₂, the spring between them has the length l. Four points of a plane have one affine dependency,
-Σλᵢ = 0 and Σλᵢ xᵢ = 0; scaled so that λ_p = 1/h₁ and λ_q = 1/h₂ it gives the fold angle for small deflections,
+A hinge is two triangles (p, a, b) and (q, b, a) at their common edge, unfolded into a plane. The heights of p and q
+over the edge are h₁ and h₂, the spring between them has the length l. Four points of a plane have one affine
+dependency, Σλᵢ = 0 and Σλᵢ xᵢ = 0; scaled so that λ_p = 1/h₁ and λ_q = 1/h₂ it gives the fold angle for small
+deflections,
 
     θ = Σ λᵢ zᵢ = κ : M,   M = ½ Σ λᵢ xᵢ ⊗ xᵢ   for z = ½ xᵀ κ x.
 
-In a row of a grid three vertices p, m, q in a line make a hinge as well, with λ_p = 1/α and λ_q = 1/β for the lengths α and
-β of its two edges; there it takes the place of those over the edges across the row, which would tie bending to twisting.
+In a row of a grid three vertices p, m, q in a line make a hinge as well, with λ_p = 1/α and λ_q = 1/β for the lengths
+α and β of its two edges; there it takes the place of those over the edges across the row, which would tie bending to
+twisting.
 
-Components of strain and curvature are (11, 22, 12), 1 along the warp and 2 along the weft; c and s are the components of
-a direction. n vertices, T triangles, S springs, H hinges.
+Components of strain and curvature are (11, 22, 12), 1 along the warp and 2 along the weft; c and s are the components
+of a direction. n vertices, T triangles, S springs, H hinges.
 """
 
 from __future__ import annotations
@@ -67,8 +69,8 @@ class Hinges(NamedTuple):
 
 def material(positions: Array, triangles: Indices, warp: Array | None = None, along: Flags | None = None,
              across: Flags | None = None) -> Material:  # fmt: skip
-    """The mesh with its directions: along `warp`, (3,) or (T, 3), where that lies in a triangle; else those of its grid,
-    or of the edges (E,) that are `along` and `across` the cloth; else x, or z where x leaves the triangle.
+    """The mesh with its directions: `warp`, (3,) or (T, 3), where that lies in a triangle; else those of its grid, or
+    of the edges (E,) that are `along` and `across` the cloth; else x, or z where x leaves the triangle.
     """
     at = positions[triangles]
     double = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
@@ -118,13 +120,23 @@ def hinges_of(mesh: Material) -> Hinges:
     """
     rows, crossed = _rows(mesh)
     over = folds(mesh)
-    over = Hinges(*(each[~crossed[over.edge]] for each in over))
-    return Hinges(*(np.concatenate(pair) for pair in zip(over, rows, strict=True)))
+    return joined(chosen(over, ~crossed[over.edge]), rows)
 
 
 def all_hinges(mesh: Material) -> Hinges:
     """The hinges at all edges with two triangles, and those of the rows of a grid."""
-    return Hinges(*(np.concatenate(pair) for pair in zip(folds(mesh), _rows(mesh)[0], strict=True)))
+    return joined(folds(mesh), _rows(mesh)[0])
+
+
+def chosen(own: Hinges, which: Flags) -> Hinges:
+    """Some of the hinges (H,)."""
+    return Hinges(own.vertices[which], own.triangle[which], own.edge[which], own.weights[which], own.moment[which],
+                  own.length[which], own.lever[which], own.rule[which])  # fmt: skip
+
+
+def joined(first: Hinges, second: Hinges) -> Hinges:
+    """The hinges of both."""
+    return Hinges(*(np.concatenate([a, b]) for a, b in zip(first, second, strict=True)))
 
 
 def folds(mesh: Material) -> Hinges:
@@ -139,7 +151,8 @@ def folds(mesh: Material) -> Hinges:
     along = b - a
     length = np.linalg.norm(along, axis=1)
     along = along / length[:, None]
-    feet, heights, c, s = [], [], [], []
+    feet, heights = [], []
+    c, s = list[Array](), list[Array]()
     for k in (0, 1):
         rise = mesh.positions[corners[:, k]] - a
         foot = (rise * along).sum(axis=1)
@@ -172,50 +185,49 @@ def folds(mesh: Material) -> Hinges:
 
 def _rows(mesh: Material) -> tuple[Hinges, Flags]:
     """The hinges of the rows of a grid, and which edges (E,) lie across rows at both their ends."""
-    count = len(mesh.positions)
-    normal = vertex_normals(mesh)
-    at = np.zeros((2, count), bool)  # vertices that a row along, across the cloth goes through
-    found = []
-    for way, chosen in enumerate((mesh.along, mesh.across)):
-        ends = mesh.ends[chosen]
-        edge = np.flatnonzero(chosen)
-        middle, other = np.concatenate([ends, ends[:, ::-1]]).T
-        order = np.argsort(middle, kind="stable")
-        number = np.bincount(middle, minlength=count)
-        m = np.flatnonzero(number == 2)
-        first = (np.cumsum(number) - number)[m]
-        pick = np.stack([order[first], order[first + 1]], axis=1)
-        p, q = other[pick].T
-        arms = [mesh.positions[each] - mesh.positions[m] for each in (p, q)]
-        length = [np.linalg.norm(arm, axis=1) for arm in arms]
-        flat = [arm - (arm * normal[m]).sum(axis=1)[:, None] * normal[m] for arm in arms]
-        bent = np.linalg.norm(np.cross(*flat), axis=1) > STRAIGHT * np.prod([np.linalg.norm(f, axis=1) for f in flat], 0)
-        good = ~bent & ((flat[0] * flat[1]).sum(axis=1) < 0)
-        at[way, m[good]] = True
-        found.append((p[good], q[good], m[good], *(each[good] for each in length), edge[pick[good, 0] % len(edge)],
-                      np.full(good.sum(), way)))  # fmt: skip
-    p, q, m, alpha, beta, edge, way = (np.concatenate(each) for each in zip(*found, strict=True))
-    crossed = (mesh.across & at[0][mesh.ends].all(axis=1)) | (mesh.along & at[1][mesh.ends].all(axis=1))
-    used = np.isin(np.arange(len(p)), np.flatnonzero(_crossing(mesh, crossed, way, m)))
-    triangle = np.zeros((len(p), 2), np.intp)
+    through = np.zeros((2, len(mesh.positions)), bool)  # vertices that a row along, across the cloth goes through
+    rows = [_row(mesh, mesh.along), _row(mesh, mesh.across)]
+    for way, (vertices, _) in enumerate(rows):
+        through[way, vertices[:, 2]] = True
+    crossed = (mesh.across & through[0][mesh.ends].all(axis=1)) | (mesh.along & through[1][mesh.ends].all(axis=1))
     owner = np.zeros(len(mesh.ends), np.intp)
     owner[mesh.of.reshape(-1)] = np.repeat(np.arange(len(mesh.triangles)), 3)
-    triangle[:] = owner[edge][:, None]
-    length = alpha + beta
-    weights = np.stack([1 / alpha, 1 / beta, -1 / alpha - 1 / beta, np.zeros(len(p))], axis=1)
-    square = np.stack([way == 0, way == 1, np.zeros(len(p))], axis=1).astype(float)
-    own = vertex_areas(mesh)[m]
-    made = Hinges(np.stack([p, q, m, m], axis=1).astype(np.int32), triangle, np.full(len(p), -1), weights,
-                  square * (length / 2)[:, None], length, alpha * beta / length, 4 * own / length**2)  # fmt: skip
-    return Hinges(*(each[used] for each in made)), crossed
+    made = []
+    for way, (vertices, edge) in enumerate(rows):
+        replaces = np.zeros(len(mesh.positions), bool)
+        replaces[mesh.ends[crossed & (mesh.along if way else mesh.across)]] = True
+        used = replaces[vertices[:, 2]]
+        vertices, triangle = vertices[used], owner[edge[used]]
+        at = mesh.positions[vertices]
+        alpha, beta = (np.linalg.norm(at[:, k] - at[:, 2], axis=1) for k in (0, 1))
+        length, none = alpha + beta, np.zeros(len(vertices))
+        moment = np.zeros((len(vertices), 3))
+        moment[:, way] = length / 2
+        made.append(Hinges(
+            vertices, np.stack([triangle, triangle], axis=1), np.full(len(vertices), -1),
+            np.stack([1 / alpha, 1 / beta, -1 / alpha - 1 / beta, none], axis=1), moment, length,
+            alpha * beta / length, 4 * vertex_areas(mesh)[vertices[:, 2]] / length**2,
+        ))  # fmt: skip
+    return joined(*made), crossed
 
 
-def _crossing(mesh: Material, crossed: Flags, way: Slots, m: Slots) -> Flags:
-    """Which rows have an edge across them at their middle whose own hinge they replace, or lie along the border."""
-    across = np.zeros((2, len(mesh.positions)), bool)
-    for k, own in enumerate((mesh.across, mesh.along)):
-        across[k, mesh.ends[crossed & own]] = True
-    return np.asarray(across[way, m])
+def _row(mesh: Material, which: Flags) -> tuple[Indices, Slots]:
+    """Vertices p, q, m, m (R, 4) of each two of these edges that go straight through a vertex m, and an edge (R,)."""
+    ends, edge = mesh.ends[which], np.flatnonzero(which)
+    middle, other = np.concatenate([ends, ends[:, ::-1]]).T
+    order = np.argsort(middle, kind="stable")
+    number = np.bincount(middle, minlength=len(mesh.positions))
+    m = np.flatnonzero(number == 2)
+    first = (np.cumsum(number) - number)[m]
+    pick = np.stack([order[first], order[first + 1]], axis=1)
+    arms = mesh.positions[other[pick]] - mesh.positions[m][:, None]
+    normal = vertex_normals(mesh)[m][:, None]
+    flat = arms - (arms * normal).sum(axis=2, keepdims=True) * normal
+    sizes = np.linalg.norm(flat, axis=2).prod(axis=1)
+    straight = np.linalg.norm(np.cross(flat[:, 0], flat[:, 1]), axis=1) <= STRAIGHT * sizes
+    straight &= (flat[:, 0] * flat[:, 1]).sum(axis=1) < 0
+    found = np.stack([*other[pick].T, m, m], axis=1)[straight].astype(np.int32)
+    return found, np.concatenate([edge, edge])[pick[straight, 0]]
 
 
 def vertex_normals(mesh: Material) -> Array:
@@ -228,7 +240,7 @@ def vertex_normals(mesh: Material) -> Array:
 
 def vertex_areas(mesh: Material) -> Array:
     """The area (n,), m², of each vertex: a third of its triangles."""
-    return np.bincount(mesh.triangles.reshape(-1), np.repeat(mesh.areas / 3, 3), len(mesh.positions))
+    return np.asarray(np.bincount(mesh.triangles.reshape(-1), np.repeat(mesh.areas / 3, 3), len(mesh.positions)), float)
 
 
 def _mean(first: Array, second: Array) -> Array:

@@ -5,9 +5,10 @@ over the area A give the areal stiffness
 
     C = (1/A) Σ k L² d ⊗ d ⊗ d ⊗ d,   N/m,
 
-the same in every order of its indices: a cloth of springs has C₁₁₂₂ = C₁₂₁₂, so that three numbers a = C₁₁₁₁, b = C₂₂₂₂,
-c = C₁₁₂₂ describe one with two axes of symmetry. What a pull test measures is the inverse, 1/(d d : C⁻¹ : d d): along the
-warp, along the weft, and at 45° (bias).
+the same in every order of its indices: a cloth of springs has C₁₁₂₂ = C₁₂₁₂, so that three numbers a = C₁₁₁₁,
+b = C₂₂₂₂, c = C₁₁₂₂ describe one with two axes of symmetry. What a pull test measures is the inverse,
+1/(d d : C⁻¹ : d d): along the warp, along the weft, and at 45° (bias). On an irregular mesh the vertices do not follow
+a uniform strain, and C is too stiff: there the mesh is loaded, and what gives way is counted (`measured`).
 
 The other way round, the stiffnesses of the springs are those for which uniform strains of the mesh are in equilibrium
 under a uniform stress: at each vertex v the forces of the springs are those of linear triangles,
@@ -108,9 +109,8 @@ def wanted(stretch: Array) -> Array:
 
 
 def plain_rule(mesh: Material, stiffness: Array, squares: Array) -> Array:
-    """Stiffnesses (E,), N/m, of the edges by their directions: k = (d d : C : d d) ΣA / L² · ½, as in a lattice."""
-    strain = squares / TWICE * TWICE
-    along = np.einsum("ei,ij,ej->e", strain, stiffness, strain)
+    """Stiffnesses (E,), N/m, of the edges by their directions: k = (d d : C : d d) ΣA / L², with the areas at each."""
+    along = np.einsum("ei,ij,ej->e", squares, stiffness, squares)
     area = np.bincount(mesh.of.reshape(-1), np.repeat(mesh.areas, 3), len(mesh.ends))
     e = mesh.positions[mesh.ends[:, 1]] - mesh.positions[mesh.ends[:, 0]]
     return np.asarray(along * area / np.maximum((e * e).sum(axis=1), 1e-300))
@@ -191,7 +191,7 @@ def springs_for(mesh: Material, stiffness: Array) -> Array:
                        shape=(14 * count, springs)).tocsr()  # fmt: skip
     target = np.concatenate(right)
     x = shares(matrix, target)
-    return rule * x
+    return np.asarray(rule * x)
 
 
 def _stress_forces(mesh: Material, stress: Array) -> Array:
@@ -203,6 +203,7 @@ def _stress_forces(mesh: Material, stress: Array) -> Array:
         side = at[:, (corner + 2) % 3] - at[:, (corner + 1) % 3]
         gradient = np.cross(normal, side) / 2  # area times the gradient of the vertex's shape function
         c, s = (gradient * mesh.warp).sum(axis=1), (gradient * mesh.weft).sum(axis=1)
-        force = (stress[0] * c + stress[2] * s)[:, None] * mesh.warp + (stress[2] * c + stress[1] * s)[:, None] * mesh.weft
+        first, second = stress[0] * c + stress[2] * s, stress[2] * c + stress[1] * s
+        force = first[:, None] * mesh.warp + second[:, None] * mesh.weft
         np.add.at(forces, mesh.triangles[:, corner], force)
     return forces

@@ -85,16 +85,16 @@ def standing(own: Fabric, bends: bool = True, stretches: bool = True) -> list[st
     if not low <= own.density <= high:
         told.append(f"{'lighter' if own.density < low else 'heavier'} than 95 % of real fabrics")
     bending, stretch = mean(own.bending), mean(own.stretch)
-    if bends and bending is not None:
+    if bends and own.bends and bending is not None:
         low, high = usual["bending"]
         if low <= bending <= high:
             told.append(f"bends like {_nearest('bending', bending).name}")
         else:
             told.append(f"{'limper' if bending < low else 'stiffer'} in bending than 95 % of real fabrics")
     if stretches and stretch is not None:
-        known = {each: mean(each.stretch) for each in presets()}
-        woven = [value for each, value in known.items() if each.kind == WOVEN and value]
-        every = [value for value in known.values() if value]
+        known = [(each.kind, mean(each.stretch)) for each in presets()]
+        woven = [value for kind, value in known if kind == WOVEN and value]
+        every = [value for _, value in known if value]
         near = _nearest("stretch", stretch)
         if stretch < min(every) / LIKE:
             told.append("stretches more than any fabric that is listed")

@@ -89,7 +89,7 @@ def new_scene(
     linear solver, relative. `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. `warp` is the
     direction along the cloth, which else is that of the mesh's texture coordinates; `regions` gives the vertices of
     named regions, which come before the parts of the mesh. `colliders` are others than spheres, as the file has them;
-    `name` is that of the mesh, in a file with several. `fabric` is a real one, `clothfit.fabric.presets.preset`: what is
+    `name` is that of the mesh, in a file with several. `fabric` is a real one, of `clothfit.fabric.presets`: what is
     known of it takes the place of `density`, `stiffness` and `bending`. Raises InvalidInput when no scene can be made.
     """
     if isinstance(mesh, (str, os.PathLike)):
