@@ -41,6 +41,9 @@ PLANE = "plane"
 DENSITY, STIFFNESS = 0.2, 50.0
 """kg/m² and N/m, of a cloth of which nothing is said."""
 
+MISSED = 0.1
+"""Relative difference from a real fabric that is told."""
+
 CALM, UNKNOWN = 1.0, 5.0
 """Winds, m/s, for which the drag is that of real air where there is none, and where it is to be found."""
 
@@ -395,12 +398,30 @@ def describe_fabric(scene: Scene, own: Preset, console: Console) -> None:
     missing = [name for name in ("density", "stretch", "bending") if name not in own.source]
     unknown = f"; nothing is known of its {' and '.join(missing)}" if missing else ""
     console.say(f"{own.name}: {own.description}{unknown}")
+    for cloth in scene.cloths:
+        console.warn(*missed(cloth, own), of=scene.name)
     bend = own.full("bending")
     if bend is None or INTEGRATORS[scene.method] != "bdf2":
         return
     if scene.delta > (limit := min(longest_step(cloth, bend) for cloth in scene.cloths)):
         console.warn(f"the time step of {scene.delta:.3g} s may shake so stiff a bend on so fine a mesh; steps of "
                      f"{limit:.2g} s (--delta) or --integrator implicit do not", of=scene.name)  # fmt: skip
+
+
+def missed(cloth: SceneCloth, own: Preset) -> list[str]:
+    """A sentence for each stiffness of a real fabric that springs on this mesh cannot have."""
+    from clothfit.fabric.fabric import fabric_of
+
+    found = fabric_of(cloth)
+    told = []
+    for name, has, unit, factor in (("stretch", found and found.stretch, "N/m", 1.0),
+                                    ("bending", found and found.bending_at_rest, "µN m", 1e6)):  # fmt: skip
+        known = own.full(name)
+        if known and has and any(abs(a / b - 1) > MISSED for a, b in zip(has, known, strict=True)):
+            made, meant = (" / ".join(f"{factor * value:.3g}" for value in values) for values in (has, known))
+            told.append(f"springs on this mesh have a {name} of {made} {unit} along warp, weft and bias, not {meant}; a "
+                        "grid along the warp can be soft in shear, an irregular mesh cannot")  # fmt: skip
+    return told
 
 
 def divided(own: SceneCloth) -> Divisions:

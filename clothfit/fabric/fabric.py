@@ -73,7 +73,7 @@ class Woven(NamedTuple):
 @lru_cache(maxsize=4)
 def fabric_of(cloth: Cloth) -> Fabric | None:
     """The fabric of an object; None where it has no faces with an area, or no springs."""
-    mesh = _material(cloth)
+    mesh = material_of(cloth)
     if mesh is None:
         return None
     stretch = _stretch(mesh, cloth.springs, cloth.stiffness)
@@ -91,7 +91,7 @@ def _three(values: Array) -> Three:
     return first, second, third
 
 
-def _material(cloth: Cloth) -> Material | None:
+def material_of(cloth: Cloth) -> Material | None:
     """The mesh of an object and its directions."""
     if not len(cloth.triangles) or not len(cloth.springs) or not (cloth.areas > 0).any():
         return None
@@ -181,18 +181,31 @@ def woven(
     kept = fold > 0
     over, push, flat = own.vertices[kept, :2], (fold / own.lever)[kept], own.length[kept]
     edge = _membrane(mesh, np.array(stretch, float), over, push / (EXCESS * flat))
-    mass = density * hinges.vertex_areas(mesh)
-    if not mass.all():
-        raise InvalidInput(f"vertex {mass.argmin()} has no mass, being in no triangle that has an area; remove it")
-    density_of = _held(mesh, own, fold)
-    edge = np.maximum(edge, np.abs(density_of) / PULL)
+    held_by = _held(mesh, own, fold)
+    edge = np.maximum(edge, np.abs(held_by) / PULL)
     length = np.linalg.norm(positions[mesh.ends[:, 0]] - positions[mesh.ends[:, 1]], axis=1)
     return Woven(
         np.concatenate([mesh.ends, np.sort(over, axis=1)]).astype(np.int32),
         np.concatenate([edge, push / (EXCESS * flat)]),
-        np.concatenate([length * (1 - density_of / edge), flat * (1 + EXCESS)]),
-        mass,
+        np.concatenate([length * (1 - held_by / edge), flat * (1 + EXCESS)]),
+        _masses(mesh, density),
     )  # fmt: skip
+
+
+def with_springs_at_rest(mesh: Material, density: float, stretch: Three, over: Indices, stiffness: Array) -> Woven:
+    """The springs and masses of a fabric whose bending springs `over` hinges (N, 2), N/m, are at rest when flat."""
+    edge = _membrane(mesh, np.array(stretch, float), over, stiffness)
+    ends = np.concatenate([mesh.ends, np.sort(over, axis=1)]).astype(np.int32)
+    length = np.linalg.norm(mesh.positions[ends[:, 0]] - mesh.positions[ends[:, 1]], axis=1)
+    return Woven(ends, np.concatenate([edge, stiffness]), length, _masses(mesh, density))
+
+
+def _masses(mesh: Material, density: float) -> Array:
+    """Masses (n,), kg. Raises InvalidInput where a vertex would have none."""
+    mass = density * hinges.vertex_areas(mesh)
+    if not mass.all():
+        raise InvalidInput(f"vertex {mass.argmin()} has no mass, being in no triangle that has an area; remove it")
+    return mass
 
 
 def longest_step(cloth: Cloth, bend: Three) -> float:

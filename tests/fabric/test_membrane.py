@@ -65,7 +65,7 @@ def test_values_of_a_cloth_do_not_depend_on_how_it_is_turned_or_folded_over_a_ro
     plain = membrane.measured(flat, flat.ends, k)
     assert membrane.measured(turned, turned.ends, k) == pytest.approx(plain, rel=GROUNDED)
     rolled = membrane.measured(material(roll, faces), flat.ends, k)
-    assert rolled == pytest.approx(plain, rel=0.03)  # its triangles are half a cell, 1/24 rad, out of the tangent planes
+    assert rolled == pytest.approx(plain, rel=0.03)  # triangles are 1/24 rad out of the tangent planes
 
 
 @pytest.mark.parametrize("stretch", [(100.0, 80.0, 70.0), (2000.0, 400.0, 180.0)])

@@ -29,7 +29,8 @@ def test_each_number_has_a_source_and_is_in_its_range(own):
         values = known(own, what)
         assert bool(values) == (what in own.source)
         least, most = own.ranges.get(what, (low, high))
-        assert low <= least and most <= high
+        assert low <= least
+        assert most <= high
         assert all(least <= each <= most for each in values)
         assert len(own.source.get(what, "a source of some length")) > 20
 

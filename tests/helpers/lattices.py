@@ -1,12 +1,12 @@
-"""Flat meshes for tests of what cloth is made of: a square with a grid or irregular triangles, and a triangular lattice."""
+"""Flat meshes for tests of fabrics: a square with a grid or irregular triangles, and a triangular lattice."""
 
 import numpy as np
 from scipy.spatial import Delaunay
 
 
 def square(cells, size=1.0, jitter=0.0, line=None, seed=0):
-    """Positions (n, 3) in the plane of x and z, and triangles (T, 3), of a square of cells × cells, whose inner vertices
-    are moved at random by this share of a cell; those at x = `line` · size stay on that line.
+    """Positions (n, 3) in the plane of x and z, and triangles (T, 3), of a square of cells × cells, whose inner
+    vertices are moved at random by this share of a cell; those at x = `line` · size stay on that line.
     """
     at = np.arange(cells + 1) / cells
     x, z = (each.reshape(-1) for each in np.meshgrid(at, at))
