@@ -419,8 +419,8 @@ def missed(cloth: SceneCloth, own: Preset) -> list[str]:
         known = own.full(name)
         if known and has and any(abs(a / b - 1) > MISSED for a, b in zip(has, known, strict=True)):
             made, meant = (" / ".join(f"{factor * value:.3g}" for value in values) for values in (has, known))
-            told.append(f"springs on this mesh have a {name} of {made} {unit} along warp, weft and bias, not {meant}; a "
-                        "grid along the warp can be soft in shear, an irregular mesh cannot")  # fmt: skip
+            told.append(f"springs on this mesh have a {name} of {made} {unit} along warp, weft and bias, not {meant}; "
+                        "a grid along the warp can be soft in shear, an irregular mesh cannot")  # fmt: skip
     return told
 
 

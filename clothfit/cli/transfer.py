@@ -25,7 +25,7 @@ def command(fitted_path: str, scene_path: str, path: str | None, console: Consol
     damping and air drag, whatever their meshes.
 
     \b
-    clothfit transfer coarse.fitted.json fine.json
+    clothfit transfer scene.json finer.json
     clothfit transfer skirt.fitted.json coat.json -o coat.denim.json
 
     One cloth in FITTED is for all, else each is for that with its number.

@@ -105,9 +105,9 @@ def material(positions: Array, triangles: Indices, warp: Array | None = None, al
 
 
 def smoothed(warp: Array, normal: Array, triangles: Indices, count: int) -> Array:
-    """Directions (T, 3) in triangles, each the mean of those around it: an edge of an irregular mesh that is said to run
-    along the cloth does so within 22.5° only. The mean is of d ⊗ d less the same across it, where a direction and its
-    opposite are one.
+    """Directions (T, 3) in triangles, each the mean of those around it: an edge of an irregular mesh that is said to
+    run along the cloth does so within 22.5° only. The mean is of d ⊗ d less the same across it, where a direction and
+    its opposite are one.
     """
     weft = np.cross(normal, warp)
     field = warp[:, :, None] * warp[:, None] - weft[:, :, None] * weft[:, None]

@@ -26,6 +26,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.fabric.balance import shares
 from clothfit.fabric.hinges import Material, edge_squares, vertex_areas, vertex_normals
+from clothfit.scene.directions import Slots
 
 PULLS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 0.5], [0.5, 0.5, -0.5]])
 """d ⊗ d of warp, weft and the bias to both sides, as components (11, 22, 12)."""
@@ -38,6 +39,9 @@ SKEW = 0.1
 
 BALANCE = 0.3
 """Weight of the balance of forces, against that of the stiffness around each vertex."""
+
+SMALL = 500
+"""Vertices of a mesh whose matrix is a full one."""
 
 GROUND = 1e-9
 """Stiffness, as a share of the largest spring's, that holds what nothing else does."""
@@ -123,9 +127,6 @@ def measured(mesh: Material, ends: Indices, stiffness: Array) -> Array:
     compliance. Other than C, which holds all strains uniform, this is right for an irregular mesh too. 0 where nothing
     resists.
     """
-    from scipy.sparse import coo_array, diags_array
-    from scipy.sparse.linalg import splu
-
     count = len(mesh.positions)
     if not mesh.area > 0 or not (stiffness > 0).any():
         return np.zeros(4)
@@ -135,17 +136,35 @@ def measured(mesh: Material, ends: Indices, stiffness: Array) -> Array:
     values = np.concatenate([sign * np.einsum("skj,sj->sk", frames[ends[:, end]], unit)
                              for end, sign in ((0, -1.0), (1, 1.0))], axis=1)  # fmt: skip
     columns = np.concatenate([2 * ends[:, [end]] + [0, 1] for end in (0, 1)], axis=1)
-    rows = np.repeat(np.arange(len(ends)), 4)
-    rise = coo_array((values.reshape(-1), (rows, columns.reshape(-1))), shape=(len(ends), 2 * count)).tocsr()
-    matrix = rise.T @ diags_array(stiffness) @ rise + diags_array(np.full(2 * count, GROUND * stiffness.max()))
-    factor = splu(matrix.tocsc())
-    found = np.zeros(5)
-    for i, stress in enumerate((*PULLS, np.array([0.0, 0.0, 1.0]))):
-        load = np.einsum("nkj,nj->nk", frames, _stress_forces(mesh, stress)).reshape(-1)
-        given = float(load @ factor.solve(load))
-        found[i] = mesh.area / given if given > 0 else 0.0
+    stresses = (*PULLS, np.array([0.0, 0.0, 1.0]))
+    loads = np.stack([np.einsum("nkj,nj->nk", frames, _stress_forces(mesh, each)).reshape(-1) for each in stresses])
+    solve = _dense if count <= SMALL else _sparse
+    given = (loads * solve(values, columns, stiffness, 2 * count, loads.T).T).sum(axis=1)
+    found = np.where(given > 0, mesh.area / np.where(given > 0, given, 1.0), 0.0)
     found = np.where(found > RESISTS * found.max(), found, 0.0)
     return np.append(both_ways(found[:4]), found[4])
+
+
+def _dense(values: Array, columns: Slots, stiffness: Array, size: int, loads: Array) -> Array:
+    """K⁻¹ of loads (size, L), for K = Σ k b bᵀ of springs whose b have these values (S, 4) in these columns, without
+    the libraries for sparse matrices, which take longer to load.
+    """
+    matrix = np.zeros((size, size))
+    np.add.at(matrix, (columns[:, :, None], columns[:, None]), stiffness[:, None, None] * values[:, :, None]
+              * values[:, None])  # fmt: skip
+    matrix[np.diag_indices(size)] += GROUND * stiffness.max()
+    return np.asarray(np.linalg.solve(matrix, loads), float)
+
+
+def _sparse(values: Array, columns: Slots, stiffness: Array, size: int, loads: Array) -> Array:
+    """The same of many vertices."""
+    from scipy.sparse import coo_array, diags_array
+    from scipy.sparse.linalg import splu
+
+    rows = np.repeat(np.arange(len(values)), 4)
+    rise = coo_array((values.reshape(-1), (rows, columns.reshape(-1))), shape=(len(values), size)).tocsr()
+    matrix = rise.T @ diags_array(stiffness) @ rise + diags_array(np.full(size, GROUND * stiffness.max()))
+    return np.asarray(splu(matrix.tocsc()).solve(loads))
 
 
 def _frames(mesh: Material) -> Array:
