@@ -23,7 +23,6 @@ from clothfit.scene.kinds import EDITORS, INTEGRATORS, OF_THE_EDITOR
 if TYPE_CHECKING:
     from clothfit.evaluation.forecast import Forecast
     from clothfit.evaluation.overview import Facts, Flagged, Spread
-    from clothfit.fabric.fabric import Fabric
     from clothfit.scene.cloth import Collider
     from clothfit.scene.scene import Scene
 
@@ -83,7 +82,7 @@ def of_scene(scene_path: str, console: Console) -> None:
     scene = read_scene(scene_path, console)
     from clothfit.evaluation import overview
     from clothfit.evaluation.forecast import forecast, inputs_of
-    from clothfit.fabric.fabric import fabric_of
+    from clothfit.fabric.fabric import fabric_of, rows_of
     from clothfit.fit.flags import auto_flags
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.subspace.worth import worth
@@ -106,7 +105,7 @@ def of_scene(scene_path: str, console: Console) -> None:
     for begin in range(0, len(objects), BESIDE):
         chosen = range(len(objects))[begin : begin + BESIDE]
         columns = [
-            column(objects[index], [each for each in wanted if each.object == index]) | fabric_rows(fabrics[index])
+            column(objects[index], [each for each in wanted if each.object == index]) | rows_of(fabrics[index])
             for index in chosen
         ]
         cells = [[name, *(each[name] for each in columns)] for name in columns[0]]
@@ -225,20 +224,6 @@ def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
         "damping": f"{own.damping:.4g}",
         "drag": f"{own.drag:.4g}" + (f" (law {own.drag_law})" if own.drag_law != EDITORS else ""),
         "to fit": ", ".join(f"{each.name} ({each.mode}, {each.count})" for each in wanted) or "nothing",
-    }
-
-
-def fabric_rows(own: Fabric | None) -> dict[str, str]:
-    """An object's cells on what it is made of, on whatever mesh."""
-    if own is None:
-        return dict.fromkeys(("fabric", "stretch, shear", "bending"), "none")
-    stretch, bent, flat = (" / ".join(f"{value:.3g}" for value in values) for values in (
-        own.stretch, [1e6 * each for each in own.bending], [1e6 * each for each in own.bending_at_rest]
-    ))  # fmt: skip
-    return {
-        "fabric": f"{1e3 * own.density:.4g} g/m²",
-        "stretch, shear": f"{stretch} N/m warp/weft/bias, {own.shear:.3g} N/m",
-        "bending": f"{bent} µN m at a radius of {100 / own.curvature:.3g} cm, {flat} when flat",
     }
 
 

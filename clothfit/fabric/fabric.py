@@ -86,6 +86,20 @@ def fabric_of(cloth: Cloth) -> Fabric | None:
                   _three(rest), curvature)  # fmt: skip
 
 
+def rows_of(own: Fabric | None) -> dict[str, str]:
+    """The same for people, by names."""
+    if own is None:
+        return dict.fromkeys(("fabric", "stretch, shear", "bending"), "none")
+    stretch, bent, flat = (" / ".join(f"{value:.3g}" for value in values) for values in (
+        own.stretch, [1e6 * each for each in own.bending], [1e6 * each for each in own.bending_at_rest]
+    ))  # fmt: skip
+    return {
+        "fabric": f"{1e3 * own.density:.4g} g/m²",
+        "stretch, shear": f"{stretch} N/m warp/weft/bias, {own.shear:.3g} N/m",
+        "bending": f"{bent} µN m at a radius of {100 / own.curvature:.3g} cm, {flat} when flat",
+    }
+
+
 def _three(values: Array) -> Three:
     first, second, third = values.tolist()
     return first, second, third

@@ -89,7 +89,7 @@ def pulls(stiffness: Array) -> Array:
 
 def both_ways(four: Array) -> Array:
     """Warp, weft and bias (3,) of stiffnesses along warp, weft and both bias directions (4,)."""
-    return np.array([four[0], four[1], np.sqrt(four[2] * four[3])])
+    return np.array([four[0], four[1], np.sqrt(four[2]) * np.sqrt(four[3])])
 
 
 def wanted(stretch: Array) -> Array:
