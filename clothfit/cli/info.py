@@ -83,12 +83,14 @@ def of_scene(scene_path: str, console: Console) -> None:
     from clothfit.engine.starts import sentences
     from clothfit.evaluation import overview
     from clothfit.evaluation.forecast import forecast, inputs_of
+    from clothfit.fabric.fabric import fabric_of, rows_of
     from clothfit.fit.flags import auto_flags
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.subspace.worth import worth
 
     objects = [overview.facts(cloth) for cloth in scene.cloths]
     wanted = overview.flagged(auto_flags(scene) if scene.auto else scene)
+    fabrics = [fabric_of(cloth) for cloth in scene.cloths]
     parted = [overview.divisions(cloth) for cloth in scene.cloths]
     ahead, strange = forecast(scene), list(overview.unknown_fields(scene))
     meshes = [None if each is None else len(each) for each in numberings(scene)]
@@ -104,7 +106,10 @@ def of_scene(scene_path: str, console: Console) -> None:
         console.result(str(each))
     for begin in range(0, len(objects), BESIDE):
         chosen = range(len(objects))[begin : begin + BESIDE]
-        columns = [column(objects[index], [each for each in wanted if each.object == index]) for index in chosen]
+        columns = [
+            column(objects[index], [each for each in wanted if each.object == index]) | rows_of(fabrics[index])
+            for index in chosen
+        ]
         cells = [[name, *(each[name] for each in columns)] for name in columns[0]]
         console.table([["", *(f"objects[{index}]" for index in chosen)], *cells])
     for index, own in enumerate(parted):
@@ -119,8 +124,8 @@ def of_scene(scene_path: str, console: Console) -> None:
         print_json({
             **whole(scene),
             "objects": [
-                {**asdict(own), "mesh_vertices": count, **asdict(part)}
-                for own, count, part in zip(objects, meshes, parted, strict=True)
+                {**asdict(own), "mesh_vertices": count, **asdict(part), "fabric": cloth}
+                for own, count, part, cloth in zip(objects, meshes, parted, fabrics, strict=True)
             ],
             "flagged": wanted, "inputs": [each._asdict() for each in moving], "stability": ahead.steps,
             "memory": needed, "unknown_fields": strange, "subspace": {} if ahead_of is None else ahead_of._asdict(),

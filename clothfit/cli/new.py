@@ -23,6 +23,7 @@ from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS, INTEGRATORS, LET
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Flags, Indices
     from clothfit.evaluation.overview import Divisions
+    from clothfit.fabric.presets import Preset
     from clothfit.meshes.mesh import Mesh, Shape
     from clothfit.meshes.problems import Problem
     from clothfit.scene.cloth import Cloth as SceneCloth
@@ -36,6 +37,12 @@ MOST_NAMED = 12
 
 PLANE = "plane"
 """Stands for a mesh that needs no file."""
+
+DENSITY, STIFFNESS = 0.2, 50.0
+"""kg/m² and N/m, of a cloth of which nothing is said."""
+
+MISSED = 0.1
+"""Relative difference from a real fabric that is told."""
 
 CALM, UNKNOWN = 1.0, 5.0
 """Winds, m/s, for which the drag is that of real air where there is none, and where it is to be found."""
@@ -69,9 +76,11 @@ class Asked:
     rotate: str | None = given("--rotate X,Y,Z", "Rotate by these degrees about z, x, y in turn, as in Unity.",
         title="Where it is")
     move: str | None = given("--move X,Y,Z", "Then move by these distances in m.")
-    density: float = given("--density D", "Mass per area in kg/m².  [default: 0.2]", float, default=0.2,
-        title="What it is made of")
-    stiffness: float = given("--stiffness E", "Stiffness of the springs in N/m.  [default: 50]", float, default=50.0)
+    fabric: str | None = given("--fabric NAME", "Real fabric, of those that clothfit fabrics lists: its weight, and "
+        "where they are known stretch and bending, for the options below.", title="What it is made of")
+    density: float = given("--density D", "Mass per area in kg/m².  [default: 0.2]", float, default=DENSITY)
+    stiffness: float = given("--stiffness E", "Stiffness of the springs in N/m.  [default: 50]", float,
+        default=STIFFNESS)
     bending: float | None = given("--bending SHARE", "Stiffness of bending springs, as a share of --stiffness.  "
         "[default: 0.25]", float)
     no_bending: bool = given("--no-bending", "Make springs along edges only.")
@@ -129,6 +138,20 @@ class Asked:
         if self.fix_vertices is not None and len(self.cloth) > 1:
             raise click.UsageError("--fix-vertices is for one cloth; use --fix-box or --fix-side for several")
         positive("--fps", self.fps)
+        own = self.preset
+        if own and own.density and self.density != DENSITY:
+            raise click.UsageError(f"the density of {own.name} is known; leave out --density, or --fabric")
+        if own and own.full("stretch") and self.stiffness != STIFFNESS:
+            raise click.UsageError(f"the stretch of {own.name} is known; leave out --stiffness, or --fabric")
+        if own and (own.full("stretch") or own.full("bending")) and (self.no_bending or self.bending is not None):
+            raise click.UsageError("--bending and --no-bending are for cloth without --fabric; leave them out")
+
+    @property
+    def preset(self) -> Preset | None:
+        """The real fabric. Raises InvalidInput."""
+        from clothfit.fabric.presets import preset
+
+        return None if self.fabric is None else preset(self.fabric)
 
     def timing(self, times: Array | None) -> tuple[float, int]:
         """The time step, s, and the number of frames, by the times (F,) of a file's frames where it has some."""
@@ -292,6 +315,8 @@ def command(cloth_path: str | None, path: str | None, asked: Asked, console: Con
         each.write()
     out.write(dumps(scene))
     report(scene, cloths, bodies, out, console)
+    if asked.preset is not None:
+        describe_fabric(scene, asked.preset, console)
     if not is_plane and not asked.pins_from:
         new_shot.hint([own.fixed for own in scene.cloths], cloths, mesh_path, console)
     print_json(summary(scene, cloths, bodies, out))
@@ -311,7 +336,7 @@ def made_of(cloth: Cloth, asked: Asked, bodies: list[dict[str, Any]], mesh_path:
         wind=asked.blows, integrator=asked.integrator, delta=delta, frames=frames, tolerance=asked.tolerance,
         title=asked.title or stem_of(mesh_path), numbering=cloth.numbering, name=cloth.name or None,
         warp=None if asked.warp is None else tuple(float(axis == asked.warp) for axis in "xyz"),
-        regions=regions(cloth, asked),
+        regions=regions(cloth, asked), fabric=asked.preset,
     )  # fmt: skip
 
 
@@ -364,6 +389,39 @@ def report(scene: Scene, cloths: list[Cloth], bodies: list[new_shot.Solid], out:
             f"{counted(len(own.triangles), 'triangle', 'triangles')}, {len(own.springs)} springs, {extent(size)}, "
             f"{own.mass.sum():.4g} kg, {scene.frames} frames of {scene.delta:.4g} s → {out.name}"
         )
+
+
+def describe_fabric(scene: Scene, own: Preset, console: Console) -> None:
+    """Say what of a real fabric the scene has, and whether its steps are short enough for it."""
+    from clothfit.fabric.fabric import longest_step
+
+    missing = [name for name in ("density", "stretch", "bending") if name not in own.source]
+    unknown = f"; nothing is known of its {' and '.join(missing)}" if missing else ""
+    console.say(f"{own.name}: {own.description}{unknown}")
+    for cloth in scene.cloths:
+        console.warn(*missed(cloth, own), of=scene.name)
+    bend = own.full("bending")
+    if bend is None or INTEGRATORS[scene.method] != "bdf2":
+        return
+    if scene.delta > (limit := min(longest_step(cloth, bend) for cloth in scene.cloths)):
+        console.warn(f"the time step of {scene.delta:.3g} s may shake so stiff a bend on so fine a mesh; steps of "
+                     f"{limit:.2g} s (--delta) or --integrator implicit do not", of=scene.name)  # fmt: skip
+
+
+def missed(cloth: SceneCloth, own: Preset) -> list[str]:
+    """A sentence for each stiffness of a real fabric that springs on this mesh cannot have."""
+    from clothfit.fabric.fabric import fabric_of
+
+    found = fabric_of(cloth)
+    told = []
+    for name, has, unit, factor in (("stretch", found and found.stretch, "N/m", 1.0),
+                                    ("bending", found and found.bending_at_rest, "µN m", 1e6)):  # fmt: skip
+        known = own.full(name)
+        if known and has and any(abs(a / b - 1) > MISSED for a, b in zip(has, known, strict=True)):
+            made, meant = (" / ".join(f"{factor * value:.3g}" for value in values) for values in (has, known))
+            told.append(f"springs on this mesh have a {name} of {made} {unit} along warp, weft and bias, not {meant}; "
+                        "a grid along the warp can be soft in shear, an irregular mesh cannot")  # fmt: skip
+    return told
 
 
 def divided(own: SceneCloth) -> Divisions:

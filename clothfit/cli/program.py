@@ -50,11 +50,13 @@ FEWEST = 3
 
 SUMMARIES = {
     "new": "make a scene of a plane or a mesh",
+    "fabrics": "list real fabrics, with what is known of them",
     "info": "print what a file holds: a scene, a motion, a mesh",
     "validate": "check scenes without simulating",
     "simulate": "simulate the cloths of a scene and write their motion",
     "target": "record a scene's motion, perfect or as a capture sees it",
     "estimate": "fit the parameters of a scene to a motion",
+    "transfer": "give a fitted fabric to another mesh",
     "control": "find what takes a cloth through keyframes: forces, handles, wind",
     "subspace": "play large cloths many times faster, in a subspace",
     "evaluate": "measure how far a fit is from the truth or a target",

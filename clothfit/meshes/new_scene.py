@@ -18,7 +18,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,10 @@ from clothfit.scene.kinds import (
 from clothfit.scene.mesh_numbering import FIELD, NAME
 from clothfit.scene.scene import Scene, load
 
+if TYPE_CHECKING:
+    from clothfit.fabric.fabric import Woven
+    from clothfit.fabric.presets import Preset
+
 
 def new_scene(
     mesh: Mesh,
@@ -70,6 +74,7 @@ def new_scene(
     regions: Mapping[str, npt.ArrayLike] | None = None,
     colliders: Sequence[Mapping[str, Any]] = (),
     name: str | None = None,
+    fabric: Preset | None = None,
 ) -> Scene:
     """Make a scene of one cloth, with the springs and masses that the editor would give it.
 
@@ -84,7 +89,8 @@ def new_scene(
     linear solver, relative. `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. `warp` is the
     direction along the cloth, which else is that of the mesh's texture coordinates; `regions` gives the vertices of
     named regions, which come before the parts of the mesh. `colliders` are others than spheres, as the file has them;
-    `name` is that of the mesh, in a file with several. Raises InvalidInput when no scene can be made.
+    `name` is that of the mesh, in a file with several. `fabric` is a real one, of `clothfit.fabric.presets`: what is
+    known of it takes the place of `density`, `stiffness` and `bending`. Raises InvalidInput when no scene can be made.
     """
     if isinstance(mesh, (str, os.PathLike)):
         path = os.fspath(mesh)
@@ -99,10 +105,17 @@ def new_scene(
     auto = fit == AUTO
     if auto and (own or whole):
         raise InvalidInput("fit: auto chooses what to fit by itself; leave the others out")
+    made = None
+    if fabric is not None:
+        density = fabric.density or density
+        made = _woven(mesh, held, density, stiffness, fabric, warp)
     cloth = object_document(
         mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings="nn" if auto else fit,
         bending=bending,
     )
+    if made is not None:
+        cloth |= {"springs": made.ends.reshape(-1).tolist(), "springStiffness": made.stiffness.tolist(),
+                  "springRestLength": made.rest.tolist()}  # fmt: skip
     if drag_law != EDITORS:
         cloth["dragLaw"] = drag_law
     cloth |= fields(mesh, np.array(cloth["springs"], np.int32).reshape(-1, 2), warp, regions or {})
@@ -126,12 +139,26 @@ def new_scene(
         + [dict(each) | ({"friction": KIND["friction"].neutral[0]} if auto else {}) for each in colliders],
         "windVel": _vector(wind),
         "printTimes": False,
-        "forwardSubSteps": 1,
+        "forwardSubSteps": 1 if made is None or integrator != "bdf2" else 2,  # one leaves out what their push does
         "title": title,
     }
     if whole or auto:
         document["fit"] = whole or AUTO
     return replace(load(io.StringIO(text(document))), name=title)
+
+
+def _woven(
+    mesh: Mesh, held: npt.ArrayLike, density: float, stiffness: float, fabric: Preset, warp: Sequence[float] | None
+) -> Woven | None:
+    """The springs of a real fabric; None where neither its stretch nor its bending is known."""
+    from clothfit.fabric.fabric import woven
+
+    stretch, bend = fabric.full("stretch"), fabric.full("bending")
+    if stretch is None and bend is None:
+        return None
+    given = np.asarray(warp, float) if warp is not None else None if mesh.texture is None else along(mesh)
+    own = stretch or (stiffness,) * 3
+    return woven(mesh.positions, mesh.triangles, density, own, bend or (0.0,) * 3, np.asarray(held, bool), given)
 
 
 def joined(scenes: Sequence[Scene]) -> Scene:

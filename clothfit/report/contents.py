@@ -16,6 +16,7 @@ from clothfit.base.messages import counted, metres
 from clothfit.base.version import __version__
 from clothfit.engine.inputs.sampling import centres_at, winds
 from clothfit.evaluation.evaluate import Distance, Evaluation
+from clothfit.fabric.fabric import fabric_of, rows_of
 from clothfit.objective.identifiability import identifiable
 from clothfit.pictures.solids import Solid, solids
 from clothfit.report import captures
@@ -136,6 +137,7 @@ def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None
         rows.append([f"{name}, {part.frames}", error])
     rows += ended(log.summary)
     rows.append(cloth_row(truth))
+    rows += [list(row) for cloth in fitted.cloths for row in rows_of(fabric_of(cloth)).items()]
     rows.append(["time step", f"{1e3 * fitted.delta:.4g} ms"])
     return rows + vector_rows(fitted, whole=True)
 

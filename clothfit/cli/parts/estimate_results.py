@@ -100,6 +100,8 @@ def describe(found: Fit, out: Output, console: Console, named: bool = False) -> 
     if found.holdout:
         kept = counted(found.holdout.observations, "position", "positions")
         console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
+    if found.verdict is None or found.verdict.model != FAILED:
+        describe_fabrics(found, console)
     for block in found.parameters:
         place = owned(block.object, block.name)
         kind = KIND[block.name] if block.object is None else found.scene.cloths[block.object].kind(block.name)
@@ -109,6 +111,21 @@ def describe(found: Fit, out: Output, console: Console, named: bool = False) -> 
             console.say(f"{place}: {times}")
         if known := certainty(block, kind, found.samples, found.verdict is not None and found.verdict.differs):
             console.say(f"{place}: {known}")
+
+
+def describe_fabrics(found: Fit, console: Console) -> None:
+    """Say where fitted cloths stand among real fabrics, as far as the motion shows it."""
+    from clothfit.fabric.fabric import fabric_of
+    from clothfit.fabric.presets import sentence
+
+    for block in found.parameters:
+        if block.object is None or block.name != "stiffness" or len(block.unidentifiable) == block.count:
+            continue
+        own = fabric_of(found.scene.cloths[block.object])
+        hidden = [(block.groups or [])[i] for i in block.unidentifiable] if block.groups and not block.modes else []
+        shown = [all(not name.startswith(part) for name in hidden) for part in ("bending", "edges")]
+        if own is not None and (told := sentence(own, *shown)):
+            console.say(f"{owned(block.object, 'stiffness')}: {told}")
 
 
 def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
@@ -211,6 +228,8 @@ def indices(numbers: list[int]) -> str:
 
 def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
     """What --json prints."""
+    from clothfit.fabric.fabric import fabric_of
+
     told: dict[str, Any] = plain({
         "scene": scene.name,
         **attributes(found, *AS_IN_FIT),
@@ -223,6 +242,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "hints": [attributes(hint, "code", "text") for hint in found.hints],
         "registration": found.registration and [each.summary() for each in found.registration],
         "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
+        "fabric": [fabric_of(cloth) for cloth in found.scene.cloths],
         "pins": {"followed": found.followed},
         "correspondence": found.correspondence and found.correspondence.summary(),
         "output": out.path,
