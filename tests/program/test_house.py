@@ -13,8 +13,8 @@ from clothfit.cli.program import COMMANDS
 PACKAGE = ROOT / "clothfit"
 
 FOLDERS = [
-    "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise",
-    "registration", "strategy", "fit", "control", "evaluation", "many", "subspace", "pictures", "report",
+    "base", "kernels", "scene", "formats", "fabric", "meshes", "engine", "motion", "derivative", "objective",
+    "optimise", "registration", "strategy", "fit", "control", "evaluation", "many", "subspace", "pictures", "report",
     "export", "simulators", "live", "cli",
 ]  # fmt: skip
 """From the bottom to the top: the path of the data."""
