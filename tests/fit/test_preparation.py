@@ -183,7 +183,6 @@ def test_the_editors_step_is_kept_with_a_hint_unless_a_number_is_asked_for_by_th
 CHOICES = {
     "step": ({"substeps": "auto"}, "nF"),
     "model": ({"model": "auto"}, "nL"),
-    "step and model": ({"substeps": "auto", "model": "auto"}, "nL"),
     "step, model and holdout": ({"substeps": "auto", "model": "auto", "holdout": 0.25}, "nL"),
 }
 
@@ -256,8 +255,8 @@ def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_pa
 
 @fits
 def test_a_fit_that_is_resumed_keeps_what_was_chosen(tmp_path, monkeypatch):
-    options, letters = CHOICES["step and model"]
-    scene, motion = finer(letters)
+    options = {"substeps": "auto", "model": "auto"}
+    scene, motion = finer("nL")
     kept = []
     with monkeypatch.context() as patch:
         patch.setattr(module, "write_atomically", lambda _, data: kept.append(data))
