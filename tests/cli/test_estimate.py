@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from helpers.strangers import small, with_finer_steps
 from clothfit.cli.common.console import Console
 from clothfit.cli.parts.estimate_results import KEYS as LOGGED
 from clothfit.cli.parts.estimate_results import FitLog, earlier
+from clothfit.fit.holdout import Judged
 from clothfit.fit.options import FitOptions
 from clothfit.motion.motion import save_motion
 from clothfit.optimise.progress import Progress
@@ -256,52 +258,26 @@ def test_values_that_all_diverge_are_code_4_and_no_file(here, told):
 # --- models and the time step
 
 
-@pytest.fixture
-def given(here):
-    """What writes a scene and a motion of it by finer steps."""
-
-    def write(letters="nL", method=2):
-        made = small(letters, 24, method=method)
-        save(made, "scene.json")
-        save_motion(with_finer_steps(made, 8), "t.npz")
-
-    return write
-
-
-FIT = "estimate scene.json --target t.npz"
-
-
-def test_the_ladder_is_in_the_summary_and_printed(given, told):
-    given()
-    summary, err = told(FIT)
-    found = summary["ladder"]
-    assert [each["model"] for each in found] == ["F", "R", "M", "L"]
-    keys = {"model", "values", "rmse", "holdout_rmse", "seconds"}
-    assert all(set(each) == keys and each["holdout_rmse"] is None for each in found)
-    errors, counts = ([each[key] for each in found] for key in ("rmse", "values"))
-    assert errors == sorted(errors, reverse=True)
-    assert counts == sorted(counts)
-    assert counts[-1] == 33
-    assert summary["rmse"] == pytest.approx(errors[-1])
-    lines = err.splitlines()
-    begin = next(i for i, line in enumerate(lines) if line.split() == ["model", "values", "RMSE", "seconds"])
-    rows = lines[begin + 1 : begin + 5]
-    assert [row.split()[0] for row in rows] == ["F", "R", "M", "L"]
-    assert re.match(r"F one factor +1 +[\d.]+ mm +[\d.]+$", rows[0])
+@pytest.mark.parametrize("kept", [None, 3e-3])
+@pytest.mark.usefixtures("folder")
+def test_the_ladder_is_in_the_summary_and_printed(told, monkeypatch, found, kept):
+    rows = [Judged("F", 1, 2e-3, kept, 0.5), Judged("L", 33, 1e-3, kept, 4.0)]
+    fit = replace(found, ladder=rows)
+    monkeypatch.setattr("clothfit.fit.estimate.by_options", lambda scene, *given, **more: replace(fit, scene=scene))
+    summary, err = told("estimate scene.json")
+    assert summary["ladder"] == [asdict(each) for each in rows]
+    lines = [re.split("  +", line.strip()) for line in err.splitlines()]
+    begin = lines.index(["model", "values", "RMSE", *["kept out"] * bool(kept), "seconds"])
+    assert lines[begin + 1] == ["F one factor", "1", "2 mm", *["3 mm"] * bool(kept), "0.5"]
+    assert lines[begin + 2][1:3] == ["33", "1 mm"]
 
 
-def test_what_is_kept_out_is_in_the_ladder(given, told):
-    given("nR")
-    summary, err = told(f"{FIT} --model auto")
-    assert load(summary["output"]).cloths[0].settings == "nR"  # the flags of the file are not what was fitted
-    assert all(each["holdout_rmse"] > 0 for each in summary["ladder"])
-    assert summary["parameters"][0]["mode"] in [each["model"] for each in summary["ladder"]]
-    assert re.search(r"^model +values +RMSE +kept out +seconds$", err, re.MULTILINE)
-
-
-def test_the_step_that_is_chosen_is_in_the_summary_and_in_the_file(given, told):
-    given("nF", method=3)
-    summary, err = told(FIT)
+@pytest.mark.usefixtures("here")
+def test_the_step_that_is_chosen_is_in_the_summary_and_in_the_file(told):
+    made = small("nF", 24, method=3)
+    save(made, "scene.json")
+    save_motion(with_finer_steps(made, 8), "t.npz")
+    summary, err = told("estimate scene.json --target t.npz")
     step = summary["step"]
     assert set(step) == {"delta", "integrator", "substeps", "tried"}
     assert all(set(each) == {"substeps", "integrator", "rmse", "seconds"} for each in step["tried"])

@@ -17,7 +17,7 @@ SIGNS = {".png": b"\x89PNG", ".gif": b"GIF8", ".svg": b"<?xml", ".pdf": b"%PDF"}
 @pytest.fixture(autouse=True)
 def scene(here):
     """The folder has a scene to fit."""
-    write_scene(here, trial("nG", 12))
+    write_scene(here, trial("nG", 5))
 
 
 def signed(name):
@@ -30,7 +30,7 @@ def test_every_command_draws(said):
     assert said("simulate scene.json --energy --plot a.svg --gif a.gif")[0] == 0
     code, _, err = said("estimate scene.json -o fitted.json --plot {stem}.png --gif b.gif")
     assert (code, err.endswith("picture → scene.png\nanimation → b.gif\n")) == (0, True)
-    assert said("evaluate scene.json fitted.json --steps 20 --plot c.pdf --gif c.gif")[0] == 0
+    assert said("evaluate scene.json fitted.json --steps 7 --plot c.pdf --gif c.gif")[0] == 0
     assert all(signed(name) for name in ("a.svg", "a.gif", "scene.png", "b.gif", "c.pdf", "c.gif"))
 
 
@@ -51,9 +51,10 @@ def test_a_motion_that_diverges_is_drawn_as_far_as_it_is_good(here, said):
 
 
 def test_the_python_of_the_page_draws(here):
-    write_scene(here, trial("nG", 12, springStiffness=[20.0] * 33), "fitted.json")
+    write_scene(here, trial("nG", 5, springStiffness=[20.0] * 33), "fitted.json")
     page = (DOCS / "pictures.md").read_text("utf-8")
     (block,) = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
-    exec(compile(block, "docs/pictures.md", "exec"), {})
+    assert "None, 100)" in block
+    exec(compile(block.replace("None, 100)", "None, 9)"), "docs/pictures.md", "exec"), {})  # fewer frames
     assert signed("error.png")
     assert signed("error.gif")

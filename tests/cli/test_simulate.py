@@ -73,11 +73,16 @@ def test_a_motion_is_not_written_to_a_terminal(path, said, monkeypatch):
     assert said(f"simulate '{path}' -o -") == (3, "", error)
 
 
-def test_a_plane_is_a_warning(here, said):
-    write_scene(here, {**SCENE, "colliders": [sphere(), sphere(type=0)]})
+@pytest.mark.parametrize(
+    ("scene", "warning"),
+    [({**SCENE, "colliders": [sphere(), sphere(type=0)]}, r"colliders\[1\]: planes are ignored, as in the editor; "),
+     ({**WILD, "optimizationIterations": 5}, r"objects\[0\]: from step \d on springs are more than 10 times as long")],
+)  # fmt: skip
+def test_a_plane_and_a_finite_motion_that_cannot_be_believed_are_warnings(here, said, scene, warning):
+    write_scene(here, scene)
     code, _, err = said("simulate scene.json")
     assert code == 0
-    assert "warning: scene.json: colliders[1]: planes are ignored, as in the editor; " in err
+    assert re.search(f"warning: scene.json: {warning}", err)
 
 
 # --- scenes that diverge
@@ -130,13 +135,6 @@ def test_steps_beyond_the_stability_limit_are_told_before_they_are_taken(here, s
     assert first.startswith("warning: scene.json: objects[0]: symplectic steps of 0.02 s will not stay stable (the ")
     assert "try a smaller delta (symplectic steps: the limit is 0.00" in last
     assert last.startswith("error: scene.json: the simulation diverged at step ")
-
-
-def test_a_finite_motion_that_cannot_be_believed_is_told(here, said):
-    write_scene(here, {**WILD, "optimizationIterations": 5})
-    code, _, err = said("simulate scene.json")
-    assert code == 0
-    assert re.search(r"warning: scene.json: objects\[0\]: from step \d on springs are more than 10 times as long", err)
 
 
 # --- simulate --energy: the table, what the motion file keeps, the summary

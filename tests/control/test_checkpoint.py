@@ -22,6 +22,14 @@ def asked(flag):
     return own, keys
 
 
+@pytest.fixture(scope="module", params=["forces", "handles"])
+def search(request, asked):
+    """The controls that are free, and the search that nothing ends."""
+    handles = Controls(handles=(Handle(0, np.array([11], np.int32)),), velocity=True)
+    controls = Controls() if request.param == "forces" else handles
+    return controls, find_controls(*asked, controls)
+
+
 class Cut:
     """Ends a search, as Ctrl-C does, at an evaluation."""
 
@@ -34,20 +42,17 @@ class Cut:
             raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize("name", ["forces", "handles"])
-def test_a_search_goes_on(tmp_path, asked, name):
-    own, keys = asked
-    controls = Controls() if name == "forces" else Controls(handles=(Handle(0, np.array([11], np.int32)),))
-    whole = find_controls(own, keys, controls)
+def test_a_search_goes_on(tmp_path, asked, search):
+    controls, whole = search
     file = Checkpoint(tmp_path / "state")
-    cut = find_controls(own, keys, controls, report=Cut(30 if name == "forces" else 4), checkpoint=file)
+    cut = find_controls(*asked, controls, report=Cut(4 if controls.handles else 30), checkpoint=file)
     assert cut.status == "interrupted"
     assert file.written
-    again = find_controls(own, keys, controls, checkpoint=Checkpoint(tmp_path / "state", resume=True))
+    again = find_controls(*asked, controls, checkpoint=Checkpoint(tmp_path / "state", resume=True))
     assert again.status in ("converged", "stalled")
     miss, other = (np.array([key.rmse for key in each.keys]) for each in (again, whole))
     np.testing.assert_allclose(miss, other, atol=2e-3)  # there may be other minima near
-    if name == "forces":
+    if not controls.handles:
         assert again.effort < 1.02 * whole.effort  # both end where little more is gained
 
 
@@ -56,15 +61,11 @@ class Killed(BaseException):
 
 
 @pytest.mark.parametrize("share", [0.3, 0.8])
-@pytest.mark.parametrize("name", ["forces", "handles"])
-def test_a_search_that_was_killed_ends_where_it_would_have_ended(tmp_path, asked, monkeypatch, name, share):
+def test_a_search_that_was_killed_ends_where_it_would_have_ended(tmp_path, asked, search, monkeypatch, share):
     """To the last bit: it goes on from where L-BFGS began anew, or after the last of its searches that was over."""
     monkeypatch.setattr(checkpoint, "EVERY", 0.0)
     monkeypatch.setattr(checkpoint, "WRITING_SHARE", 0.0)
-    own, keys = asked
-    handle = Handle(0, np.array([11], np.int32))
-    controls = Controls() if name == "forces" else Controls(handles=(handle,), velocity=True)
-    whole = find_controls(own, keys, controls)
+    controls, whole = search
     seen = iter(range(int(share * whole.evaluations)))
 
     def kill(effort, missed, evaluations):
@@ -72,8 +73,8 @@ def test_a_search_that_was_killed_ends_where_it_would_have_ended(tmp_path, asked
             raise Killed
 
     with pytest.raises(Killed):
-        find_controls(own, keys, controls, report=kill, checkpoint=Checkpoint(tmp_path / "state"))
-    again = find_controls(own, keys, controls, checkpoint=Checkpoint(tmp_path / "state", resume=True))
+        find_controls(*asked, controls, report=kill, checkpoint=Checkpoint(tmp_path / "state"))
+    again = find_controls(*asked, controls, checkpoint=Checkpoint(tmp_path / "state", resume=True))
     np.testing.assert_array_equal(again.motion.positions, whole.motion.positions)
     assert (again.evaluations, again.status) == (whole.evaluations, whole.status)
 

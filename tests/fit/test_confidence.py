@@ -261,13 +261,6 @@ def test_at_a_bound_the_interval_goes_inwards(true, bound):
     assert bound == pytest.approx(low if bound == LOWER else high, rel=1e-9)  # rounding of exp and log
 
 
-def test_a_cloth_that_is_too_large_has_none_and_says_so(monkeypatch, sheet):
-    monkeypatch.setattr(trajectory, "LARGEST", 0.0)
-    found = estimate(*sheet, start=20.0, method="l-bfgs-b")
-    assert (found.rank, found.parameters[0].interval) == (None, [None])
-    assert any("no intervals" in warning for warning in found.warnings)
-
-
 def test_the_prior_is_told():
     scene = load(trial("Ln", 15))
     motion = degrade(record_target(scene), 1e-3, seed=0)
@@ -314,10 +307,13 @@ def test_a_fit_that_cannot_be_looked_at_is_kept_with_a_warning(sheet):
     assert kept.warnings == [*found.warnings, f"the fit could not be looked at in full: {ALIKE}"]
 
 
-def test_where_a_step_of_the_motion_is_singular_there_are_no_intervals(monkeypatch, sheet):
-    monkeypatch.setattr(trajectory.Trajectory, "model", singular)
+@pytest.mark.parametrize(("of", "name", "value"), [(trajectory, "LARGEST", 0.0),
+                                                   (trajectory.Trajectory, "model", singular)])  # fmt: skip
+def test_of_a_cloth_that_is_too_large_and_where_a_step_is_singular_there_are_none(monkeypatch, sheet, of, name, value):
+    monkeypatch.setattr(of, name, value)
     found = estimate(*sheet, start=20.0, method="l-bfgs-b", max_evaluations=2)
-    assert found.parameters[0].interval == [None]
+    assert (found.rank, found.parameters[0].interval) == (None, [None])
+    assert any("no intervals" in warning for warning in found.warnings)
 
 
 # --- by samples

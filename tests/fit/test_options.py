@@ -176,30 +176,17 @@ def test_a_start_may_be_the_path_of_a_scene(scene, tmp_path):
         clothfit.estimate(scene, motion, "nothing.json")
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda scene, path: clothfit.degrade(path),
-        lambda scene, path: clothfit.save_motion(path, "other.npz"),
-        lambda scene, path: clothfit.energies(scene, path),
-    ],
-)
-def test_a_path_given_for_a_motion_elsewhere_says_how_to_load_it(scene, call):
-    with pytest.raises(clothfit.InvalidInput, match=r"load it: clothfit\.load_motion\('a\.npz', scene\)"):
-        call(scene, "a.npz")
+OF_A_MOTION = [clothfit.degrade, lambda path: clothfit.save_motion(path, "other.npz"),
+               lambda path: clothfit.energies(clothfit.load(even("nG", 6, 3, 3)), path)]  # fmt: skip
+OF_A_SCENE = [clothfit.simulate, clothfit.estimate, clothfit.parameters, lambda path: clothfit.evaluate(path, path),
+              lambda path: clothfit.energies(path, None), lambda path: clothfit.Objective(path, None)]  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    "call",
-    [
-        clothfit.simulate,
-        clothfit.estimate,
-        lambda path: clothfit.evaluate(path, path),
-        lambda path: clothfit.energies(path, None),
-        lambda path: clothfit.Objective(path, None),
-        lambda path: clothfit.parameters(path),
-    ],
-)
-def test_a_path_given_for_a_scene_says_how_to_load_it(call):
-    with pytest.raises(clothfit.InvalidInput, match=r"load it: clothfit\.load\('a\.json'\)"):
-        call("a.json")
+    ("call", "path", "remedy"),
+    [*((call, "a.npz", r"load_motion\('a\.npz', scene\)") for call in OF_A_MOTION),
+     *((call, "a.json", r"load\('a\.json'\)") for call in OF_A_SCENE)],
+)  # fmt: skip
+def test_a_path_given_for_a_motion_elsewhere_or_for_a_scene_says_how_to_load_it(call, path, remedy):
+    with pytest.raises(clothfit.InvalidInput, match=rf"load it: clothfit\.{remedy}"):
+        call(path)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers.interrupting import interrupt_after
 from helpers.marks import fits
+from helpers.scenes import load_text
 from helpers.strangers import DRAG, WIND, sheet, small, windy, with_finer_steps
 
 from clothfit import InvalidInput, Motion, degrade, estimate, parameters, save, save_motion, simulate, with_parameters
@@ -23,6 +24,7 @@ from clothfit.motion.motion import at_frames
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
+from clothfit.scene.scene import dumps
 from clothfit.strategy import ladder
 from clothfit.strategy.step_choice import COUNTS
 
@@ -146,6 +148,7 @@ def test_a_truth_by_one_factor_is_fitted_by_one_factor_and_one_velocity_stays_on
     fitted = [(block.name, block.mode) for block in fit.parameters]
     assert fitted == [("stiffness", "F"), *[("velocity", "G")] * len(more)]
     assert [each.model for each in fit.ladder] == ["F"]
+    assert load_text(dumps(fit.scene)).cloths[0].settings == "nL"  # the flags of the file are not what was fitted
     assert fit.scene.delta == scene.delta
     # 360 positions with noise of 1 mm, of a motion of decimetres that follows the stiffness
     np.testing.assert_allclose(fit.scene.cloths[0].stiffness, 40.0, rtol=0.02)
@@ -183,7 +186,6 @@ def test_the_editors_step_is_kept_with_a_hint_unless_a_number_is_asked_for_by_th
 CHOICES = {
     "step": ({"substeps": "auto"}, "nF"),
     "model": ({"model": "auto"}, "nL"),
-    "step and model": ({"substeps": "auto", "model": "auto"}, "nL"),
     "step, model and holdout": ({"substeps": "auto", "model": "auto", "holdout": 0.25}, "nL"),
 }
 
@@ -256,8 +258,8 @@ def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_pa
 
 @fits
 def test_a_fit_that_is_resumed_keeps_what_was_chosen(tmp_path, monkeypatch):
-    options, letters = CHOICES["step and model"]
-    scene, motion = finer(letters)
+    options = {"substeps": "auto", "model": "auto"}
+    scene, motion = finer("nL")
     kept = []
     with monkeypatch.context() as patch:
         patch.setattr(module, "write_atomically", lambda _, data: kept.append(data))

@@ -175,20 +175,12 @@ def test_there_is_code_of_it_when_it_is_needed_and_once(apart):
 
 
 @compiles
-def test_what_ends_its_compilation_is_raised_by_the_call_and_the_next_call_compiles_it(apart, monkeypatch):
+@pytest.mark.parametrize("address", [lambda *_: signal.raise_signal(signal.SIGINT), lambda *_: 0])
+def test_what_ends_its_compilation_is_raised_by_the_call_and_the_next_call_compiles_it(apart, monkeypatch, address):
+    """Ctrl-C meanwhile, or before all else: then there is no code, and no reason why."""
     twice, thrice, _ = apart
     with monkeypatch.context() as patch:
-        patch.setattr(type(twice), "address", lambda self, kinds: signal.raise_signal(signal.SIGINT))
-        with pytest.raises(KeyboardInterrupt):
-            thrice(1.0)
-    assert thrice(1.0) == 3.0
-
-
-@compiles
-def test_ctrl_c_that_comes_before_all_else_is_one(apart, monkeypatch):
-    twice, thrice, _ = apart
-    with monkeypatch.context() as patch:
-        patch.setattr(type(twice), "address", lambda self, kinds: 0)  # no code, and no reason why
+        patch.setattr(type(twice), "address", address)
         with pytest.raises(KeyboardInterrupt):
             thrice(1.0)
     assert thrice(1.0) == 3.0

@@ -202,39 +202,25 @@ def test_gauss_newton_fits_residuals_of_ones_own():
         ({"method": "momentum"}, "momentum needs an objective of this program"),
         ({"method": "gauss-newton"}, "gauss-newton needs Residuals of one object"),
         ({"holdout": 0.2}, "holdout: does not go with a cost of one's own"),
-        ({"fit_time": True}, "fit_time: does not go"),
-        ({"loss": "huber"}, "loss: does not go"),
-        ({"model": "auto"}, "model auto: does not go"),
-        ({"substeps": "auto"}, "substeps auto: does not go"),
+        *[(option, "{}: does not go".format(*option)) for option in ({"fit_time": True}, {"loss": "huber"})],
+        *[({name: "auto"}, f"{name} auto: does not go") for name in ("model", "substeps")],
+        *[({"objective": function}, text) for function, text in (
+            (lambda motion: 1.0, r"must return a cost and its derivative \(5, 9, 3\); it returned neither"),
+            (lambda motion: (1.0, np.zeros((9, 3))), r"the derivative has the shape \(9, 3\)"),
+            (lambda motion: (-1.0, np.zeros((5, 9, 3))), "it returned -1; add a constant"),
+            (lambda motion: ("much", np.zeros((5, 9, 3))), "it returned neither"),
+            (Residuals(lambda motion: 1.0), r"residuals \(R,\) and their derivative \(R, 3 F N\); it returned neither"),
+            (Residuals(lambda motion: (np.zeros(2), np.zeros((2, 9)))), r"they have the shapes \(2,\) and \(2, 9\)"))],
     ],
-)
-def test_what_does_not_go_with_it_is_refused(options, text):
+)  # fmt: skip
+def test_what_does_not_go_with_it_and_what_it_must_not_return_is_refused(options, text):
     with pytest.raises(InvalidInput, match=text):
-        estimate(load(even("nG", 5, 3, 3)), objective=height, **options)
-
-
-@pytest.mark.parametrize(
-    ("function", "text"),
-    [
-        (lambda motion: 1.0, r"must return a cost and its derivative \(5, 9, 3\); it returned neither"),
-        (lambda motion: (1.0, np.zeros((9, 3))), r"the derivative has the shape \(9, 3\)"),
-        (lambda motion: (-1.0, np.zeros((5, 9, 3))), "it returned -1; add a constant"),
-        (lambda motion: ("much", np.zeros((5, 9, 3))), "it returned neither"),
-        (Residuals(lambda motion: 1.0), r"residuals \(R,\) and their derivative \(R, 3 F N\); it returned neither"),
-        (Residuals(lambda motion: (np.zeros(2), np.zeros((2, 9)))), r"they have the shapes \(2,\) and \(2, 9\)"),
-    ],
-)
-def test_a_function_that_returns_something_else_is_told_what_is_needed(function, text):
-    with pytest.raises(InvalidInput, match=text):
-        estimate(load(even("nG", 5, 3, 3)), objective=function)
+        estimate(load(even("nG", 5, 3, 3)), **{"objective": height, **options})
 
 
 def test_an_error_of_the_function_is_the_users_to_see():
-    def broken(motion):
-        return motion.positions[99], None
-
     with pytest.raises(IndexError):
-        estimate(load(even("nG", 5, 3, 3)), objective=broken)
+        estimate(load(even("nG", 5, 3, 3)), objective=lambda motion: (motion.positions[99], None))
 
 
 def test_a_fit_goes_on_from_its_checkpoint_by_the_name_of_the_function(tmp_path):

@@ -285,8 +285,9 @@ def in_pieces(limits, *given, **options):
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("limits", [(2,), (9, 2, 4)])
-def test_a_fit_that_is_interrupted_comes_to_the_same_minimum(tmp_path, case, limits):
+def test_a_fit_that_is_interrupted_comes_to_the_same_minimum(tmp_path, case):
+    """Early, later, at once after it went on, and once more."""
+    limits = (2, 9, 2, 4)
     found = in_pieces(limits, *arguments(case), **ENOUGH, checkpoint=tmp_path / "c")
     same_minimum(found, whole_of(case))
     assert found.evaluations >= limits[0]

@@ -144,50 +144,43 @@ def test_without_any_finite_cost_the_bowl_is_finite_and_nobody_is_told():
     assert search.best.cost == np.inf
 
 
-def test_it_ends_when_the_budget_is_spent_before_another_evaluation():
-    search = played(*[steep(1.0)] * 5, budget=3)
-    assert ended(search) == "limit"
-    assert search.budget.evaluations == 3
+def flat(slope, cost=1.0):
+    """An answer with that derivative."""
+    return cost, np.array([slope])
 
 
-def test_it_ends_when_the_error_is_small_enough():
-    search = played(steep(1.0), steep(1e-4), rmse=1e-3)  # 1e-4 over 1600 positions: an RMSE of 2.5e-4
-    search(search.y)
-    assert ended(search) == "converged"
-    assert search.best.cost == 1e-4
+LOOK = 2  # evaluations on both sides of the best point, where the slope says that it is the end
+ENDS = {  # what is answered and how, the status, and after how many evaluations
+    "the budget is spent before another evaluation": ([steep(1.0)] * 5, {"budget": 3}, "limit", 3),
+    "an RMSE of 2.5e-4: 1e-4 over 1600 positions": ([steep(1.0), steep(1e-4)], {"rmse": 1e-3}, "converged", 2),
+    "stationary": ([steep(1.0), flat(1e-6, 1.0 - 1e-9)], {}, "converged", 2 + LOOK),
+    "not yet stationary": ([flat(1e-4)] * 5, {"budget": 4}, "limit", 4),
+    "outwards above": ([flat(-1.0 / UPPER)], {"start": UPPER}, "converged", 1 + LOOK),
+    "outwards below": ([flat(1.0 / LOWER)], {"start": LOWER}, "converged", 1 + LOOK),
+    "inwards above": ([flat(1.0 / UPPER)] * 5, {"start": UPPER, "budget": 4}, "limit", 4),
+    "inwards below": ([flat(-1.0 / LOWER)] * 5, {"start": LOWER, "budget": 4}, "limit", 4),
+    "nothing gets better for long": ([steep(1.0)] * 200, {}, "stalled", STALL_EVALUATIONS + 1),
+    "0.5 % better in 50 evaluations": ([steep(0.9999**i) for i in range(200)], {"budget": 150}, "limit", 150),
+}
 
 
-def test_it_ends_where_the_cost_is_stationary():
-    assert ended(played(steep(1.0), (1.0 - 1e-9, np.array([1e-6])))) == "converged"
-    assert ended(played(*[(1.0, np.array([1e-4]))] * 5, budget=4)) == "limit"
-
-
-@pytest.mark.parametrize(("start", "outward", "inward"), [(UPPER, -1.0, 1.0), (LOWER, 1.0, -1.0)])
-def test_at_a_bound_a_slope_that_leads_outwards_is_stationary(start, outward, inward):
-    assert ended(played((1.0, np.array([outward / start])), start=start)) == "converged"
-    assert ended(played(*[(1.0, np.array([inward / start]))] * 5, start=start, budget=4)) == "limit"
+@pytest.mark.parametrize("case", ENDS)
+def test_how_it_ends(case):
+    answers, options, status, evaluations = ENDS[case]
+    search = played(*answers, **options)
+    assert (ended(search), search.budget.evaluations) == (status, evaluations)
+    assert search.best.cost == min(cost for cost, _ in answers[:evaluations])
 
 
 def test_a_plateau_is_not_convergence():
-    search = played(*[(1.0, np.array([1e-7]))] * 200)
+    search = played(*[flat(1e-7)] * 200)
     search.objective.around = 1.0 + 1e-6
     assert ended(search) == "stalled"
-    assert search.budget.evaluations == STALL_EVALUATIONS + 1 + 2  # and a look at both sides of the best point
+    assert search.budget.evaluations == STALL_EVALUATIONS + 1 + LOOK
 
 
 def test_where_noise_sets_the_floor_a_stall_is_convergence():
-    assert ended(played(*[(1.0, np.array([1e-2]))] * 200)) == "converged"
-
-
-def test_it_ends_when_nothing_gets_better_for_long():
-    search = played(*[steep(1.0)] * 200)
-    assert ended(search) == "stalled"
-    assert search.budget.evaluations == STALL_EVALUATIONS + 1
-
-
-def test_slow_but_steady_progress_is_not_a_stall():
-    search = played(*[steep(0.9999**i) for i in range(200)], budget=150)  # 0.5 % better in 50 evaluations
-    assert ended(search) == "limit"
+    assert ended(played(*[flat(1e-2)] * 200)) == "converged"
 
 
 # --- visits
