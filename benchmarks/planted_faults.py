@@ -49,8 +49,8 @@ class Fault(NamedTuple):
 
 FAULTS = (
     # forces and their derivatives
-    Fault("engine/forces/springs: sign of the damping", "(stretch + springs.damping * dot(d, difference(u",
-          "(stretch - springs.damping * dot(d, difference(u", "engine/test_forces.py engine derivative"),
+    Fault("engine/forces/springs: sign of the damping", "(stretch + beta * dot(d, difference(u",
+          "(stretch - beta * dot(d, difference(u", "engine/test_forces.py engine derivative"),
     Fault("engine/forces/springs: factor 2 of a pullback", "mul(ld, fma(bent, sd, add(turn, turn)))",
           "mul(ld, fma(bent, sd, turn))", "engine/test_forces.py derivative engine"),
     Fault("engine/forces/springs: term of a tangent", "swing = rho * t * length + hat * sn - bent * t * sd + beta * wn",
