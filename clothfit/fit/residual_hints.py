@@ -38,8 +38,7 @@ from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA
-from clothfit.registration.search import descended, weighted
+from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, descended, weighted
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.scene import Scene
 

@@ -42,7 +42,7 @@ from clothfit.optimise.status import Budget, Status, Stop
 from clothfit.scene.fit_vector import of_kinds, parameters, with_parameters
 from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
-from clothfit.strategy import auto, chaos, continuation, kinds, ladder, step_choice
+from clothfit.strategy import auto, continuation, few_values, frame_blocks, ladder, step_choice
 from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by
 from clothfit.strategy.step_choice import Step, Trial
@@ -100,7 +100,7 @@ class Fitting:
     model: str = ""  # that was chosen
     left_out: Sequence[str] = ()  # kinds that are not fitted
     tried: tuple[Step, ...] = ()  # time steps
-    kinds: Sequence[kinds.Choice] = ()  # what was found of them
+    kinds: Sequence[frame_blocks.Choice] = ()  # what was found of them
     notes: Sequence[str] = ()  # on what was chosen
     chaotic: int = 0  # steps from which on rounding decides how the cloth moves; 0: it does not
     judged: list[Judged] | None = None  # the models among which one was chosen
@@ -141,7 +141,7 @@ class Fitting:
         if step:
             other = with_substeps(other, *step)
         if self.left_out:
-            other = other.flagging(kinds.without(other.scene, self.first, self.left_out))
+            other = other.flagging(frame_blocks.without(other.scene, self.first, self.left_out))
         if self.model:
             other = other.flagging(ladder.as_model(other.scene, self.model, exactly=True))
         tolerance = self.search.objective.tolerance
@@ -269,17 +269,17 @@ def by_few_kinds(fit: Fitting) -> None:
     known += "" if np.array_equal(best.start, fit.first) else ", without friction"
     what = "the target; nothing else is fitted"
     if best.chaotic:
-        what = f"the target's first {best.chaotic} steps; {chaos.TEXT}"
+        what = f"the target's first {best.chaotic} steps; {few_values.TEXT}"
     fit.notes = [f"one factor on the stiffnesses, and {known}, reproduce {what}"]
     fit.adopt(best.objective, best.p, best.objective.cost_or_infinity(best.p))
-    fit.left_out = tuple(kind for kind in ("drag", *kinds.CHOSEN) if kind not in best.others)
+    fit.left_out = tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in best.others)
     fit.first, fit.model, fit.known, fit.chaotic = best.start, FEWEST, True, best.chaotic
 
 
 def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     """What few values come to, the rest as in the `start` (P,)."""
-    whole, gone = fit.search.objective, tuple(kind for kind in ("drag", *kinds.CHOSEN) if kind not in others)
-    fewer = whole.flagging(ladder.as_model(kinds.without(whole.scene, start, gone), FEWEST, exactly=True))
+    whole, gone = fit.search.objective, tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in others)
+    fewer = whole.flagging(ladder.as_model(frame_blocks.without(whole.scene, start, gone), FEWEST, exactly=True))
     search = fit.search.beside(fewer, parameters(fewer.scene), np.inf)
     search.longest = PART * (LONGEST if fit.options.budget is None else fit.options.budget)
     trial, exact = Trial(search), list[tuple[Objective, Array]]()
@@ -288,7 +288,7 @@ def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     there = np.isfinite(search.best.cost) and not trial.ended
     if near or (there and step_choice.leaves_noise(search)):
         return Few(fewer, search.best.p, start, others, True)
-    return Few(fewer, exact[-1][1] if exact else search.best.p, start, others, False, chaos.begins(fewer, exact))
+    return Few(fewer, exact[-1][1] if exact else search.best.p, start, others, False, few_values.begins(fewer, exact))
 
 
 def with_best_step(fit: Fitting) -> None:
@@ -304,12 +304,12 @@ def with_best_step(fit: Fitting) -> None:
 
 def without_kinds(fit: Fitting) -> None:
     """No kinds that take the fit farther from frames kept out."""
-    trial, known = Trial(fit.search), list[tuple[list[kinds.Choice], Array]]()
+    trial, known = Trial(fit.search), list[tuple[list[frame_blocks.Choice], Array]]()
     part = ladder.part_of(fit.search, ladder.models(fit.search.objective.scene)[0], fit.search.best.p)
-    trial.run(lambda _: known.append(kinds.needed(part)))
+    trial.run(lambda _: known.append(frame_blocks.needed(part)))
     fit.kinds, values = known[0] if known else ([], part.best.p)
-    if gone := kinds.left_out(fit.kinds):
-        fewer = kinds.without(fit.search.objective.scene, fit.first, gone)
+    if gone := frame_blocks.left_out(fit.kinds):
+        fewer = frame_blocks.without(fit.search.objective.scene, fit.first, gone)
         p = ladder.as_whole(part, values, fewer)
         fit.adopt(fit.search.objective.flagging(fewer), p)
         fit.left_out = gone

@@ -1,4 +1,7 @@
-"""How far a fit is, and how it reports that."""
+"""How far a fit is, and how it reports that.
+
+A progress bar in notebooks, by tqdm where that is installed.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,11 @@ from clothfit.kernels.clock import computing, passing
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
 
 FEWEST_MARKS, SHORTEST_TREND = 6, 3.0
 """Reports, and seconds, from which on a trend is looked at."""
@@ -126,3 +134,35 @@ class Reporter:
         if self.receiver:
             at = (self.iterations, self.step, self.stage, self.window, self.frames, self.window_rmse, self.unit)
             self.receiver(Progress(evaluations, budget, cost, rmse, self.seconds, *at, best))
+
+
+@contextmanager
+def bar(receiver: Callable[[Progress], None] | None) -> Iterator[Callable[[Progress], None] | None]:
+    """Who is told of the progress of a fit: the receiver, else a bar in a notebook, else nobody."""
+    made = None if receiver is not None or not in_notebook() else tqdm_bar()
+    if made is None:
+        yield receiver
+        return
+
+    def show(progress: Progress) -> None:
+        made.n = progress.evaluations
+        made.set_postfix_str(f"{progress.reached}, {progress.stage}", refresh=True)
+
+    try:
+        yield show
+    finally:
+        made.close()
+
+
+def in_notebook() -> bool:
+    """Whether Jupyter runs this."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return hasattr(shell, "kernel")
+
+
+def tqdm_bar() -> Any:
+    """A bar of evaluations; None without tqdm."""
+    try:
+        return import_module("tqdm.auto").tqdm(desc="fit", unit=" evaluations", leave=False)
+    except ImportError:
+        return None

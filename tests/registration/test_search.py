@@ -12,7 +12,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.comparison import loss_named
 from clothfit.objective.experiment import experiments
 from clothfit.registration.record import rotation
-from clothfit.registration.search import find, sought
+from clothfit.registration.residuals import find, sought
 from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a simulation and its sensitivity
