@@ -54,12 +54,6 @@ from clothfit.scene.keys import Keys
 from clothfit.scene.scene import Scene, vectors, with_pins
 from clothfit.strategy import ladder, step_choice
 
-CHOICE = 0.7
-"""Share of the time of a fit that the choice of its model may take, with that of the step."""
-
-MOMENT = 0.5
-"""Seconds for the costs of the values that were found, where the time is up."""
-
 T = TypeVar("T")
 
 

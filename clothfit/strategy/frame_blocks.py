@@ -38,11 +38,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Flags
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise import preconditioned
 from clothfit.optimise.search import BestSoFar, Search
-from clothfit.optimise.trajectory import Scores
+from clothfit.optimise.trajectory import Kept
 from clothfit.scene.fit_vector import of_kinds, with_parameters
 from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
@@ -80,14 +80,14 @@ def pays(search: Search) -> bool:
         return False
     kept = Kept()
     try:
-        model = part.model(search.y, kept.of)
+        model = part.model(search.y, kept.keep)
     except Diverged:
         return False
     scale = 1.0 / np.sqrt(np.maximum(np.diag(model.H), np.finfo(float).tiny))
     H, g = model.H * np.outer(scale, scale), model.g * scale
     if saving(H, g, more) > PAYS * model.cost:
         return True
-    H_b, g_b = kept.blocks(len(g))
+    H_b, g_b = blocks_of(kept, len(g))
     found = len(g_b) == BLOCKS and t_values(H, g, H_b * np.outer(scale, scale), g_b * scale)[more].max() > CERTAIN
     return bool(found)
 
@@ -112,29 +112,14 @@ def t_values(H: Array, g: Array, H_b: Array, g_b: Array) -> Array:
     return np.asarray(np.abs(step(H, g)) / np.sqrt(np.maximum(variance, np.finfo(float).tiny)))
 
 
-class Kept:
-    """What each step of the runs of a model adds to H and g."""
-
-    def __init__(self) -> None:
-        self.scores: list[tuple[Indices, Scores]] = []
-
-    def of(self, own: Indices) -> Scores:
-        """What takes that of the next run, which depends on some coordinates."""
-        self.scores.append((own, Scores(by_step=True)))
-        return self.scores[-1][1]
-
-    def blocks(self, count: int) -> tuple[Array, Array]:
-        """What each block of the frames of all runs adds to H and g (B, Q, …) of so many coordinates; none of runs that
-        are too short.
-        """
-        H, g = np.zeros((BLOCKS, count, count)), np.zeros((BLOCKS, count))
-        for own, scores in self.scores:
-            if len(scores.parts) < BLOCKS * SHORTEST:
-                return H[:0], g[:0]
-            for b, part in enumerate(np.array_split(np.arange(len(scores.parts)), BLOCKS)):
-                H[b][np.ix_(own, own)] += sum(scores.information[i] for i in part)
-                g[b][own] += sum(scores.parts[i] for i in part)
-        return H, g
+def blocks_of(kept: Kept, size: int) -> tuple[Array, Array]:
+    """What each block of the frames of all runs adds to H and g (B, Q, …) of so many coordinates; none of runs that are
+    too short.
+    """
+    if not kept.runs or any(len(scores.parts) < BLOCKS * SHORTEST for _, scores in kept.runs):
+        return np.zeros((0, size, size)), np.zeros((0, size))
+    H, g = zip(*(kept.blocks(run, BLOCKS, size) for run in range(len(kept.runs))), strict=True)
+    return np.sum(H, axis=0), np.sum(g, axis=0)
 
 
 CHOSEN = ("wind", "gravity", "friction")
@@ -175,10 +160,10 @@ def needed(own: Search) -> tuple[list[Choice], Array]:
     part, kept = Even(own, own.objective), Kept()
     names = [name for name in CHOSEN if (of_kinds(own.objective.scene, (name,)) & own.fitted).any()]
     try:
-        model = part.model(part.y(own.best.p), kept.of)
+        model = part.model(part.y(own.best.p), kept.keep)
     except Diverged:
         return [], own.best.p
-    H_b, g_b = kept.blocks(part.size)
+    H_b, g_b = blocks_of(kept, part.size)
     if not len(H_b) or not model.cost > 0:
         return [], own.best.p
     turn = part.turn(model.y)
