@@ -43,10 +43,10 @@ from clothfit.scene.fit_vector import of_kinds, parameters, with_parameters
 from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
 from clothfit.strategy import auto, continuation, few_values, frame_blocks, ladder, step_choice
+from clothfit.strategy.continuation import with_substeps
 from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by
 from clothfit.strategy.step_choice import Step, Trial
-from clothfit.strategy.time_step import with_substeps
 from clothfit.strategy.trajectory_fit import (
     ModelDiffers,
     best_prior,

@@ -13,33 +13,42 @@ once more, alone, after all others are done, so that no other job can be the cau
 from __future__ import annotations
 
 import os
+import queue
+import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, TypeAlias, Unpack
 
 import numpy as np
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.interrupts import SAME_REQUEST, handled
 from clothfit.base.memory import budget
 from clothfit.fit.options import FitOptions, Keywords, options_of
-from clothfit.many.job import INTERRUPTED, File, Job, JobTarget, Outcome, loaded, read
+from clothfit.many.job import (
+    FAULT,
+    INTERRUPTED,
+    NOT_STARTED,
+    PREPARATION,
+    Died,
+    File,
+    Job,
+    JobTarget,
+    Lost,
+    Outcome,
+    failed,
+    loaded,
+    read,
+)
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
     from clothfit.fit.result import Fit
-    from clothfit.scene.scene import Scene
-import queue
-import time
-from collections import deque
-from typing import TYPE_CHECKING, TypeAlias
-
-from clothfit.base.interrupts import SAME_REQUEST, handled
-from clothfit.many.job import FAULT, NOT_STARTED, PREPARATION, Died, Lost, failed
-
-if TYPE_CHECKING:
     from clothfit.many.cluster import Cluster
     from clothfit.many.processes import Processes
+    from clothfit.scene.scene import Scene
 
 Path = str | os.PathLike[str]
 

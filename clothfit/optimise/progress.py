@@ -5,9 +5,12 @@ A progress bar in notebooks, by tqdm where that is installed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,11 +20,6 @@ from clothfit.kernels.clock import computing, passing
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib import import_module
-from typing import Any
 
 FEWEST_MARKS, SHORTEST_TREND = 6, 3.0
 """Reports, and seconds, from which on a trend is looked at."""

@@ -5,42 +5,32 @@ The scenes that a command reads, how many of their frames, and warnings of simul
 
 from __future__ import annotations
 
+import os
+import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.base.errors import InvalidInput
-from clothfit.base.limits import doubts
+from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.base.limits import doubts, doubts_of_time
+from clothfit.base.messages import unreadable
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import Action, F, gathered, option
+from clothfit.cli.common.options import Action, F, check_numbers, gathered, option
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.axes import HANDS, UPS, Convention, Reading
 from clothfit.formats.registry import foreign, format_of, suffix_of
+from clothfit.scene.text import name_of
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Indices
     from clothfit.formats.axes import Axes
-    from clothfit.motion.foreign import Loaded
-    from clothfit.motion.motion import Motion
-    from clothfit.scene.scene import Scene
-import os
-import re
-from collections.abc import Sequence
-from contextlib import suppress
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from clothfit.base.errors import InvalidScene
-from clothfit.base.limits import doubts_of_time
-from clothfit.base.messages import unreadable
-from clothfit.cli.common.options import check_numbers
-from clothfit.scene.text import name_of
-
-if TYPE_CHECKING:
     from clothfit.motion.energy import Energy
+    from clothfit.motion.foreign import Loaded
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
 

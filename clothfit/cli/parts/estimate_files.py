@@ -4,6 +4,12 @@ In the names, {stem} stands for the scene's name without folder and suffix, {fol
 can name the files of many scenes.
 
 `clothfit estimate --simulator`: the values with which another tool's cloth moves like the target.
+
+`clothfit estimate --cache FILE`: the fitted motion at the times of the target's frames, for the program it is from.
+
+Where the target and FILE are USD, FILE is a copy of the target's file in which the points of the cloth's meshes are the
+fitted ones: the same names, time codes, unit and axes, and all else that is there. Else FILE holds the cloth alone, in
+the target's axes and unit where its format can have them.
 """
 
 from __future__ import annotations
@@ -14,29 +20,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import is_number
+from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import one_stream, read_scene
-from clothfit.cli.common.options import check_least
-from clothfit.cli.common.output import SCENE, STREAM, Output, output_for
-from clothfit.formats.axes import Reading
+from clothfit.cli.common.options import check_least, gathered, given, refuse
+from clothfit.cli.common.output import SCENE, STREAM, Output, beside, output_for, print_json, write_into
+from clothfit.formats.axes import Axes, Convention, Reading
+from clothfit.formats.registry import foreign, format_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from clothfit.motion.motion import Motion
+    from clothfit.registration.record import Registration
     from clothfit.scene.scene import Scene
-from typing import TYPE_CHECKING
-
-import click
-
-from clothfit.base.messages import metres
-from clothfit.cli.common.options import gathered, given, refuse
-from clothfit.cli.common.output import print_json, write_into
-
-if TYPE_CHECKING:
     from clothfit.simulators.estimate import Options
     from clothfit.simulators.values import Fitted
+
 
 @dataclass(frozen=True)
 class Files:
@@ -227,11 +232,11 @@ class Asked:
         return Options(str(self.simulator), own, self.blender, report=console.detail, model=model or "G")
 
 
-options = gathered("tool", Asked)
+simulator_options = gathered("tool", Asked)
 """Adds the options; the function is given them as `tool`."""
 
 
-def fit(
+def fit_by_simulator(
     scene_paths: tuple[str, ...], files: Files, asked: Asked, substeps: str | None, model: str | None, console: Console
 ) -> int:
     """Fit a tool to one scene's target and write its values into a folder; returns the exit code."""
@@ -291,3 +296,52 @@ def error(rmse: float, travel: float) -> str:
     if rmse == float("inf"):
         return "of a cloth that runs away"
     return f"{metres(rmse)} ({100 * rmse / travel:.2g} % of the way)"
+
+
+def cache_place(files: Files, used: Iterable[str | None]) -> Output | None:
+    """Where the cache goes, where one is asked for. Raises InvalidInput."""
+    if files.cache is None:
+        return None
+    if len(files.pairs) != 1 or files.pairs[0][1] is not None:
+        raise InvalidInput("--cache needs one --target, which must be of SCENE itself")
+    out = beside("--cache", files.cache, used)
+    assert out is not None
+    format_of(out.path, writing=True)
+    motions.check(out, Convention(), [files.pairs[0][0]])
+    return out
+
+
+def write_cache(fitted: Scene, files: Files, known: Registration, out: Output, console: Console) -> None:
+    """Write the motion of a fitted scene in the time and the place of its target, which are `known`; before the scene
+    begins it stands still. Raises InvalidInput.
+    """
+    import numpy as np
+
+    from clothfit.motion.foreign import load
+    from clothfit.motion.motion import Motion
+    from clothfit.motion.simulate import simulate
+    from clothfit.motion.times import frame_places, interpolated
+
+    path, written = files.pairs[0][0], foreign(out.path)
+    target = load(path, fitted, replace(files.reading, frames=None))
+    own = replace(target.motion, times=np.maximum(known.times(target.motion.times), 0.0))
+    step, fraction = frame_places(own, fitted.delta)
+    every = simulate(fitted, int(step.max()) + 2)
+    x = known.taken_back(interpolated(every.positions, step, fraction))
+    motion = Motion(x, target.motion.times, fitted.vertex_counts)
+    axes = target.interpretation.axes
+    if written is not None and written.name == "USD" == target.interpretation.format:
+        from clothfit.formats import usd
+        from clothfit.motion.files import animation, for_tools
+
+        whole, _ = for_tools(motion, fitted, written)
+        points = animation(whole, written, axes).positions
+        out.write(usd.with_points(path, out.path, points, str(target.motion.said.get("mesh", ""))))
+        console.say(f"{out.path}: {path} with the fitted cloth, {counted(len(x), 'frame', 'frames')}, {axes}")
+        return
+    alike = written is not None and foreign(path) is not None and written.name != "glTF"
+    motions.write(motion, out, fitted, Convention(*_said(axes)) if alike else Convention(), console)
+
+
+def _said(axes: Axes) -> tuple[float, str, str]:
+    return axes.scale, axes.up, axes.handedness
