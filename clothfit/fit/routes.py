@@ -154,7 +154,6 @@ class Fitting:
         self.search = before.beside(objective, p, cost)
         self.search.origin, self.search.looser = origin, before.looser
 
-
     def keep(self) -> None:
         """Let the search keep its state from now on."""
         search = self.search
@@ -356,11 +355,6 @@ def beside_the_pattern(fit: Fitting) -> None:
         fit.as_it_is = kept.cost_or_infinity(parameters(kept.scene))
 
 
-def warned(fit: Fitting) -> None:
-    """What is to be said of the values that it begins with."""
-    fit.search.warn(*start_warnings(fit.search.objective, fit.search.start))
-
-
 CHOICES = (
     Route("as before", lambda fit: fit.state is not None, as_before),
     Route("asked step", lambda fit: not (fit.hidden or fit.state) and isinstance(fit.options.substeps, int),
@@ -374,7 +368,8 @@ CHOICES = (
     Route("model", lambda fit: fit.options.model == AUTO and not (fit.hidden or fit.state or fit.model),
           with_best_model),
     Route("start", lambda fit: not (fit.known or fit.state), from_first_point),
-    Route("known start", lambda fit: fit.known, warned),
+    Route("known start", lambda fit: fit.known,
+          lambda fit: fit.search.warn(*start_warnings(fit.search.objective, fit.search.start))),
     Route("pattern", lambda fit: fit.start is None and not fit.hidden, beside_the_pattern),
 )  # fmt: skip
 """What a fit settles before, one after the other."""
@@ -383,28 +378,12 @@ CHOICES = (
 # --- the fit
 
 
-def at_the_start(fit: Fitting) -> Status:
-    """Nothing but its cost."""
-    fit.search(fit.search.y)
-    return fit.search.verdict()
-
-
-def by_scipy(fit: Fitting) -> Status:
-    """A minimiser of SciPy."""
-    return minimise(fit.search, fit.options.method)
-
-
 def by_momentum_alone(fit: Fitting) -> Status:
     """The momentum fit."""
     if not momentum.fits(fit.search.objective):
         raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
     auto.by_momentum(fit.search, fit.search.start)
     return fit.search.verdict()
-
-
-def has_ended(fit: Fitting) -> bool:
-    """Whether a fit goes on that had ended."""
-    return fit.state is not None and fit.state.status in (Status.CONVERGED, Status.STALLED)
 
 
 def as_it_ended(fit: Fitting) -> Status:
@@ -445,11 +424,6 @@ def by_models_left(fit: Fitting) -> Status:
     return auto.by_ladder(fit.search, fit.tau, [], wanted)
 
 
-def by_gauss_newton_alone(fit: Fitting) -> Status:
-    """Gauss–Newton from the start."""
-    return by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)
-
-
 def by_balances(fit: Fitting) -> None:
     """The momentum fits, where the balances can hold."""
     search, start = fit.search, fit.search.start
@@ -477,11 +451,6 @@ def by_scan(fit: Fitting) -> Status:
         if is_near(search):
             return status
     return auto.by_scan(search, search.start, fit.tau)
-
-
-def is_exact(fit: Fitting) -> bool:
-    """Whether a momentum fit of thousands of values is as good as exact."""
-    return auto.too_many(fit.search) and bool(fit.exact) and auto.is_exact(fit.search)
 
 
 def around_the_best_guess(fit: Fitting) -> None:
@@ -559,23 +528,27 @@ def from_other_points(fit: Fitting) -> Status:
 
 
 ROUTES = (
-    Route("as it ended", has_ended, as_it_ended),
-    Route("nothing to fit", lambda fit: bool(fit.chaotic) or not fit.search.fitted.any(), at_the_start),
-    Route("SciPy", lambda fit: fit.options.method in METHODS, by_scipy),
+    Route("as it ended",
+          lambda fit: fit.state is not None and fit.state.status in (Status.CONVERGED, Status.STALLED), as_it_ended),
+    Route("nothing to fit", lambda fit: bool(fit.chaotic) or not fit.search.fitted.any(),
+          lambda fit: auto.ended(fit.search)),
+    Route("SciPy", lambda fit: fit.options.method in METHODS, lambda fit: minimise(fit.search, fit.options.method)),
     Route("momentum alone", lambda fit: fit.options.method == "momentum", by_momentum_alone),
     Route("going on", was_descending, going_on),
-    Route("Gauss–Newton alone", lambda fit: fit.options.method == "gauss-newton", by_gauss_newton_alone),
+    Route("Gauss–Newton alone", lambda fit: fit.options.method == "gauss-newton",
+          lambda fit: by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)),
     Route("models left", lambda fit: fit.wanted is not None or bool(fit.state and fit.state.rungs), by_models_left),
     Route("balances of momentum", lambda fit: True, by_balances),
     Route("scan", lambda fit: auto.one_value_each(fit.search), by_scan),
-    Route("exact balances", is_exact, lambda fit: Status.CONVERGED),
+    Route("exact balances", lambda fit: auto.too_many(fit.search) and bool(fit.exact) and auto.is_exact(fit.search),
+          lambda fit: Status.CONVERGED),
     Route("too many for a matrix", lambda fit: auto.too_many(fit.search), from_coarse_to_fine),
     Route("best guess", lambda fit: True, around_the_best_guess),
     Route("accurate balances", lambda fit: bool(fit.exact) and auto.is_accurate(fit.search), from_the_best),
     Route("few values", has_few, by_few_values),
     Route("single values", lambda fit: True, by_single_values),
     Route("coarse to fine", lambda fit: True, from_coarse_to_fine),
-)
+)  # fmt: skip
 """How the values are found: the first that returns a status ends the fit."""
 
 WITH_TIME_LEFT = (

@@ -59,7 +59,7 @@ PAYS = 0.01
 def in_a_round(own: Search) -> None:
     """A short descent, enough for a comparison. Raises Stop."""
     if not settled(own):
-        preconditioned.one_round(own)
+        preconditioned.one_round(own, preconditioned.metric(preconditioned.for_metric(own), own.y))
 
 
 def to_the_minimum(own: Search) -> None:
@@ -69,19 +69,11 @@ def to_the_minimum(own: Search) -> None:
         return
     before = np.inf
     while own.best.cost < (1.0 - PAYS) * before and not settled(own):
-        before = own.best.cost
-        in_metric(own)
-
-
-def in_metric(own: Search) -> None:
-    """A round of L-BFGS in the metric of the best point. Raises Stop."""
-    root = preconditioned.metric(preconditioned.for_metric(own), own.y)
-    if root is None:
-        preconditioned.minimise(own)
-        return
-    own.budget.enter_stage()  # a round has its own end
-    if preconditioned.descend(own, root, preconditioned.Patience(own.progress.clock), settled=preconditioned.SETTLED):
-        own.settled = own.best.p
+        before, root = own.best.cost, preconditioned.metric(preconditioned.for_metric(own), own.y)
+        if root is None:
+            preconditioned.minimise(own)
+        else:
+            preconditioned.one_round(own, root, preconditioned.ROUND)
 
 
 def settled(own: Search) -> bool:

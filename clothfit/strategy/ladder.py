@@ -28,14 +28,7 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
 from clothfit.strategy import continuation, frame_blocks
-from clothfit.strategy.few_values import (
-    FEW_VALUES,
-    in_a_round,
-    settled,
-    through_windows,
-    to_the_minimum,
-    touches,
-)
+from clothfit.strategy.few_values import FEW_VALUES, in_a_round, settled, through_windows, to_the_minimum, touches
 from clothfit.strategy.start import is_steady, steadied, values_by
 
 STARTED = 2.0
