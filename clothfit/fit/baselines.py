@@ -6,12 +6,11 @@ whose motion is no nearer than that explains nothing of the motion: the fit fail
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from clothfit.base.messages import metres
+from clothfit.base.messages import listed, metres
 from clothfit.derivative.adjoint import Observer
 from clothfit.engine.tape import Tape
 from clothfit.fit.hints import Hint
@@ -98,8 +97,3 @@ def way_out(scene: Scene) -> str:
             "where its clock may be another, use --fit-time"
         )
     return "Try other starts (--starts 8), more time (--budget), or fewer frames first"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names in a sentence."""
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

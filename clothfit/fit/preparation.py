@@ -40,11 +40,10 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.sampling import moved
 from clothfit.engine.system import BDF2
 from clothfit.fit import holdout
-from clothfit.fit.hints import rms
 from clothfit.fit.options import AUTO, FitOptions
 from clothfit.fit.result import Fit
 from clothfit.motion.degrade import rounding
-from clothfit.motion.motion import Motion, at_frames
+from clothfit.motion.motion import Motion, at_frames, rms
 from clothfit.motion.times import TIME_SLACK, frame_places
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.objective import Objective

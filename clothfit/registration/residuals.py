@@ -40,8 +40,7 @@ from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.foreign import apart
-from clothfit.motion.motion import Motion
+from clothfit.motion.motion import Motion, rms
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.measures import surface_of
@@ -368,7 +367,7 @@ def first_guesses(given: Experiment, free: Flags) -> list[Registration]:
     if free[SPACE].any() and len(points) >= 3:
         c = 1.0 / scale_between(points, start) if free[SCALE] else 1.0
         R, d = rigid(c * points, start) if free[PLACE].any() else (np.eye(3), np.zeros(3))
-        if apart(c * points @ R.T + d, start) < RIGID * apart(points, start):
+        if rms(c * points @ R.T + d - start) < RIGID * rms(points - start):
             place = Registration(rotation=R, translation=d, scale=c)
     if not free[TIME].any():
         return [place]

@@ -24,6 +24,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import rms
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise import gauss_newton, preconditioned
@@ -241,4 +242,4 @@ def twins(scene: Scene, frames: int) -> float:
         noise = ROUNDING * size * random.uniform(-1.0, 1.0, cloth.positions.shape)
         cloths.append(replace(cloth, positions=cloth.positions + np.where(cloth.fixed[:, None], 0.0, noise)))
     one, other = (simulate(each, frames).positions for each in (scene, replace(scene, cloths=tuple(cloths))))
-    return float(np.sqrt(((one - other) ** 2).sum(axis=2).mean()))
+    return rms(one - other)
