@@ -6,7 +6,7 @@ import signal
 import pytest
 
 from clothfit.base.errors import InvalidInput
-from clothfit.many.estimate_many import CUT_SHORT, Batch
+from clothfit.many.batch import CUT_SHORT, Batch
 from clothfit.many.job import FAULT, NOT_STARTED, PREPARATION, Died, File, Job, Lost, Outcome
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -135,7 +135,7 @@ def test_a_request_to_end_leaves_no_second_try_to_one_that_died():
 
 
 def test_a_second_request_ends_at_once(monkeypatch):
-    monkeypatch.setattr("clothfit.many.estimate_many.SAME_REQUEST", -1.0)
+    monkeypatch.setattr("clothfit.many.batch.SAME_REQUEST", -1.0)
 
     class Deaf(Plain):
         def interrupt(self):
