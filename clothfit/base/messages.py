@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 LONGEST_VALUE = 40  # characters of a value in a message
 ALIKE, FILE_ALIKE = 0.6, 0.85  # share of letters in order that two names have in common; those of files often do
@@ -79,6 +79,16 @@ def place(path: Iterable[str | int]) -> str:
 def counted(count: int, one: str, many: str) -> str:
     """Write a count with its noun: `1 vertex`, `144 vertices`."""
     return f"{count} {one if count == 1 else many}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Write names with commas and an "and"."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def percent(fraction: float) -> str:
+    """Write a fraction in percent with two digits."""
+    return f"{100 * fraction:.2g} %" if fraction < 1 else f"{100 * fraction:.0f} %"
 
 
 def spans(numbers: Iterable[int]) -> list[str]:

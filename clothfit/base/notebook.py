@@ -9,14 +9,14 @@ from importlib import import_module
 from typing import Any
 from weakref import WeakKeyDictionary
 
-VIEWER = "clothfit.report.inline"
+VIEWER = "clothfit.report.page"
 
 _scenes: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
 
 def shown(thing: Any) -> str:
     """The HTML that shows a scene, a motion or a fit."""
-    return str(import_module(VIEWER).shown(thing))
+    return str(import_module(VIEWER).viewer(thing))
 
 
 def belongs(motion: Any, scene: Any) -> None:

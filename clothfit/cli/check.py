@@ -8,11 +8,11 @@ import click
 
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.messages import counted, owned
-from clothfit.cli.common import motions, scenes
+from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import one_stream, read_scene, under_forces
 from clothfit.cli.common.options import check_numbers, option, section, standard_command
 from clothfit.cli.common.output import attributes, print_json
-from clothfit.cli.common.scenes import one_stream, read_scene, under_forces
 
 if TYPE_CHECKING:
     from clothfit.evaluation.gradient_check import Finding, SceneCheck
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @section("What to check")
 @option("--steps N", "Simulate N time steps.  [default: the scene's, fewer for large cloths]", int)
 @option("--target MOTION", "Motion to compare with.  [default: that of perturbed values]", name="target_path")
-@scenes.forces
+@motions.forces
 @option("--seed S", "Seed of the random directions.  [default: 0]", click.IntRange(0), default=0)
 @option("--memory SIZE", "Use at most this much memory, such as 200MB.  [default: half of what is free]")
 @section("The file of the target")

@@ -21,10 +21,10 @@ from clothfit.base.messages import counted, metres
 from clothfit.cli import report as pages
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import check_there, one_stream, read_scene, warn_of_steps
 from clothfit.cli.common.options import gathered, given, option, section, standard_command
 from clothfit.cli.common.output import PAGE, SCENE, STREAM, Output, attributes, beside, output_for, print_json
 from clothfit.cli.common.progress import now_and_then
-from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 from clothfit.cli.parts import checkpoints
 from clothfit.formats.axes import Convention, Reading, positive
 from clothfit.many.job import INTERRUPTED

@@ -12,9 +12,9 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import one_stream, read_scene
 from clothfit.cli.common.options import option, section, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
-from clothfit.cli.common.scenes import one_stream, read_scene
 from clothfit.formats.axes import SCENE, Axes, Convention, Reading
 from clothfit.formats.registry import foreign, format_of
 

@@ -14,12 +14,12 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import duration
 from clothfit.base.messages import owned
 from clothfit.cli import report
-from clothfit.cli.common import motions, output, pictures, running, scenes
+from clothfit.cli.common import motions, output, pictures, running
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import read_scene, under_forces, unlikely, warn_of_steps
 from clothfit.cli.common.options import check_least, check_numbers, gathered, option, refuse, section, standard_command
 from clothfit.cli.common.progress import progress
-from clothfit.cli.common.scenes import read_scene, under_forces, unlikely, warn_of_steps
-from clothfit.cli.parts import estimate_cache, estimate_results, estimate_simulator
+from clothfit.cli.parts import estimate_files, estimate_results
 from clothfit.cli.parts.estimate_files import Effort, Files, bounds_of, filled, read_start, read_target, weights
 from clothfit.cli.parts.estimate_results import Page, Recording
 from clothfit.fit.options import FitOptions, asked_fit
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @section("What to fit to")
 @option("--target MOTION[@SCENE]", "Motion to match, and the scene it was recorded in; may be repeated.  [default: the "
         "scene's own motion]", name="target_paths", multiple=True)
-@scenes.forces
+@motions.forces
 @option("--objective NAME[=WEIGHT]", "Quantity to compare: position, velocity, edge-length or spectrum; may be "
         "repeated.  [default: position]", name="objectives", multiple=True)
 @option("--loss NAME", "Loss of a distance: linear, soft_l1 or huber.  [default: linear]", default="linear")
@@ -94,7 +94,7 @@ if TYPE_CHECKING:
 @running.option("Fit again, from the last result,", start=True)
 @running.ends_with_input
 @section("In another tool")
-@estimate_simulator.options
+@estimate_files.simulator_options
 @section("Many fits")
 @option("--starts K", "Fit from K starts and keep the best result.  [default: 1]", int, default=1)
 @option("--seed S", "Seed of the random starts after the first.  [default: 0]", int, default=0)
@@ -106,7 +106,7 @@ def command(
     scene_paths: tuple[str, ...], files: Files, objectives: tuple[str, ...], substeps: str | None,
     time_budget: str | None, bounds: tuple[str, ...], fits: tuple[str, ...], no_intervals: bool,
     report_path: str | None, effort: Effort,
-    log: str | None, pictures: pictures.Pictures, tool: estimate_simulator.Asked, console: Console, **as_given: Any,
+    log: str | None, pictures: pictures.Pictures, tool: estimate_files.Asked, console: Console, **as_given: Any,
 ) -> int:
     """Fit the parameters that SCENE flags and write the scene with only those numbers changed.
 
@@ -138,7 +138,7 @@ def command(
     tool.check(as_given["model"])
     refuse({"--fit": fits if fits and tool.simulator else None}, "{} is for a fit of this program's own cloth")
     if tool.simulator:
-        return estimate_simulator.fit(scene_paths, files, tool, substeps, as_given["model"], console)
+        return estimate_files.fit_by_simulator(scene_paths, files, tool, substeps, as_given["model"], console)
     options = FitOptions(
         objective=weights(objectives), intervals=not no_intervals, bounds=bounds_of(bounds),
         substeps=substeps_of(substeps), budget=duration(time_budget, "--budget"), **asked_fit(fits), **as_given,
@@ -165,7 +165,7 @@ def fit_one(
     scene = under_forces(read_scene(scene_path, console), files.forces_path)
     out = files.output(scene_path)
     used = [scene_path, *files.inputs, out.path]
-    cache = estimate_cache.place_of(files, used)
+    cache = estimate_files.cache_place(files, used)
     used += [cache.path] if cache else []
     place = output.beside("--report", report_path and filled(report_path, scene_path), used, text=output.PAGE)
     page = place and Page(place, report.command_line(click.get_current_context()))
@@ -207,7 +207,7 @@ def fit_one(
             checkpoints.of_fit(kept, files, found.status, console)
         if cache and found.status != Status.DIVERGED:
             known = found.registration[0] if found.registration else Registration()
-            estimate_cache.write(found.scene, files, known, cache, console)
+            estimate_files.write_cache(found.scene, files, known, cache, console)
         late = interrupts.requested() and found.status != Status.INTERRUPTED
     if late:
         return INTERRUPTED

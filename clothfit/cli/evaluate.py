@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.messages import counted, metres, owned
-from clothfit.cli.common import motions, pictures, scenes
+from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, refuse, section, standard_command
 from clothfit.cli.common.output import PAGE, Output, attributes, beside, print_json, uninterrupted
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @section("What to compare")
 @option("--target MOTION", "Compare with this motion instead of SCENE's own.", name="target_path")
 @option("--steps N", "Simulate N steps for the longer comparison.  [default: 499; with --speed those of SCENE]", int)
-@scenes.forces
+@motions.forces
 @section("The file of the target")
 @motions.reads
 @section("How fast and how exact (--speed)")
@@ -87,19 +87,19 @@ def compare(
     forces_path: str | None, pictures: pictures.Pictures, console: Console,
 ) -> None:
     """Compare a fitted scene with the true one."""
-    scenes.one_stream(scene_path, fitted_path, target_path)
+    motions.one_stream(scene_path, fitted_path, target_path)
     check_numbers(steps)
     paths = scene_path, fitted_path
-    scenes.check_there(*paths)
+    motions.check_there(*paths)
     pictures.check(*paths, target_path, forces_path)
-    truth, fitted = (scenes.under_forces(scenes.read_scene(each, console), forces_path) for each in paths)
+    truth, fitted = (motions.under_forces(motions.read_scene(each, console), forces_path) for each in paths)
     from clothfit.evaluation.evaluate import HORIZON, evaluate
 
-    horizon = HORIZON if steps is None else scenes.frames_of(steps, truth)
+    horizon = HORIZON if steps is None else motions.frames_of(steps, truth)
     readings: list[dict[str, Any]] = []
     target = motions.read(target_path, truth, reading, console, readings) if target_path is not None else None
     for each in (truth, fitted) if target is None else (fitted,):
-        scenes.warn_of_steps(each, max(truth.frames, horizon), console)
+        motions.warn_of_steps(each, max(truth.frames, horizon), console)
     console.announce_compilation()
     report = evaluate(truth, fitted, horizon=horizon, target=target)
     if not print_json(summary(report) | motions.readings_summary(readings)):
@@ -148,13 +148,13 @@ def judge(
     from clothfit.subspace.judge import compare
     from clothfit.subspace.model import load_model
 
-    scenes.check_there(scene_path, model_path)
+    motions.check_there(scene_path, model_path)
     pictures.check(scene_path, model_path, inputs_path, page_path)
     page = beside("--report", page_path, (scene_path, model_path, inputs_path, *pictures.files), text=PAGE)
     model = load_model(model_path)
-    scene = scenes.with_inputs(scenes.read_scene(scene_path, console), inputs_path)
+    scene = motions.with_inputs(motions.read_scene(scene_path, console), inputs_path)
     console.announce_compilation()
-    over = compare(model, scene, scenes.frames_of(steps, scene))
+    over = compare(model, scene, motions.frames_of(steps, scene))
     console.warn(*over.found.clamped)
     if not print_json(asdict(over.found) | {"forgets": over.found.forgets}):
         show_judgement(over.found, console)
@@ -229,8 +229,8 @@ def measure(
     """
     positive("--error", error)
     positive("--budget", budget)
-    scene = scenes.read_scene(scene_path, console)
-    frames = scenes.frames_of(steps, scene)
+    scene = motions.read_scene(scene_path, console)
+    frames = motions.frames_of(steps, scene)
     pictures.check(scene_path)
     from clothfit.evaluation import work_precision as precision
 

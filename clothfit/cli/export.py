@@ -11,9 +11,9 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import read_scene
 from clothfit.cli.common.options import option, section, standard_command
 from clothfit.cli.common.output import STREAM, print_json, write_into
-from clothfit.cli.common.scenes import read_scene
 from clothfit.export.dropped import SOLVERS, dropped
 from clothfit.export.tools import TOOLS, exported, own_step
 

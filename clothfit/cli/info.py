@@ -14,9 +14,9 @@ from clothfit.base.limits import doubts
 from clothfit.base.memory import free, human
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import OF_SCENES, read_scene, vector
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import Printed, attributes, print_json
-from clothfit.cli.common.scenes import OF_SCENES, read_scene, vector
 from clothfit.formats.registry import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, kind_of
 from clothfit.scene.kinds import EDITORS, INTEGRATORS, OF_THE_EDITOR
 

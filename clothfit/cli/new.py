@@ -13,9 +13,9 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import doubts, doubts_of_time, is_number
 from clothfit.base.messages import counted, spans
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import check_there, warn_of_steps
 from clothfit.cli.common.options import gathered, given, option, standard_command
 from clothfit.cli.common.output import SCENE, STREAM, Output, output_for, print_json
-from clothfit.cli.common.scenes import check_there, warn_of_steps
 from clothfit.cli.parts import new_shot
 from clothfit.formats.axes import positive
 from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS, INTEGRATORS, LETTERED

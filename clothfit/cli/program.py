@@ -30,9 +30,9 @@ from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.base.messages import harmless, spelled
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import results_apart
+from clothfit.cli.common.motions import split
 from clothfit.cli.common.options import EVERY_DAY, ExamplesFirst, as_object, loudness, slip
 from clothfit.cli.common.output import Printed, document, plain
-from clothfit.cli.common.scenes import split
 
 _last_request = -SAME_REQUEST
 

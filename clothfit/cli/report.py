@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import click
 
 from clothfit.base.messages import counted, metres
-from clothfit.cli.common import motions, scenes
+from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
 from clothfit.cli.common.options import check_numbers, option, section, standard_command
 from clothfit.cli.common.output import PAGE, STREAM, Output, attributes, output_for, print_json
-from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
 
 if TYPE_CHECKING:
     from clothfit.formats.axes import Reading
@@ -39,7 +39,7 @@ SILENT = ("quiet", "verbose", "as_json")
 @section("What to show")
 @option("--target MOTION", "Compare with this motion instead of SCENE's own.", name="target_path")
 @option("--steps N", "Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]", int)
-@scenes.forces
+@motions.forces
 @option("--log FILE", "Show the course of the fit and its intervals, from a log of estimate --log; may be repeated, in "
         "the order of the fits.", name="log_paths", multiple=True)
 @section("The file of the target")

@@ -16,9 +16,9 @@ from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import check_there, one_stream, read_scene, warn_of_steps
 from clothfit.cli.common.options import option, section, standard_command
 from clothfit.cli.common.output import print_json
-from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 
 if TYPE_CHECKING:
     from clothfit.formats.axes import Reading

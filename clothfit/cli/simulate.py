@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import clothfit
-from clothfit.cli.common import motions, pictures, running, scenes
+from clothfit.cli.common import motions, pictures, running
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, section, standard_command
 from clothfit.cli.common.output import Output, beside, output_for, print_json
@@ -37,7 +37,7 @@ ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which 
 @section("What to simulate")
 @option("--steps N", "Simulate N time steps.  [default: the scene's optimizationIterations - 1]", int)
 @option("--tolerance T", "Relative tolerance of the linear solver.  [default: the scene's]", float)
-@scenes.forces
+@motions.forces
 @option("--feedback", "With --forces: pull a disturbed cloth back to the motion that they were found for.")
 @section("What is written")
 @option("--energy", "Print a table of the energies, and store them with the motion.", name="with_energy")
@@ -66,13 +66,13 @@ def command(
     check_numbers(steps, tolerance)
     if feedback and forces_path is None:
         raise click.UsageError("--feedback goes with --forces only")
-    scene = scenes.under_forces(scenes.read_scene(scene_path, console), forces_path, feedback)
-    frames = scenes.frames_of(steps, scene)
+    scene = motions.under_forces(motions.read_scene(scene_path, console), forces_path, feedback)
+    frames = motions.frames_of(steps, scene)
     out = output_for(path, scene_path, ".motion.npz", (forces_path,))
     motions.check(out, convention, (scene_path,), frames)
     dump = beside("--dump", dump_path, (scene_path, out.path))
     pictures.check(scene_path, out.path, dump_path)
-    scenes.warn_of_steps(scene, frames, console)
+    motions.warn_of_steps(scene, frames, console)
     console.announce_compilation()
     from clothfit.evaluation.touches import touches
     from clothfit.kernels.clock import passing
@@ -84,7 +84,7 @@ def command(
     energy = clothfit.energies(scene, motion) if with_energy else None
     kept = {} if energy is None else {f"energy_{name}": array for name, array in energy_columns(energy).items()}
     motions.write(motion, out, scene, convention, console, kept)
-    scenes.warn_of_contacts(scene, motion, console, energy)
+    motions.warn_of_contacts(scene, motion, console, energy)
     touching = touches(scene, motion)
     if error is None:
         report(scene, motion, touching, seconds, out, console)
@@ -117,7 +117,7 @@ def report(
     """Print what a motion that stayed finite took, and warn of what it needed."""
     done = len(motion.times) - 1
     console.warn(*motion.remedies.sentences(done * len(scene.groups)))
-    scenes.warn_of_stretch(scene, motion, console)
+    motions.warn_of_stretch(scene, motion, console)
     console.say(*(each.sentence for each in touching[:MOST_TOUCHING]))
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
 

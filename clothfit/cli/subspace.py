@@ -15,9 +15,9 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import check_there, one_stream, read_scene, with_inputs
 from clothfit.cli.common.options import check_least, length, option, refuse, section, standard_command
 from clothfit.cli.common.output import STREAM, Output, beside, output_for, print_json
-from clothfit.cli.common.scenes import check_there, one_stream, read_scene, with_inputs
 from clothfit.formats.axes import Convention, Reading
 from clothfit.many.job import INTERRUPTED
 

@@ -6,7 +6,7 @@ import click
 
 from clothfit.base.limits import check_capture
 from clothfit.base.messages import metres
-from clothfit.cli.common import motions, scenes
+from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, section, standard_command
 from clothfit.cli.common.output import output_for, print_json
@@ -18,7 +18,7 @@ from clothfit.formats.axes import Convention
 @section("What to simulate")
 @option("--steps N", "Simulate N time steps.  [default: the scene's optimizationIterations - 1]", int)
 @option("--tolerance T", "Relative tolerance of the linear solver.  [default: as tight as a fit's]", float)
-@scenes.forces
+@motions.forces
 @section("What a capture sees of it")
 @option("--noise METRES", "Add noise of this standard deviation per coordinate.  [default: 0]", float, default=0.0)
 @option("--observed FRACTION", "Keep this share of the vertices, drawn at random.  [default: 1]", float, default=1.0)
@@ -45,18 +45,18 @@ def command(
     """
     check_capture(noise, observed, every, fps)
     check_numbers(steps, tolerance)
-    scene = scenes.under_forces(scenes.read_scene(scene_path, console), forces_path)
-    frames = scenes.frames_of(steps, scene)
+    scene = motions.under_forces(motions.read_scene(scene_path, console), forces_path)
+    frames = motions.frames_of(steps, scene)
     out = output_for(path, scene_path, ".target.npz", (forces_path,))
     motions.check(out, convention, (scene_path,), gaps=observed < 1)
     from clothfit.fit.estimate import record_target
     from clothfit.motion.degrade import degrade
 
-    scenes.warn_of_steps(scene, frames, console)
+    motions.warn_of_steps(scene, frames, console)
     console.announce_compilation()
     recorded = record_target(scene, frames, tolerance)
-    scenes.warn_of_stretch(scene, recorded, console)
-    scenes.warn_of_contacts(scene, recorded, console)
+    motions.warn_of_stretch(scene, recorded, console)
+    motions.warn_of_contacts(scene, recorded, console)
     motion = degrade(recorded, noise, observed, every, seed, fps)
     motions.write(motion, out, scene, convention, console)
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())

@@ -11,9 +11,9 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import one_stream, read_scene
 from clothfit.cli.common.options import option, standard_command
 from clothfit.cli.common.output import SCENE, output_for, print_json, uninterrupted, write_scene
-from clothfit.cli.common.scenes import one_stream, read_scene
 
 
 @standard_command("transfer")

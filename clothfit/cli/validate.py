@@ -11,9 +11,9 @@ import click
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.limits import doubts_of_time
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import better, one_stream, split, unlikely
 from clothfit.cli.common.options import option, standard_command
 from clothfit.cli.common.output import STREAM, print_json
-from clothfit.cli.common.scenes import better, one_stream, split, unlikely
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.control.controls import modes_of
 from clothfit.control.keyframes import Key
-from clothfit.control.unknowns import modes_of
 from clothfit.derivative.sensitivity import Carried, Columns, Point, Share
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build

@@ -18,9 +18,8 @@ from scipy.sparse import block_diag, csr_array
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.control.closed_loop import Costs
-from clothfit.control.controls import Controls, flagged
+from clothfit.control.controls import Block, Controls, blocks, flagged
 from clothfit.control.keyframes import Key, left_of
-from clothfit.control.unknowns import Block, blocks
 from clothfit.derivative import adjoint, sensitivity
 from clothfit.derivative.sensitivity import LEADING, Carried, Columns, Point
 from clothfit.engine.rollout import Rollout, rollout

@@ -43,7 +43,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
 from clothfit.engine.system import mobile
 from clothfit.fit.alternatives import Alternatives
-from clothfit.fit.posterior import CHAOS, Kept, Local, Posterior, half_width, learned_prior, posterior
+from clothfit.fit.posterior import CHAOS, MOST_VALUES, Local, Posterior, blocks_of, half_width, learned_prior, posterior
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.identifiability import Correlation, strongest
 from clothfit.objective.objective import Objective
@@ -53,7 +53,7 @@ from clothfit.optimise.evidence import variance
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.matrix_free import Products, Sampling
 from clothfit.optimise.search import Search
-from clothfit.optimise.trajectory import Trajectory
+from clothfit.optimise.trajectory import Kept, Trajectory
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds
 
 HIDDEN_SHARE = 1e-4
@@ -154,7 +154,7 @@ def found_with(
     problem: Trajectory, quick: tuple[Model, float, int] | None, differs: bool, others: Alternatives | None
 ) -> Confidence:
     """The confidence by the model of a trajectory, or by a `quick` one with its squares and count. Raises Diverged."""
-    search, kept = problem.search, Kept(problem.size)
+    search, kept = problem.search, Kept(problem.size <= MOST_VALUES)
     seen = residual_squares(search.objective, search.best.p)
     model, squares, count = quick or (problem.model(search.y, kept.keep), *seen)
     known = posterior(Local(search, model, squares, count, learned_prior(search, model, squares, count)))
@@ -162,7 +162,7 @@ def found_with(
     if kept.growth > CHAOS:
         return without_intervals(known, noise, CHAOTIC.format(kept.growth, search.objective.steps + 1))
     wrong = quick is None and differs
-    known = replace(known, blocks=kept.blocks(known.local.scale) if wrong else None)
+    known = replace(known, blocks=blocks_of(kept, known.local.scale) if wrong else None)
     hidden = not_shown(known, not wrong)
     p, cost = set_back(known, hidden, noise, search.start)
     rank, spread = problem.size - hidden.directions.shape[1], float(np.sqrt(noise))

@@ -23,22 +23,13 @@ from clothfit.base.memory import budget as memory_budget
 from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
-from clothfit.fit.baselines import with_start, with_still
 from clothfit.fit.flags import reflagged
-from clothfit.fit.followed import followed, with_start_velocity
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
-from clothfit.fit.notebook_bar import bar
-from clothfit.fit.options import (
-    AUTO,
-    FitOptions,
-    Keywords,
-    options_of,
-    settled,
-)
-from clothfit.fit.preparation import flagged, in_time, in_windows, with_whole
+from clothfit.fit.options import AUTO, FitOptions, Keywords, options_of, settled
+from clothfit.fit.preparation import flagged, followed, in_time, in_windows, with_start_velocity, with_whole
 from clothfit.fit.registered_fit import SAME_FALL, Look, begun, put_right
-from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
+from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint, with_start, with_still
 from clothfit.fit.result import (
     UNKNOWN,
     Fit,
@@ -60,7 +51,7 @@ from clothfit.objective.experiment import Targets, experiments
 from clothfit.objective.memory_needs import Needs, check_own
 from clothfit.objective.objective import Compared, Objective
 from clothfit.optimise.checkpoint import Checkpoint, identity, opened
-from clothfit.optimise.progress import Progress
+from clothfit.optimise.progress import Progress, bar
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.scene.bounds import from_user

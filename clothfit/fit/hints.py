@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.messages import counted, metres
-from clothfit.motion.motion import Motion
+from clothfit.base.messages import counted, listed, metres
+from clothfit.motion.motion import Motion, rms
 from clothfit.objective.experiment import Experiment
 from clothfit.registration.free_fall import other_fall
 from clothfit.registration.mistaken import changes
-from clothfit.registration.record import listed, named, rigid, scale_between
+from clothfit.registration.record import named, rigid, scale_between
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
@@ -209,8 +209,3 @@ def some(indices: NDArray[np.intp], frames: int) -> NDArray[np.intp]:
     """Evenly chosen indices, so few that a look at them in so many frames takes little memory."""
     every = -(-3 * len(indices) * frames // MOST) or 1
     return indices[::every]
-
-
-def rms(gaps: Array) -> float:
-    """Root of the mean squared length of vectors (…, 3)."""
-    return float(np.sqrt((gaps**2).sum(axis=-1).mean()))

@@ -32,14 +32,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
 from clothfit.optimise import trust_region
 from clothfit.optimise.evidence import inverse, variance
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.prior import NARROWEST, Prior, none
 from clothfit.optimise.search import Search
-from clothfit.optimise.trajectory import Scores
+from clothfit.optimise.trajectory import Kept
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds
 
 BLOCKS, SHORTEST_BLOCK = 3, 4
@@ -80,41 +80,18 @@ class Blocks(NamedTuple):
         return np.asarray(OTHER_FRAMES * self.freedom / len(changes) * (changes.T @ changes))
 
 
-class Kept:
-    """The scores of all runs of a model."""
-
-    def __init__(self, count: int) -> None:
-        """`count`: of coordinates, Q."""
-        self.count = count
-        self.runs: list[tuple[Indices, Scores]] = []
-
-    def keep(self, own: Indices) -> Scores:
-        """What takes the scores of the next run, which depends on the coordinates `own`."""
-        self.runs.append((own, Scores(by_step=self.count <= MOST_VALUES)))
-        return self.runs[-1][1]
-
-    @property
-    def growth(self) -> float:
-        """How much the sensitivity of a run grows at most, from a quarter of its steps to where it is largest."""
-        sizes = [np.array(scores.sizes) for _, scores in self.runs]
-        early = [(float(each[len(each) // 4]), float(each.max())) for each in sizes if len(each)]
-        return max((largest / first for first, largest in early if first > 0), default=1.0)
-
-    def blocks(self, scale: Array) -> Blocks | None:
-        """The blocks of all runs in z, with ∂y/∂z = `scale` (Q,); None where there are too few, or too many values."""
-        H, g = list[Array](), list[Array]()
-        wanted = -(-BLOCKS // max(len(self.runs), 1))  # of each run
-        for own, scores in self.runs if self.count <= MOST_VALUES else ():
-            count = min(wanted, len(scores.parts) // SHORTEST_BLOCK)
-            for part in np.array_split(np.arange(len(scores.parts)), count) if count else ():
-                information, score = np.zeros((self.count, self.count)), np.zeros(self.count)
-                information[np.ix_(own, own)] = sum(scores.information[t] for t in part)
-                score[own] = sum(scores.parts[t] for t in part)
-                H.append(information * np.outer(scale, scale))
-                g.append(score * scale)
-        if len(g) < BLOCKS:
-            return None
-        return Blocks(np.array(H), np.array(g) - np.mean(g, axis=0))
+def blocks_of(kept: Kept, scale: Array) -> Blocks | None:
+    """The blocks of all runs in z, with ∂y/∂z = `scale` (Q,); None where there are too few, or too many values."""
+    if len(scale) > MOST_VALUES:
+        return None
+    wanted = -(-BLOCKS // max(len(kept.runs), 1))  # of each run
+    counts = [min(wanted, len(scores.parts) // SHORTEST_BLOCK) for _, scores in kept.runs]
+    if sum(counts) < BLOCKS:
+        return None
+    found = [kept.blocks(run, count, len(scale)) for run, count in enumerate(counts)]
+    H, g = (np.concatenate(each) for each in zip(*found, strict=True))
+    g = g * scale
+    return Blocks(H * np.outer(scale, scale), g - np.mean(g, axis=0))
 
 
 COVERAGE = 0.95

@@ -2,7 +2,7 @@
 
 Markers that are swapped are exchanged, and what shows no vertex is left out (`registration.mistaken`).
 
-The clock, the place and the scale are sought with few values before the fit (`registration.search`), which then
+The clock, the place and the scale are sought with few values before the fit (`registration.residuals`), which then
 compares with the registered targets. After it they are looked at again, with one factor for each kind of value or
 beside all values: what is left to go, and 95 % intervals. Near the result the cost is |r|² + 2 gᵀz + zᵀ H z in the
 values and the registrations together, and the prior of the fit adds A = (σ²/τ²) P to the values of a kind. With the
@@ -37,8 +37,7 @@ from clothfit.optimise.prior import WIDEST
 from clothfit.registration.free_fall import late_start
 from clothfit.registration.mistaken import mistaken
 from clothfit.registration.record import Markers, Registration
-from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns
-from clothfit.registration.search import descended, find, settled, sought
+from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns, descended, find, settled, sought
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy.ladder import as_model

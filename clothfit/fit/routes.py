@@ -42,11 +42,11 @@ from clothfit.optimise.status import Budget, Status, Stop
 from clothfit.scene.fit_vector import of_kinds, parameters, with_parameters
 from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
-from clothfit.strategy import auto, chaos, continuation, kinds, ladder, step_choice
+from clothfit.strategy import auto, continuation, few_values, frame_blocks, ladder, step_choice
+from clothfit.strategy.continuation import with_substeps
 from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by
 from clothfit.strategy.step_choice import Step, Trial
-from clothfit.strategy.time_step import with_substeps
 from clothfit.strategy.trajectory_fit import (
     ModelDiffers,
     best_prior,
@@ -100,7 +100,7 @@ class Fitting:
     model: str = ""  # that was chosen
     left_out: Sequence[str] = ()  # kinds that are not fitted
     tried: tuple[Step, ...] = ()  # time steps
-    kinds: Sequence[kinds.Choice] = ()  # what was found of them
+    kinds: Sequence[frame_blocks.Choice] = ()  # what was found of them
     notes: Sequence[str] = ()  # on what was chosen
     chaotic: int = 0  # steps from which on rounding decides how the cloth moves; 0: it does not
     judged: list[Judged] | None = None  # the models among which one was chosen
@@ -141,7 +141,7 @@ class Fitting:
         if step:
             other = with_substeps(other, *step)
         if self.left_out:
-            other = other.flagging(kinds.without(other.scene, self.first, self.left_out))
+            other = other.flagging(frame_blocks.without(other.scene, self.first, self.left_out))
         if self.model:
             other = other.flagging(ladder.as_model(other.scene, self.model, exactly=True))
         tolerance = self.search.objective.tolerance
@@ -153,7 +153,6 @@ class Fitting:
         origin = values_by(with_parameters(before.objective.scene, before.origin), flags=objective.scene)
         self.search = before.beside(objective, p, cost)
         self.search.origin, self.search.looser = origin, before.looser
-
 
     def keep(self) -> None:
         """Let the search keep its state from now on."""
@@ -269,17 +268,17 @@ def by_few_kinds(fit: Fitting) -> None:
     known += "" if np.array_equal(best.start, fit.first) else ", without friction"
     what = "the target; nothing else is fitted"
     if best.chaotic:
-        what = f"the target's first {best.chaotic} steps; {chaos.TEXT}"
+        what = f"the target's first {best.chaotic} steps; {few_values.TEXT}"
     fit.notes = [f"one factor on the stiffnesses, and {known}, reproduce {what}"]
     fit.adopt(best.objective, best.p, best.objective.cost_or_infinity(best.p))
-    fit.left_out = tuple(kind for kind in ("drag", *kinds.CHOSEN) if kind not in best.others)
+    fit.left_out = tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in best.others)
     fit.first, fit.model, fit.known, fit.chaotic = best.start, FEWEST, True, best.chaotic
 
 
 def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     """What few values come to, the rest as in the `start` (P,)."""
-    whole, gone = fit.search.objective, tuple(kind for kind in ("drag", *kinds.CHOSEN) if kind not in others)
-    fewer = whole.flagging(ladder.as_model(kinds.without(whole.scene, start, gone), FEWEST, exactly=True))
+    whole, gone = fit.search.objective, tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in others)
+    fewer = whole.flagging(ladder.as_model(frame_blocks.without(whole.scene, start, gone), FEWEST, exactly=True))
     search = fit.search.beside(fewer, parameters(fewer.scene), np.inf)
     search.longest = PART * (LONGEST if fit.options.budget is None else fit.options.budget)
     trial, exact = Trial(search), list[tuple[Objective, Array]]()
@@ -288,7 +287,7 @@ def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     there = np.isfinite(search.best.cost) and not trial.ended
     if near or (there and step_choice.leaves_noise(search)):
         return Few(fewer, search.best.p, start, others, True)
-    return Few(fewer, exact[-1][1] if exact else search.best.p, start, others, False, chaos.begins(fewer, exact))
+    return Few(fewer, exact[-1][1] if exact else search.best.p, start, others, False, few_values.begins(fewer, exact))
 
 
 def with_best_step(fit: Fitting) -> None:
@@ -304,12 +303,12 @@ def with_best_step(fit: Fitting) -> None:
 
 def without_kinds(fit: Fitting) -> None:
     """No kinds that take the fit farther from frames kept out."""
-    trial, known = Trial(fit.search), list[tuple[list[kinds.Choice], Array]]()
+    trial, known = Trial(fit.search), list[tuple[list[frame_blocks.Choice], Array]]()
     part = ladder.part_of(fit.search, ladder.models(fit.search.objective.scene)[0], fit.search.best.p)
-    trial.run(lambda _: known.append(kinds.needed(part)))
+    trial.run(lambda _: known.append(frame_blocks.needed(part)))
     fit.kinds, values = known[0] if known else ([], part.best.p)
-    if gone := kinds.left_out(fit.kinds):
-        fewer = kinds.without(fit.search.objective.scene, fit.first, gone)
+    if gone := frame_blocks.left_out(fit.kinds):
+        fewer = frame_blocks.without(fit.search.objective.scene, fit.first, gone)
         p = ladder.as_whole(part, values, fewer)
         fit.adopt(fit.search.objective.flagging(fewer), p)
         fit.left_out = gone
@@ -356,11 +355,6 @@ def beside_the_pattern(fit: Fitting) -> None:
         fit.as_it_is = kept.cost_or_infinity(parameters(kept.scene))
 
 
-def warned(fit: Fitting) -> None:
-    """What is to be said of the values that it begins with."""
-    fit.search.warn(*start_warnings(fit.search.objective, fit.search.start))
-
-
 CHOICES = (
     Route("as before", lambda fit: fit.state is not None, as_before),
     Route("asked step", lambda fit: not (fit.hidden or fit.state) and isinstance(fit.options.substeps, int),
@@ -374,7 +368,8 @@ CHOICES = (
     Route("model", lambda fit: fit.options.model == AUTO and not (fit.hidden or fit.state or fit.model),
           with_best_model),
     Route("start", lambda fit: not (fit.known or fit.state), from_first_point),
-    Route("known start", lambda fit: fit.known, warned),
+    Route("known start", lambda fit: fit.known,
+          lambda fit: fit.search.warn(*start_warnings(fit.search.objective, fit.search.start))),
     Route("pattern", lambda fit: fit.start is None and not fit.hidden, beside_the_pattern),
 )  # fmt: skip
 """What a fit settles before, one after the other."""
@@ -383,28 +378,12 @@ CHOICES = (
 # --- the fit
 
 
-def at_the_start(fit: Fitting) -> Status:
-    """Nothing but its cost."""
-    fit.search(fit.search.y)
-    return fit.search.verdict()
-
-
-def by_scipy(fit: Fitting) -> Status:
-    """A minimiser of SciPy."""
-    return minimise(fit.search, fit.options.method)
-
-
 def by_momentum_alone(fit: Fitting) -> Status:
     """The momentum fit."""
     if not momentum.fits(fit.search.objective):
         raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
     auto.by_momentum(fit.search, fit.search.start)
     return fit.search.verdict()
-
-
-def has_ended(fit: Fitting) -> bool:
-    """Whether a fit goes on that had ended."""
-    return fit.state is not None and fit.state.status in (Status.CONVERGED, Status.STALLED)
 
 
 def as_it_ended(fit: Fitting) -> Status:
@@ -445,11 +424,6 @@ def by_models_left(fit: Fitting) -> Status:
     return auto.by_ladder(fit.search, fit.tau, [], wanted)
 
 
-def by_gauss_newton_alone(fit: Fitting) -> Status:
-    """Gauss–Newton from the start."""
-    return by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)
-
-
 def by_balances(fit: Fitting) -> None:
     """The momentum fits, where the balances can hold."""
     search, start = fit.search, fit.search.start
@@ -477,11 +451,6 @@ def by_scan(fit: Fitting) -> Status:
         if is_near(search):
             return status
     return auto.by_scan(search, search.start, fit.tau)
-
-
-def is_exact(fit: Fitting) -> bool:
-    """Whether a momentum fit of thousands of values is as good as exact."""
-    return auto.too_many(fit.search) and bool(fit.exact) and auto.is_exact(fit.search)
 
 
 def around_the_best_guess(fit: Fitting) -> None:
@@ -559,23 +528,27 @@ def from_other_points(fit: Fitting) -> Status:
 
 
 ROUTES = (
-    Route("as it ended", has_ended, as_it_ended),
-    Route("nothing to fit", lambda fit: bool(fit.chaotic) or not fit.search.fitted.any(), at_the_start),
-    Route("SciPy", lambda fit: fit.options.method in METHODS, by_scipy),
+    Route("as it ended",
+          lambda fit: fit.state is not None and fit.state.status in (Status.CONVERGED, Status.STALLED), as_it_ended),
+    Route("nothing to fit", lambda fit: bool(fit.chaotic) or not fit.search.fitted.any(),
+          lambda fit: auto.ended(fit.search)),
+    Route("SciPy", lambda fit: fit.options.method in METHODS, lambda fit: minimise(fit.search, fit.options.method)),
     Route("momentum alone", lambda fit: fit.options.method == "momentum", by_momentum_alone),
     Route("going on", was_descending, going_on),
-    Route("Gauss–Newton alone", lambda fit: fit.options.method == "gauss-newton", by_gauss_newton_alone),
+    Route("Gauss–Newton alone", lambda fit: fit.options.method == "gauss-newton",
+          lambda fit: by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)),
     Route("models left", lambda fit: fit.wanted is not None or bool(fit.state and fit.state.rungs), by_models_left),
     Route("balances of momentum", lambda fit: True, by_balances),
     Route("scan", lambda fit: auto.one_value_each(fit.search), by_scan),
-    Route("exact balances", is_exact, lambda fit: Status.CONVERGED),
+    Route("exact balances", lambda fit: auto.too_many(fit.search) and bool(fit.exact) and auto.is_exact(fit.search),
+          lambda fit: Status.CONVERGED),
     Route("too many for a matrix", lambda fit: auto.too_many(fit.search), from_coarse_to_fine),
     Route("best guess", lambda fit: True, around_the_best_guess),
     Route("accurate balances", lambda fit: bool(fit.exact) and auto.is_accurate(fit.search), from_the_best),
     Route("few values", has_few, by_few_values),
     Route("single values", lambda fit: True, by_single_values),
     Route("coarse to fine", lambda fit: True, from_coarse_to_fine),
-)
+)  # fmt: skip
 """How the values are found: the first that returns a status ends the fit."""
 
 WITH_TIME_LEFT = (

@@ -30,18 +30,7 @@ from clothfit.formats.animation import unused
 from clothfit.meshes.mesh import Mesh, object_document
 from clothfit.scene.cloth import ELSEWHERE, SPHERE
 from clothfit.scene.families import FAMILIES, families_of
-from clothfit.scene.kinds import (
-    AIR,
-    AUTO,
-    CLOTH_KINDS,
-    EDITORS,
-    INTEGRATORS,
-    KIND,
-    KINDS,
-    LETTERED,
-    PLATE,
-    SCENE_KINDS,
-)
+from clothfit.scene.kinds import AIR, AUTO, CLOTH_KINDS, EDITORS, INTEGRATORS, KIND, KINDS, LETTERED, PLATE, SCENE_KINDS
 from clothfit.scene.mesh_numbering import FIELD, NAME
 from clothfit.scene.scene import Scene, load
 

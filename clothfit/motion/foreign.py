@@ -39,6 +39,7 @@ from clothfit.motion.motion import (
     opened,
     path_of,
     read_motion,
+    rms,
     unseen_in,
 )
 from clothfit.scene.keys import SAID
@@ -418,7 +419,7 @@ def alignment(points: Array, seen: Flags, start: Array, axes: Axes) -> Alignment
     points, start = points[seen], start[seen]
     if not len(points):
         return Alignment(np.nan, None, None)
-    distance = apart(points, start)
+    distance = rms(points - start)
     most = float(np.quantile(np.linalg.norm(points - start, axis=1), 1.0 - MISTAKEN))
     if min(distance, most) <= DOUBTFUL_DISTANCE * size(start):
         return Alignment(distance, None, None)
@@ -431,12 +432,12 @@ def advice(points: Array, start: Array, axes: Axes, bar: float) -> str | None:
     """Which change would bring points (n, 3), as in the file, nearer to the start than `bar`, m."""
     scales = sorted({*METRES_PER_UNIT.values(), axes.scale})
     others = [Axes(up, hand, scale) for up, hand, scale in product(UPS, HANDS, scales)]
-    best = min(others, key=lambda each: (apart(to_scene(points, each), start), differences(each, axes)))
-    if apart(to_scene(points, best), start) < bar:
+    best = min(others, key=lambda each: (rms(to_scene(points, each) - start), differences(each, axes)))
+    if rms(to_scene(points, best) - start) < bar:
         return f"{options(best, axes)} would fit"
     now = to_scene(points, axes)
     shift = (now - start).mean(axis=0)
-    if apart(now - shift, start) < bar:
+    if rms(now - shift - start) < bar:
         x, y, z = np.round(shift, 3) + 0.0  # no −0
         return f"it is moved by ({x:.3g}, {y:.3g}, {z:.3g}) m"
     for each in sorted(others, key=lambda each: differences(each, axes)):
@@ -469,11 +470,6 @@ def options(axes: Axes, other: Axes) -> str:
 def differences(axes: Axes, other: Axes) -> int:
     """In how many of the three fields they differ."""
     return sum(a != b for a, b in zip(axes, other, strict=True))
-
-
-def apart(points: Array, others: Array) -> float:
-    """Root of the mean squared distance between points (n, 3), m."""
-    return float(np.sqrt(np.mean(np.sum((points - others) ** 2, axis=1))))
 
 
 def size(points: Array) -> float:

@@ -305,3 +305,8 @@ def in_world(motion: Motion, scene: Scene) -> Motion:
 def in_scene(motion: Motion, scene: Scene) -> Motion:
     """The inverse of `in_world`."""
     return motion if scene.frame is None else motion.moved(axes(scene.frame, motion.times).own)
+
+
+def rms(vectors: Array) -> float:
+    """Root of the mean squared length of vectors (…, 3); 0 without any."""
+    return float(np.sqrt((vectors**2).sum(axis=-1).mean())) if vectors.size else 0.0

@@ -109,10 +109,10 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
         in_metric = in_metric != (poor > 0)
 
 
-def one_round(search: Search) -> None:
-    """A short round from the best point of a search. Raises Stop as the search does."""
-    search.budget.enter_stage()
-    if descend(search, metric(for_metric(search), search.y), Patience(search.progress.clock), SHORT_ROUND, SETTLED):
+def one_round(search: Search, root: Array | None, most: int = SHORT_ROUND) -> None:
+    """A round from the best point of a search, by default a short one, as `descend`. Raises Stop as the search does."""
+    search.budget.enter_stage()  # a round has its own end
+    if descend(search, root, Patience(search.progress.clock), most, SETTLED):
         search.settled = search.best.p
 
 

@@ -62,6 +62,36 @@ class Scores:
         self.sizes += [float(np.linalg.norm(each)) for each in dX]
 
 
+class Kept:
+    """The scores of all runs of a model."""
+
+    def __init__(self, by_step: bool = True) -> None:
+        """`by_step`: as of `Scores`."""
+        self.by_step = by_step
+        self.runs: list[tuple[Indices, Scores]] = []
+
+    def keep(self, own: Indices) -> Scores:
+        """What takes the scores of the next run, which depends on the coordinates `own`."""
+        self.runs.append((own, Scores(self.by_step)))
+        return self.runs[-1][1]
+
+    @property
+    def growth(self) -> float:
+        """How much the sensitivity of a run grows at most, from a quarter of its steps to where it is largest."""
+        sizes = [np.array(scores.sizes) for _, scores in self.runs]
+        early = [(float(each[len(each) // 4]), float(each.max())) for each in sizes if len(each)]
+        return max((largest / first for first, largest in early if first > 0), default=1.0)
+
+    def blocks(self, run: int, count: int, size: int) -> tuple[Array, Array]:
+        """What each of so many blocks of the frames of a run adds to H and g (B, Q, …) of Q = `size` coordinates."""
+        own, scores = self.runs[run]
+        H, g = np.zeros((count, size, size)), np.zeros((count, size))
+        for b, part in enumerate(np.array_split(np.arange(len(scores.parts)), count) if count else ()):
+            H[b][np.ix_(own, own)] = sum(scores.information[t] for t in part)
+            g[b][own] = sum(scores.parts[t] for t in part)
+        return H, g
+
+
 def accumulate(
     residuals: Residuals, steps: Iterator[Array], before: Array, scores: Scores | None = None
 ) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.messages import counted
+from clothfit.base.messages import counted, listed
 from clothfit.motion.motion import Motion, at_frames
 from clothfit.motion.times import TIME_SLACK
 
@@ -240,11 +240,6 @@ def placed(vertex: int, counts: Sequence[int]) -> tuple[int, int]:
     ends = np.cumsum(counts)
     own = int(np.searchsorted(ends, vertex, side="right"))
     return own, vertex - int(ends[own]) + int(counts[own])
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names with commas and an "and"."""
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def named(vertex: int, counts: Sequence[int]) -> str:

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.messages import counted, metres, owned
+from clothfit.base.messages import counted, metres, owned, percent
 from clothfit.evaluation.evaluate import Distance
 from clothfit.fit.result import ADEQUATE, DIFFERS, FAILS
 from clothfit.optimise.status import Status
@@ -101,11 +101,6 @@ def share(rmse: float, show: Shown) -> str:
 def began(show: Shown) -> Distance | None:
     """The error before the fit; None where it is not known."""
     return next((each.near for each in show.beside if each.name == BEFORE), None)
-
-
-def percent(fraction: float) -> str:
-    """A fraction in percent with two digits."""
-    return f"{100 * fraction:.2g} %" if fraction < 1 else f"{100 * fraction:.0f} %"
 
 
 def warnings(log: Log, show: Shown) -> Iterator[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from clothfit.base.messages import metres
+from clothfit.base.messages import metres, percent
 from clothfit.evaluation.evaluate import Distance, Evaluation
 from clothfit.report.contents import cloth_row, content, vector_rows
 from clothfit.report.findings import GOOD, WARN, Cell, table
@@ -113,8 +113,3 @@ def times(over: Compared) -> list[dict[str, Any]]:
 def micro(us: float) -> Cell:
     """A time in µs."""
     return [f"{us:.0f} µs", us]
-
-
-def percent(fraction: float) -> str:
-    """A fraction in percent with two digits."""
-    return f"{100 * fraction:.2g} %"

@@ -26,6 +26,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
+from clothfit.motion.motion import rms
 from clothfit.objective.target import Target, sample
 
 RANGE = np.log(1e5)
@@ -196,9 +197,6 @@ class Fit:
         )  # fmt: skip
 
 
-def rms(points: Array) -> float:
-    """Root mean square of the lengths of (…, 3); 0 without any."""
-    return float(np.sqrt((points**2).sum(axis=-1).mean())) if len(points) else 0.0
 
 
 MOST = 800

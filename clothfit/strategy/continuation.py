@@ -22,6 +22,8 @@ from its target, the same begins again from points between the best one and some
 Weak-constraint 4D-Var balances a model and observations alike (Y. Trémolet, Accounting for an imperfect model in
 4D-Var, 2006); for models that are pulled while their values are fitted see H. D. I. Abarbanel et al., Dynamical state
 and parameter estimation, 2009.
+
+The time step of a fit: how many steps to a frame of its targets, and by which integrator.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
+from math import ceil
 
 import numpy as np
 
@@ -50,7 +53,6 @@ from clothfit.scene.fit_vector import bounds, of_kinds
 from clothfit.scene.forces import STRONGEST, Forces
 from clothfit.scene.kinds import AIR as BY_AREA
 from clothfit.scene.scene import Scene
-from clothfit.strategy.time_step import with_substeps
 
 PULLS, WEAKER = (0.5, 0.3, 0.2, 0.1, 0.05, 0.0), (0.2, 0.05, 0.0)
 """ω, in radians per frame, one after the other: from values that may be far off, and from those of another step
@@ -315,3 +317,49 @@ def by_coarse_steps(own: Search) -> None:
     rough.fitted = own.fitted
     from_afar(rough)
     through_pulls(own, WEAKER, rough.best.p)
+
+
+ROUNDING = 1e-6
+"""Steps by which a whole number of them may be off by rounding."""
+
+
+def frame_interval(given: Experiment) -> float:
+    """Time between two frames of a target, s, in the median: steps of its scene, without the rounding of a whole number
+    of them.
+    """
+    times, delta = given.motion.times, given.scene.delta
+    steps = float(np.median(np.diff(times))) / delta if len(times) > 1 else 1.0
+    whole = max(round(steps), 1)
+    return delta * (whole if abs(steps - whole) < ROUNDING else steps)
+
+
+def with_substeps(objective: Objective, count: int, method: int | None, tolerance: float | None = None) -> Objective:
+    """The objective with so many steps to a frame, each of its own target; `method` None: as they are. The scene's own
+    step is that for the first target. The same frames are compared. `tolerance` None: as it is.
+    """
+    scene, given = objective.scene, objective.experiments
+    last = max((last_time(each) for each in given if each.scene is scene), default=0.0)
+    main = with_interval(scene, frame_interval(given[0]) / count, method, last)
+    pairs = [
+        Experiment(
+            each.motion,
+            main if each.scene is scene
+            else with_interval(each.scene, frame_interval(each) / count, method, last_time(each)),
+        )
+        for each in given
+    ]  # fmt: skip
+    return objective.against(main, pairs, [pair.scene.frames for pair in pairs], tolerance)
+
+
+def last_time(given: Experiment) -> float:
+    """When the last frame of a target is that its scene reaches, s."""
+    step, part = frame_places(given.motion, given.scene.delta)
+    places = step + part
+    return float(places[places <= given.scene.frames - 1].max(initial=0.0)) * given.scene.delta
+
+
+def with_interval(scene: Scene, delta: float, method: int | None, last: float = 0.0) -> Scene:
+    """The scene with steps of `delta`, s, as many as its time has, and no fewer than reach the time `last`, s."""
+    within = int((scene.frames - 1) * scene.delta / delta + ROUNDING)
+    needed = ceil(last / delta - ROUNDING)
+    return scene.with_step(delta, max(within, needed, 1) + 1, method)

@@ -5,17 +5,27 @@ steps end early, L-BFGS in its metric goes on (`preconditioned`). Before that: w
 gravity and other values that all frames hide behind what a late frame is off by. Contacts that switch bar the way
 there: points around the end of a window are polled, and the descent goes on from one that costs clearly less
 (T. G. Kolda, R. M. Lewis, V. Torczon, Optimization by direct search, 2003).
+
+Motions in which rounding decides: a cloth that buckles, or hops on what it touches, from some step on.
+
+Two motions with the same values whose starts differ by as much as the numbers of files are rounded grow apart. Where
+they end about as far from each other as from the target, and values reproduce all of it before, no values can bring the
+rest nearer, and a search there follows chance: those of the first steps are kept.
 """
 
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import rms
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise import gauss_newton, preconditioned
 from clothfit.optimise.gauss_newton import Patience
@@ -23,6 +33,8 @@ from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
+from clothfit.scene.fit_vector import with_parameters
+from clothfit.scene.scene import Scene
 from clothfit.strategy import continuation
 from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
 
@@ -48,7 +60,7 @@ PAYS = 0.01
 def in_a_round(own: Search) -> None:
     """A short descent, enough for a comparison. Raises Stop."""
     if not settled(own):
-        preconditioned.one_round(own)
+        preconditioned.one_round(own, preconditioned.metric(preconditioned.for_metric(own), own.y))
 
 
 def to_the_minimum(own: Search) -> None:
@@ -58,19 +70,11 @@ def to_the_minimum(own: Search) -> None:
         return
     before = np.inf
     while own.best.cost < (1.0 - PAYS) * before and not settled(own):
-        before = own.best.cost
-        in_metric(own)
-
-
-def in_metric(own: Search) -> None:
-    """A round of L-BFGS in the metric of the best point. Raises Stop."""
-    root = preconditioned.metric(preconditioned.for_metric(own), own.y)
-    if root is None:
-        preconditioned.minimise(own)
-        return
-    own.budget.enter_stage()  # a round has its own end
-    if preconditioned.descend(own, root, preconditioned.Patience(own.progress.clock), settled=preconditioned.SETTLED):
-        own.settled = own.best.p
+        before, root = own.best.cost, preconditioned.metric(preconditioned.for_metric(own), own.y)
+        if root is None:
+            preconditioned.minimise(own)
+        else:
+            preconditioned.one_round(own, root, preconditioned.ROUND)
 
 
 def settled(own: Search) -> bool:
@@ -194,3 +198,48 @@ def frame_steps(objective: Objective) -> int:
     gaps = [np.diff(run.comparison.goal.step) for run in objective.runs]
     steps = np.concatenate([np.zeros(0, int), *gaps])
     return max(int(np.median(steps)), 1) if len(steps) else 1
+
+
+TEXT = (
+    "then rounding decides: starts that differ by as much as numbers in files grow as far apart as this motion and the "
+    "target are, so these values are those of the first steps"
+)
+
+ROUNDING = 1e-7
+"""Change of the start relative to the size of the cloth: that of single precision."""
+
+EXACT = 1e-4
+"""Error relative to how far the target moves, up to which the first steps are reproduced."""
+
+SHARE, SPAN = 0.2, 0.2
+"""Share of the error that the twins must be apart, and of all steps that must be reproduced."""
+
+
+def begins(objective: Objective, exact: Sequence[tuple[Objective, Array]]) -> int:
+    """The steps that are reproduced before rounding decides, from windows with the values (P,) that do so; 0 where it
+    does not decide, or they are too few.
+    """
+    good = [(window, p) for window, p in exact if window.cost_or_infinity(p) <= EXACT**2 * window.still]
+    if not good or len(good) < len(exact) or len(objective.experiments) > 1:
+        return 0
+    window, p = good[-1]
+    if window.steps < SPAN * objective.steps:
+        return 0
+    with suppress(Diverged):
+        scene = with_parameters(objective.experiments[0].scene, p)
+        apart = twins(scene, objective.steps + 1)
+        if apart >= SHARE * objective.rmse(objective.cost_or_infinity(p)):
+            return int(window.steps)
+    return 0
+
+
+def twins(scene: Scene, frames: int) -> float:
+    """How far two motions of a scene are apart whose starts differ by rounding, m (RMS)."""
+    random = np.random.default_rng(0)
+    cloths = []
+    for cloth in scene.cloths:
+        size = float(np.linalg.norm(np.ptp(cloth.positions, axis=0)))
+        noise = ROUNDING * size * random.uniform(-1.0, 1.0, cloth.positions.shape)
+        cloths.append(replace(cloth, positions=cloth.positions + np.where(cloth.fixed[:, None], 0.0, noise)))
+    one, other = (simulate(each, frames).positions for each in (scene, replace(scene, cloths=tuple(cloths))))
+    return rms(one - other)

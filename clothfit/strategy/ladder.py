@@ -27,15 +27,8 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
-from clothfit.strategy import continuation, gravity_direction
-from clothfit.strategy.few_values import (
-    FEW_VALUES,
-    in_a_round,
-    settled,
-    through_windows,
-    to_the_minimum,
-    touches,
-)
+from clothfit.strategy import continuation, frame_blocks
+from clothfit.strategy.few_values import FEW_VALUES, in_a_round, settled, through_windows, to_the_minimum, touches
 from clothfit.strategy.start import is_steady, steadied, values_by
 
 STARTED = 2.0
@@ -207,10 +200,10 @@ def steady_wind(search: Search, model: str) -> None:
 def turning_pays(search: Search) -> bool:
     """Whether another direction of gravity saves enough at the best point, beside the values of the coarsest model."""
     scene = with_parameters(search.objective.scene, search.best.p)
-    if not gravity_direction.held(scene).any():
+    if not frame_blocks.held(scene).any():
         return False
     try:
-        return gravity_direction.pays(part_of(search, models(scene)[0], search.best.p, turned=True))
+        return frame_blocks.pays(part_of(search, models(scene)[0], search.best.p, turned=True))
     finally:
         search.progress.p = search.best.p
 
@@ -227,7 +220,7 @@ def part_of(search: Search, model: str, p: Array, turned: bool = False, steady: 
     part = search.beside(objective, parameters(scene), search.best.cost if p is search.best.p else np.inf)
     part.origin = values_by(with_parameters(whole.scene, search.origin), flags=scene)
     if not turned:
-        part.fitted = part.fitted & ~gravity_direction.held(scene)
+        part.fitted = part.fitted & ~frame_blocks.held(scene)
     part.enter(MODEL_NAMES[model])
     return part
 

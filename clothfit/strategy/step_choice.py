@@ -31,8 +31,8 @@ from clothfit.optimise.status import Stop
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.strategy import continuation, ladder
 from clothfit.strategy.auto import balances_can_hold
+from clothfit.strategy.continuation import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
-from clothfit.strategy.time_step import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_explain
 
 LONGEST, CLOSE, LONGEST_TRIAL = 25.0, 12.0, 10.0

@@ -17,10 +17,11 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import System
 from clothfit.engine.system import build as build_system
+from clothfit.motion.motion import rms
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier, frames
-from clothfit.subspace.judge import FORGOTTEN, SOUGHT, bands, cost, floor, relative, rms, whole
+from clothfit.subspace.judge import FORGOTTEN, SOUGHT, bands, cost, floor, relative, whole
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.march import roll

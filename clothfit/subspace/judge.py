@@ -26,7 +26,7 @@ from clothfit.engine.inputs.tables import later
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import System, build
 from clothfit.motion.energy import Energy, energies
-from clothfit.motion.motion import Motion, in_world
+from clothfit.motion.motion import Motion, in_world, rms
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import Scene
 from clothfit.subspace import carrier
@@ -176,9 +176,6 @@ def relative(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a - b)) / size if size > 0 else 0.0
 
 
-def rms(x: Array) -> float:
-    """The root of the mean squared length of vectors (frames, n, 3)."""
-    return float(np.sqrt((x**2).sum(axis=2).mean()))
 
 
 def bands(x: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from helpers.scenes import MISSING, changed, cloth, document, even, sphere, tria
 from clothfit import Motion, save_motion
 from clothfit.base.checkpoint import encoded
 from clothfit.base.limits import doubts, doubts_of_time
-from clothfit.cli.common.scenes import split
+from clothfit.cli.common.motions import split
 from clothfit.export.tools import exported
 from clothfit.formats.registry import kind_of
 from clothfit.scene.scene import WAY_OUT, load

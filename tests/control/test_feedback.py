@@ -9,8 +9,8 @@ from scipy.linalg import solve_discrete_are
 
 from clothfit import Forces, Key, load_forces, save_forces
 from clothfit.control import feedback
+from clothfit.control.controls import modes_of
 from clothfit.control.feedback import Tangent, riccati, with_gains
-from clothfit.control.unknowns import modes_of
 from clothfit.engine.rollout import fill, rollout
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build

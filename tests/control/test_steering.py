@@ -8,8 +8,7 @@ from helpers.physics import scene, thing, xyz
 from helpers.scenes import cloth
 
 from clothfit import Costs, InvalidInput, Key, find_controls, simulate
-from clothfit.control import unknowns
-from clothfit.control.controls import Controls, Handle, immovable, steered
+from clothfit.control.controls import Controls, Handle, immovable, shapes_of, steered
 from clothfit.control.shooting import Shooting
 from clothfit.scene.scene import dumps, load
 
@@ -141,13 +140,13 @@ def test_modes_are_those_of_a_chain_in_tension():
     n = 9
     line = thing([(i, 0, 0) for i in range(n + 1)], [(i, i + 1) for i in range(n)], mass=0.1, fixed=[0])
     own = scene(line).cloths[0]
-    shapes = unknowns.shapes_of(own, ~own.fixed, 3)
+    shapes = shapes_of(own, ~own.fixed, 3)
     for j in (1, 2, 3):
         shape = np.sin((2 * j - 1) * np.pi * np.arange(n + 1) / (2 * n + 1))
         found = shapes[:, j - 1]
         np.testing.assert_allclose(found * np.sign(found[1]), shape / np.abs(shape).max(), atol=1e-9)
     with pytest.raises(InvalidInput, match="1000 are asked for"):
-        unknowns.shapes_of(own, ~own.fixed, 1000)
+        shapes_of(own, ~own.fixed, 1000)
 
 
 def test_handles_that_cannot_be():

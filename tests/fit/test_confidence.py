@@ -18,10 +18,11 @@ from clothfit.fit import confidence, posterior, result
 from clothfit.fit.confidence import not_shown
 from clothfit.fit.estimate import estimate, looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, FitOptions
-from clothfit.fit.posterior import Kept, half_width, inverse_beside, null_space
+from clothfit.fit.posterior import blocks_of, half_width, inverse_beside, null_space
 from clothfit.fit.routes import ALIKE
 from clothfit.optimise import trajectory
 from clothfit.optimise.scipy_methods import METHODS
+from clothfit.optimise.trajectory import Kept
 from clothfit.report import findings
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.kinds import KIND
@@ -401,7 +402,7 @@ def test_a_request_ends_them_and_keeps_the_fit(monkeypatch, sparse):
 
 def kept(J, r):
     """The scores of one run with all coordinates, from J (T, R, Q) and r (T, R) of its steps."""
-    made = Kept(J.shape[2])
+    made = Kept()
     scores = made.keep(np.arange(J.shape[2]))
     for each, left in zip(J, r, strict=True):
         scores.add(each, left, np.ones((1, 3, J.shape[2])))
@@ -418,7 +419,7 @@ def regression(seed, steps=42, rows=5, values=3):
 
 def test_of_a_linear_problem_it_is_the_jackknife_of_refits():
     J, r, K = regression(0)
-    found = kept(J, r).blocks(np.ones(3)).covariance(np.arange(3), K)
+    found = blocks_of(kept(J, r), np.ones(3)).covariance(np.arange(3), K)
     refits = []
     for b in range(3):
         rest = np.flatnonzero(np.arange(42) // 14 != b)
@@ -431,7 +432,7 @@ def test_independent_residuals_have_twice_their_covariance():
     found, true = [], []
     for seed in range(300):
         J, r, K = regression(seed, steps=120)
-        found.append(np.trace(kept(J, r).blocks(np.ones(3)).covariance(np.arange(3), K)))
+        found.append(np.trace(blocks_of(kept(J, r), np.ones(3)).covariance(np.arange(3), K)))
         true.append(2.0 * np.trace(K))
     # Each has three values with two degrees of freedom: a relative standard error of 0.6 / √300, and three of them;
     # leaving a third out is not quite linear in how much it says, which adds some percent of 1 / 240 · 3.
@@ -442,39 +443,39 @@ def test_what_one_block_alone_shows_is_not_known():
     J, r, _ = regression(1)
     J[14:, :, 2] = 0.0  # the third value acts in the first block only
     K = np.linalg.inv(np.einsum("trq,trp->qp", J, J))
-    found = kept(J, r).blocks(np.ones(3)).covariance(np.arange(3), K)
+    found = blocks_of(kept(J, r), np.ones(3)).covariance(np.arange(3), K)
     assert not found[2, 2] < 1e12 * K[2, 2]
 
 
 def test_coordinates_scale_and_too_few_frames_say_nothing():
     J, r, K = regression(2, values=2)
     scale = np.array([2.0, 0.5])
-    one = kept(J, r).blocks(np.ones(2)).covariance(np.arange(2), K)
-    other = kept(J, r).blocks(scale).covariance(np.arange(2), K / np.outer(scale, scale))
+    one = blocks_of(kept(J, r), np.ones(2)).covariance(np.arange(2), K)
+    other = blocks_of(kept(J, r), scale).covariance(np.arange(2), K / np.outer(scale, scale))
     np.testing.assert_allclose(other, one / np.outer(scale, scale), rtol=1e-9)  # rounding
-    assert kept(J[:11], r[:11]).blocks(scale) is None  # two blocks of four frames
+    assert blocks_of(kept(J[:11], r[:11]), scale) is None  # two blocks of four frames
     unseen = np.zeros((31, 0, 2)), np.zeros((31, 0))
     made = kept(J[:11], r[:11])
     for each, left in zip(*unseen, strict=True):
         made.runs[0][1].add(each, left, np.ones((1, 3, 2)))
-    assert made.blocks(scale) is None  # steps between frames are no frames
-    assert Kept(posterior.MOST_VALUES + 1).blocks(np.ones(posterior.MOST_VALUES + 1)) is None
+    assert blocks_of(made, scale) is None  # steps between frames are no frames
+    assert blocks_of(Kept(), np.ones(posterior.MOST_VALUES + 1)) is None
 
 
 def test_several_motions_share_the_blocks():
     J, r, _ = regression(3)
-    made = Kept(3)
+    made = Kept()
     for part in np.array_split(np.arange(42), 3):
         scores = made.keep(np.arange(3))
         for t in part:
             scores.add(J[t], r[t], np.ones((1, 3, 3)))
-    one, other = made.blocks(np.ones(3)), kept(J, r).blocks(np.ones(3))
+    one, other = blocks_of(made, np.ones(3)), blocks_of(kept(J, r), np.ones(3))
     np.testing.assert_allclose(one.scores, other.scores, rtol=1e-12)  # the same blocks
     np.testing.assert_allclose(one.information, other.information, rtol=1e-12)
 
 
 def test_growth_is_that_of_the_run_that_grows_most():
-    made = Kept(1)
+    made = Kept()
     for rate in (1.0, 1.2):
         scores = made.keep(np.arange(1))
         for t in range(101):

@@ -10,7 +10,7 @@ from helpers.marks import fits
 from helpers.scenes import even
 
 from clothfit import degrade, estimate, simulate
-from clothfit.fit.followed import followed, moves, with_start_velocity
+from clothfit.fit.preparation import followed, moves, with_start_velocity
 from clothfit.motion.motion import as_motion, load_motion, save_motion
 from clothfit.scene.scene import dumps, load, save
 

@@ -17,8 +17,7 @@ from clothfit.objective.comparison import loss_named
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.registration.record import Registration, rotation
-from clothfit.registration.residuals import THETA, Unknowns
-from clothfit.registration.search import find, sought
+from clothfit.registration.residuals import THETA, Unknowns, find, sought
 from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a simulation and its sensitivity

@@ -11,7 +11,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy import gravity_direction, ladder
+from clothfit.strategy import frame_blocks, ladder
 
 G = 9.81
 FREE = {  # gravity, and which of its components may turn
@@ -37,19 +37,19 @@ def quadratic(count):
 @pytest.mark.parametrize("case", FREE)
 def test_components_that_are_zero_beside_others_are_held(case):
     gravity, expected = FREE[case]
-    assert gravity_direction.held(falling(gravity)).tolist() == [False, *expected]
+    assert frame_blocks.held(falling(gravity)).tolist() == [False, *expected]
 
 
 def test_gravity_is_free_where_the_wind_is():
     scene = falling((0.0, -G, 0.0))
-    assert not gravity_direction.held(replace(scene, fits={"wind": "G", "gravity": "G"})).any()
+    assert not frame_blocks.held(replace(scene, fits={"wind": "G", "gravity": "G"})).any()
 
 
 def test_the_saving_is_that_of_linear_least_squares():
     H, g, J, r = quadratic(5)
     J, r, more = J.reshape(-1, 5), r.reshape(-1), np.array([False, True, False, False, True])
     few, every = (float(np.linalg.lstsq(each, -r)[1][0]) for each in (J[:, ~more], J))
-    found = gravity_direction.saving(H.sum(axis=0), g.sum(axis=0), more)
+    found = frame_blocks.saving(H.sum(axis=0), g.sum(axis=0), more)
     assert found == pytest.approx(few - every, rel=1e-10)  # of sums of 120 products
 
 
@@ -59,7 +59,7 @@ def test_t_is_that_of_fits_without_each_block():
     others = [np.delete(np.arange(6), b) for b in range(6)]
     without = np.array([np.linalg.lstsq(J[own].reshape(-1, 3), -r[own].reshape(-1))[0] for own in others])
     error = np.sqrt(5.0 / 6.0 * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
-    found = gravity_direction.t_values(H.sum(axis=0), g.sum(axis=0), H, g)
+    found = frame_blocks.t_values(H.sum(axis=0), g.sum(axis=0), H, g)
     assert found == pytest.approx(np.abs(whole) / error, rel=1e-10)
 
 

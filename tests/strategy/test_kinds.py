@@ -9,7 +9,7 @@ from clothfit.engine.system import BDF2
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy.kinds import Choice, kept_out, needed, without
+from clothfit.strategy.frame_blocks import Choice, kept_out, needed, without
 
 pytestmark = FITS
 

@@ -15,8 +15,8 @@ from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
+from clothfit.strategy.continuation import frame_interval, last_time, with_interval, with_substeps
 from clothfit.strategy.step_choice import COUNTS, chosen, finer
-from clothfit.strategy.time_step import frame_interval, last_time, with_interval, with_substeps
 
 pytestmark = FITS
 

@@ -9,8 +9,9 @@ from helpers.subspaces import model_of, moving, scene_of, whole
 
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
+from clothfit.motion.motion import rms
 from clothfit.motion.simulate import simulate
-from clothfit.subspace.judge import GOES_ON, bands, compare, floor, growth, rms
+from clothfit.subspace.judge import GOES_ON, bands, compare, floor, growth
 from clothfit.subspace.worth import FULL, STATE, frame, full_step, pays_from, sentence, vertices_from, worth
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs

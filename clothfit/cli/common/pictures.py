@@ -135,7 +135,7 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
     from clothfit.evaluation.evaluate import overlaid
     from clothfit.objective.experiment import flagged_as
     from clothfit.scene.fit_vector import parameters, with_parameters
-    from clothfit.strategy.time_step import with_interval
+    from clothfit.strategy.continuation import with_interval
 
     if target is None:
         return overlaid(scene, found.scene, None, scene.frames)

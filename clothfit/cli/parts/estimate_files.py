@@ -2,6 +2,14 @@
 
 In the names, {stem} stands for the scene's name without folder and suffix, {folder} for its folder, so that one option
 can name the files of many scenes.
+
+`clothfit estimate --simulator`: the values with which another tool's cloth moves like the target.
+
+`clothfit estimate --cache FILE`: the fitted motion at the times of the target's frames, for the program it is from.
+
+Where the target and FILE are USD, FILE is a copy of the target's file in which the points of the cloth's meshes are the
+fitted ones: the same names, time codes, unit and axes, and all else that is there. Else FILE holds the cloth alone, in
+the target's axes and unit where its format can have them.
 """
 
 from __future__ import annotations
@@ -12,18 +20,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import is_number
+from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_least
-from clothfit.cli.common.output import SCENE, STREAM, Output, output_for
-from clothfit.cli.common.scenes import one_stream, read_scene
-from clothfit.formats.axes import Reading
+from clothfit.cli.common.motions import one_stream, read_scene
+from clothfit.cli.common.options import check_least, gathered, given, refuse
+from clothfit.cli.common.output import SCENE, STREAM, Output, beside, output_for, print_json, write_into
+from clothfit.formats.axes import Axes, Convention, Reading
+from clothfit.formats.registry import foreign, format_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from clothfit.motion.motion import Motion
+    from clothfit.registration.record import Registration
     from clothfit.scene.scene import Scene
+    from clothfit.simulators.estimate import Options
+    from clothfit.simulators.values import Fitted
 
 
 @dataclass(frozen=True)
@@ -169,3 +186,162 @@ def read_start(start: str | None, console: Console) -> float | Scene | None:
     if start is None:
         return None
     return float(start) if is_number(start) else read_scene(start, console)
+
+
+MODELS = {"xpbd": ("G", "L"), "blender": ("G",)}
+"""The few values of a tool, or those of each constraint and vertex."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The options as they are given."""
+
+    simulator: str | None = given("--simulator TOOL", "Fit the values of another tool's cloth, so that it moves like "
+        "the target: xpbd, or blender, which needs Blender.")
+    iterations: int | None = given("--iterations N", "Iterations of xpbd in a substep; --substeps is how many of those "
+        "there are in a step.  [default: 10, and 1 substep]", int)
+    bends_by: str = given("--bends-by WHAT", "Bending of xpbd: by distance, as the springs, or by angle.  [default: "
+        "distance]", default="distance")
+    blender: str | None = given("--blender PROGRAM", "Blender, or a Python that has it as a module.  [default: "
+        "CLOTHFIT_BPY, else blender]")
+
+    def check(self, model: str | None) -> None:
+        """Raise UsageError, InvalidInput on what cannot be."""
+        from clothfit.simulators.estimate import SIMULATORS
+
+        if self.simulator is not None and self.simulator not in SIMULATORS:
+            raise InvalidInput(f"--simulator: there is no {self.simulator!r}; use {' or '.join(SIMULATORS)}")
+        if self.simulator != "xpbd" and (self.iterations is not None or self.bends_by != "distance"):
+            raise click.UsageError("--iterations and --bends-by are for --simulator xpbd")
+        if self.simulator and model not in (None, *MODELS[self.simulator]):
+            known = " and ".join(MODELS[self.simulator])
+            raise InvalidInput(f"--model {model}: the values of {self.simulator} are fitted by {known}")
+        if self.simulator != "blender" and self.blender is not None:
+            raise click.UsageError("--blender is for --simulator blender")
+
+    def options(self, substeps: str | None, model: str | None, console: Console) -> Options:
+        """What to fit in. Raises InvalidInput."""
+        from clothfit.simulators import xpbd
+        from clothfit.simulators.estimate import Options
+
+        if substeps is not None and not substeps.isdigit():
+            raise InvalidInput(f"--substeps must be a whole number with --simulator; {substeps!r} was given")
+        iterations = 10 if self.iterations is None else self.iterations
+        own = xpbd.Settings(int(substeps or 1), iterations, self.bends_by)
+        own.check()
+        return Options(str(self.simulator), own, self.blender, report=console.detail, model=model or "G")
+
+
+simulator_options = gathered("tool", Asked)
+"""Adds the options; the function is given them as `tool`."""
+
+
+def fit_by_simulator(
+    scene_paths: tuple[str, ...], files: Files, asked: Asked, substeps: str | None, model: str | None, console: Console
+) -> int:
+    """Fit a tool to one scene's target and write its values into a folder; returns the exit code."""
+    options = asked.options(substeps, model, console)
+    if len(scene_paths) != 1 or len(files.target_paths) > 1:
+        raise click.UsageError("--simulator takes one SCENE and one --target")
+    without = {"--start": files.start, "--checkpoint": files.checkpoint, "--forces": files.forces_path}
+    refuse(without, "{} does not go with --simulator")
+    (scene_path,) = scene_paths
+    files = files.of(scene_path)
+    if files.in_place or files.path == STREAM or (scene_path == STREAM and files.path is None):
+        raise InvalidInput("--simulator: the result is several files, which need a folder; name one with -o")
+    scene = read_scene(scene_path, console)
+    folder = files.path or f"{Path(scene_path).stem}-{asked.simulator}"
+    motion = None
+    if files.pairs:
+        own = read_target(files.pairs[0], scene, files.reading, console, [])
+        motion, scene = own if isinstance(own, tuple) else (own, scene)
+    if asked.simulator == "blender":
+        from clothfit.simulators.blender import left_out
+
+        if lost := left_out(scene):
+            console.warn(f"{scene.name}: Blender's cloth is fitted without {' and '.join(lost)}")
+    console.announce_compilation()
+    from clothfit.simulators import written
+    from clothfit.simulators.estimate import estimate
+
+    found = estimate(scene, motion, options)
+    made = written.files(scene, found, options)
+    write_into(folder, made, scene_path, files.inputs)
+    for number, each in enumerate(found):
+        describe(number, each, console)
+    console.say(f"{scene.name}: values of {asked.simulator} → {folder}: {', '.join(made)}")
+    print_json({"scene": scene.name, "output": folder, "files": list(made), **written.summary(found, options)})
+    return 0
+
+
+def describe(number: int, found: Fitted, console: Console) -> None:
+    """Print what was found for an object."""
+    first = found.few or found
+    pairs = zip(first.tool.values, first.found, strict=True)
+    rows = [(value.name, f"{value.mapped:.4g}", f"{fitted:.4g}", value.unit) for value, fitted in pairs]
+    console.table([("value", "mapped", "fitted", "unit"), *rows])
+    if found.few:
+        console.say(f"objects[{number}] in {found.tool.name}, few values: RMSE {error(first.rmse, found.travel)}")
+        for name, _, _, fitted in found.kinds():
+            middle = sorted(fitted)[len(fitted) // 2]
+            console.say(f"{name} of each: {fitted.min():.4g} … {fitted.max():.4g}, median {middle:.4g}")
+    console.say(
+        f"objects[{number}] in {found.tool.name}: RMSE {error(found.rmse, found.travel)}; with the mapped values "
+        f"{error(first.mapped_rmse, found.travel)}; {found.simulations} simulations"
+    )
+
+
+def error(rmse: float, travel: float) -> str:
+    """A distance, and its part of the way from the start."""
+    if rmse == float("inf"):
+        return "of a cloth that runs away"
+    return f"{metres(rmse)} ({100 * rmse / travel:.2g} % of the way)"
+
+
+def cache_place(files: Files, used: Iterable[str | None]) -> Output | None:
+    """Where the cache goes, where one is asked for. Raises InvalidInput."""
+    if files.cache is None:
+        return None
+    if len(files.pairs) != 1 or files.pairs[0][1] is not None:
+        raise InvalidInput("--cache needs one --target, which must be of SCENE itself")
+    out = beside("--cache", files.cache, used)
+    assert out is not None
+    format_of(out.path, writing=True)
+    motions.check(out, Convention(), [files.pairs[0][0]])
+    return out
+
+
+def write_cache(fitted: Scene, files: Files, known: Registration, out: Output, console: Console) -> None:
+    """Write the motion of a fitted scene in the time and the place of its target, which are `known`; before the scene
+    begins it stands still. Raises InvalidInput.
+    """
+    import numpy as np
+
+    from clothfit.motion.foreign import load
+    from clothfit.motion.motion import Motion
+    from clothfit.motion.simulate import simulate
+    from clothfit.motion.times import frame_places, interpolated
+
+    path, written = files.pairs[0][0], foreign(out.path)
+    target = load(path, fitted, replace(files.reading, frames=None))
+    own = replace(target.motion, times=np.maximum(known.times(target.motion.times), 0.0))
+    step, fraction = frame_places(own, fitted.delta)
+    every = simulate(fitted, int(step.max()) + 2)
+    x = known.taken_back(interpolated(every.positions, step, fraction))
+    motion = Motion(x, target.motion.times, fitted.vertex_counts)
+    axes = target.interpretation.axes
+    if written is not None and written.name == "USD" == target.interpretation.format:
+        from clothfit.formats import usd
+        from clothfit.motion.files import animation, for_tools
+
+        whole, _ = for_tools(motion, fitted, written)
+        points = animation(whole, written, axes).positions
+        out.write(usd.with_points(path, out.path, points, str(target.motion.said.get("mesh", ""))))
+        console.say(f"{out.path}: {path} with the fitted cloth, {counted(len(x), 'frame', 'frames')}, {axes}")
+        return
+    alike = written is not None and foreign(path) is not None and written.name != "glTF"
+    motions.write(motion, out, fitted, Convention(*_said(axes)) if alike else Convention(), console)
+
+
+def _said(axes: Axes) -> tuple[float, str, str]:
+    return axes.scale, axes.up, axes.handedness

@@ -21,8 +21,8 @@ from clothfit.base.limits import is_number
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.motions import warn_of_steps
 from clothfit.cli.common.output import STREAM, Output, attributes, make_folder, print_json, uninterrupted, write_scene
-from clothfit.cli.common.scenes import warn_of_steps
 from clothfit.cli.parts import checkpoints, estimate_results
 from clothfit.cli.parts.estimate_files import Effort, Files, default_name
 from clothfit.fit.options import FitOptions

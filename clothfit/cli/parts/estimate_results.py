@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.base.messages import counted, metres, owned
+from clothfit.base.messages import counted, metres, owned, percent
 from clothfit.base.writing import check_writable, is_output
 from clothfit.cli import report
 from clothfit.cli.common import output
@@ -171,11 +171,6 @@ def error(found: Fit) -> str:
     if found.relative_rmse is None or found.relative_rmse < WORTH_A_WORD:
         return metres(found.rmse)
     return f"{metres(found.rmse)}, {percent(found.relative_rmse)} of the distance travelled,"
-
-
-def percent(fraction: float) -> str:
-    """A fraction in percent with two digits."""
-    return f"{100 * fraction:.2g} %" if fraction < 1 else f"{100 * fraction:.0f} %"
 
 
 def factors(block: FittedBlock) -> str:

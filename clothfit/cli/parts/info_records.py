@@ -11,7 +11,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import doubts
 from clothfit.base.messages import counted, metres, spans
-from clothfit.cli.common.scenes import vector
+from clothfit.cli.common.motions import vector
 from clothfit.evaluation.overview import extent
 from clothfit.formats.axes import Reading
 

@@ -183,7 +183,7 @@ def following(
 ) -> Scene:
     """The scene with pins that let its fixed vertices follow a motion. Raises InvalidInput."""
     from clothfit.cli.common.motions import load
-    from clothfit.fit.followed import pins_of
+    from clothfit.fit.preparation import pins_of
     from clothfit.scene.scene import with_pins
 
     if not any(cloth.fixed.any() for cloth in scene.cloths):
