@@ -112,18 +112,19 @@ GALLERY = (
         "cape",
     ),
     world(
+        "layers",
+        "A shirt over a skirt",
+        "The form turns to and fro, and takes the waist of the skirt along. The shirt lies on its shoulders and on the "
+        "skirt: cloths of one scene touch each other, with friction, where `selfCollision` asks for it.",
+        "layers",
+    ),
+    world(
         "tablecloth",
         "A tablecloth, laid on askew",
         "It falls on a box, not in its middle, and slides until friction holds it.",
         "tablecloth",
     ),
     CURTAIN,
-    world(
-        "rail",
-        "A curtain that is drawn",
-        "Nine hooks go along a rail, each by keys of its own, and the cloth gathers into folds.",
-        "curtain",
-    ),
     world(
         "gusts",
         "A flag in gusts",

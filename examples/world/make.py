@@ -151,8 +151,68 @@ def gusts() -> str:
     return "\n".join(["time,x,y,z", *rows]) + "\n"
 
 
+def layers() -> dict[str, Any]:
+    """A shirt over a skirt on a dress form that turns; hides a factor on the stiffnesses of each."""
+    times = np.arange(0.0, STEP * FRAMES + 0.1, 0.1)
+    turns = np.stack([0.0 * times, 70.0 * np.sin(2.0 * np.pi * times) * np.minimum(times / 0.5, 1.0), 0.0 * times], 1)
+    form = around(FORM[:, 0], 0.0, ROUND)
+    faces = np.concatenate([rings(len(FORM), ROUND)[:, ::-1], caps(len(FORM), ROUND)])
+    place = np.concatenate([form, [(0.0, FORM[0, 0], 0.0), (0.0, FORM[-1, 0], 0.0)]])
+    body = collider(4, (0.0, 0.0, 0.0), friction=0.4)
+    body |= {"mesh": {"vertices": [vector(p) for p in place], "triangles": faces.ravel().tolist()}}
+    body["rotKeys"] = keys(times, turns)
+    shirt = np.linspace(1.465, 0.9, 18)
+    over = around(shirt, 0.012 + 0.02 * (1.465 - shirt), ROUND)
+    skirt = np.linspace(1.06, 0.52, 16)
+    under = around(skirt, 0.006 + 0.02 * (1.06 - skirt) + 0.6 * np.maximum(0.88 - skirt, 0.0), ROUND)
+    objects = []
+    for points, rows in ((over, len(shirt)), (under, len(skirt))):
+        waist = np.arange(len(points)) < (ROUND if points is under else 0)
+        objects.append(garment(Mesh(points, rings(rows, ROUND)), waist, stiffness=30.0, settings="nF"))
+    objects[1]["pins"] = [{"vertices": list(range(ROUND)), "rotKeys": keys(times, turns)}]
+    touching = {"betweenObjects": True, "thickness": 0.006, "stiffness": 100.0, "friction": 0.2}
+    return {**scene("layers", objects[0], [body]), "objects": objects, "selfCollision": touching}
+
+
+ROUND = 32
+"""Vertices around the dress form and what it wears."""
+
+FORM = np.array([
+    (0.62, 0.150, 0.120), (0.75, 0.170, 0.130), (0.90, 0.175, 0.135), (1.00, 0.150, 0.115), (1.08, 0.125, 0.100),
+    (1.20, 0.150, 0.115), (1.32, 0.165, 0.120), (1.42, 0.170, 0.100), (1.46, 0.130, 0.080), (1.50, 0.060, 0.058),
+    (1.58, 0.050, 0.055),
+])  # fmt: skip
+"""The dress form: height, half of its width and of its depth, m."""
+
+
+def around(heights: Array, distance: Array | float, count: int) -> Array:
+    """Rings of so many points about the dress form, (rows · count, 3), m, at a distance from it."""
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    wide, deep = (np.interp(heights, FORM[:, 0], FORM[:, k]) + distance for k in (1, 2))
+    x, z = np.outer(wide, np.cos(angle)), np.outer(deep, np.sin(angle))
+    return np.stack([x, np.broadcast_to(heights[:, None], x.shape), z], axis=-1).reshape(-1, 3)
+
+
+def rings(rows: int, count: int) -> NDArray[np.int32]:
+    """Two triangles for each cell between rings of vertices."""
+    first = (np.arange(rows - 1)[:, None] * count + np.arange(count)).ravel()
+    after = (np.arange(rows - 1)[:, None] * count + (np.arange(count) + 1) % count).ravel()
+    cells = np.stack([first, after, after + count, first, after + count, first + count], axis=-1)
+    return np.asarray(cells.reshape(-1, 3), np.int32)
+
+
+def caps(rows: int, count: int) -> NDArray[np.int32]:
+    """The triangles that close rings with a vertex below and one above, which come last."""
+    at, after, last = np.arange(count), (np.arange(count) + 1) % count, (rows - 1) * count
+    below, above = np.full(count, rows * count), np.full(count, rows * count + 1)
+    return np.concatenate([np.stack([below, at, after], -1), np.stack([above, last + after, last + at], -1)]).astype(
+        np.int32
+    )
+
+
 SCENES: dict[str, Callable[[], dict[str, Any]]] = {
     "cape.json": cape, "curtain.json": curtain, "tablecloth.json": tablecloth, "flag.json": flag, "calm.json": calm,
+    "layers.json": layers,
 }  # fmt: skip
 
 
