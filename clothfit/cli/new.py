@@ -102,6 +102,8 @@ class Asked:
     pins_from: str | None = given("--pins-from MOTION", "Let the fixed vertices follow this motion of the mesh.")
     sphere: tuple[str, ...] = given("--sphere X,Y,Z,R", "Add a sphere to fall on: centre and radius in m.",
         multiple=True, title="The world")
+    layers: str | None = given("--layers [METRES]", "Keep cloths from passing through themselves and each other, at "
+        "this distance.  [distance: 0.005]", is_flag=False, flag_value="0.005")
     wind: str | None = given("--wind X,Y,Z", "Wind in m/s.  [default: none]")
     fit: tuple[str, ...] = given("--fit LETTERS|NAME[=L]", "Parameters to fit. Two letters for masses and stiffnesses: "
         "n none, F one factor on what is there, R one per family and region, M a smooth map, G the same for all, L "
@@ -308,7 +310,9 @@ def command(cloth_path: str | None, path: str | None, asked: Asked, console: Con
     from clothfit.scene.scene import dumps
 
     made = [made_of(cloth, asked, [each.document for each in bodies], mesh_path, console) for cloth in cloths]
-    scene = replace(joined(made) if len(made) > 1 else made[0], folder=out.folder)
+    distance = numbers("--layers", asked.layers, 1, "0.005") if asked.layers else ()
+    touching = {"betweenObjects": True, "thickness": distance[0]} if distance else None
+    scene = replace(joined(made, touching), folder=out.folder)
     if asked.pins_from:
         scene = new_shot.following(scene, asked.pins_from, *convention, console)
     for each in bodies:

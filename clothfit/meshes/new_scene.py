@@ -150,10 +150,14 @@ def _woven(
     return woven(mesh.positions, mesh.triangles, density, own, bend or (0.0,) * 3, np.asarray(held, bool), given)
 
 
-def joined(scenes: Sequence[Scene]) -> Scene:
-    """The first of some scenes, with the objects of all. Raises InvalidInput."""
+def joined(scenes: Sequence[Scene], touching: Mapping[str, Any] | None = None) -> Scene:
+    """The first of some scenes, with the objects of all, which may touch each other. Raises InvalidInput."""
+    if len(scenes) == 1 and not touching:
+        return scenes[0]
     first, *others = (json.loads(each.source.text) for each in scenes)
     first["objects"] += [cloth for each in others for cloth in each["objects"]]
+    if touching:
+        first["selfCollision"] = dict(touching)
     return replace(load(io.StringIO(text(first))), name=scenes[0].name)
 
 

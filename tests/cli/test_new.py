@@ -239,3 +239,10 @@ def test_the_page_names_every_problem():
     assert {a or b for a, b in kinds} == {"unused", "collapsed", "flat", "massless", "repeated", "non-manifold",
                                           "no-length", "orientation", "parts", "seam", "empty"}  # fmt: skip
     assert all(f"`{a or b}`" in PAGE for a, b in kinds)
+
+
+@pytest.mark.parametrize(("option", "thickness"), [("--layers", 0.005), ("--layers 0.01", 0.01)])
+def test_layers_touch_themselves_and_each_other(here, said, option, thickness):
+    assert said(f"new plane {option} -o layers.json")[0] == 0
+    law = load("layers.json").self_contact
+    assert (law.thickness, law.between) == (thickness, True)

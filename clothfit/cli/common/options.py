@@ -156,7 +156,7 @@ EVERY_DAY = {
     ),
     "new": (
         "--cloth", "--collider", "--size", "--divisions", "--scale", "--up", "--weld", "--density", "--stiffness",
-        "--fix-side", "--fix-vertices", "--pins-from", "--wind", "--sphere", "--fit", "--fps", "--output",
+        "--fix-side", "--fix-vertices", "--pins-from", "--wind", "--sphere", "--layers", "--fit", "--fps", "--output",
     ),
 }  # fmt: skip
 """Commands with many options, to those that `--help` shows; the others are in `--help-all`."""
