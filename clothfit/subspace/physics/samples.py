@@ -290,8 +290,8 @@ class Reduced:
 
     Here is what no step changes, and the equations of a step at a state, for a cubature; `march` takes the steps. They
     are those of the scene's method, projected: implicit Euler with all its Newton iterations, or BDF2 whose inner step
-    begins at the extrapolated state, as `engine.step.bdf2` has it, also where something is hit. Steps are never shortened
-    (`engine.step.guard`).
+    begins at the extrapolated state, as `engine.step.bdf2` has it, also where something is hit. Steps are never
+    shortened (`engine.step.guard`).
     """
 
     def __init__(self, system: System, basis: Array, chosen: Selection | None = None) -> None:
