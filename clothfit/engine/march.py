@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from clothfit.base.limits import FARTHEST
 from clothfit.engine.forces import meeting
-from clothfit.engine.forces.touch import contact, slide
+from clothfit.engine.forces.touch import contact, is_far, slide
 from clothfit.engine.inputs.tables import place_pins, power, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
@@ -232,6 +232,8 @@ def hits(colliders, vertex, x, v, x_new):
         whole += vertex.mass[i] * dot(load3(v, i), load3(v, i))
     for c in range(len(colliders.rows)):
         for i in range(len(vertex.mass)):
+            if is_far(colliders.rows[c], load3(x_new, i)):
+                continue
             depth, _, _, n, _, spot = contact(colliders, x_new, i, c)
             if vertex.free[i] and depth > 0.0 and contact(colliders, x, i, c)[0] <= 0.0:
                 towards = min(dot(n, slide(colliders, x_new, v, i, c, depth, n, spot)[1]), 0.0)

@@ -17,7 +17,7 @@ with. They are noted for each iteration of it.
 from __future__ import annotations
 
 from clothfit.engine.forces.surfaces import MESH
-from clothfit.engine.forces.touch import CREEP, LAW, SHAPE, STIFFNESS, THICKNESS, begins, contact
+from clothfit.engine.forces.touch import CREEP, LAW, SHAPE, STIFFNESS, THICKNESS, begins, contact, is_far
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
@@ -96,7 +96,9 @@ def meet(colliders, free, at, h, end, drops, A, b):
     for c in range(len(colliders.rows)):
         own, met = colliders.rows[c], colliders.met[colliders.turn[0], c]
         for i in range(len(x)):
-            if not free[i] or not (met[i] or contact(colliders, end, i, c)[0] > h * CREEP):
+            if not free[i] or (not met[i] and is_far(own, load3(end, i))):
+                continue
+            if not met[i] and contact(colliders, end, i, c)[0] <= h * CREEP:
                 continue
             depth, _, _, n, _, _ = contact(colliders, y, i, c)
             if depth > 0.0:

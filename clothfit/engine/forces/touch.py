@@ -13,7 +13,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import bodies as meshes
-from clothfit.engine.forces.surfaces import MESH, distance
+from clothfit.engine.forces.surfaces import BOX, CONE, MESH, distance
 from clothfit.engine.forces.triangle import AB, CA, A
 from clothfit.engine.forces.vertex import Vertex
 from clothfit.kernels.kernel import kernel
@@ -148,6 +148,20 @@ def measured(bodies, own, i, y_i):
         return meshes.distance(bodies, int(own[SHAPE, 1]), i, p)
     delta, k, j, n, t = distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))
     return delta, k, j, n, t, (-1, 0, 0.0, 0.0)
+
+
+@kernel
+def is_far(own, y_i):
+    """Whether a point is surely outside of a collider, by a ball about that."""
+    shape, size = int(own[SHAPE, 0]), own[SIZE]
+    if shape == BOX:
+        reach = size[0] + size[1] + size[2]
+    elif shape == CONE:
+        reach = max(size[0], size[1]) + 0.5 * size[2]
+    else:
+        return False
+    away, reach = sub(y_i, load3(own, PLACE)), reach + own[LAW, THICKNESS]
+    return dot(away, away) > reach * reach
 
 
 @kernel
