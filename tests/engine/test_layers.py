@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.derivatives import assert_derivatives
-from helpers.physics import scene, thing, xyz
+from helpers.physics import rotation, scene, thing, xyz
 
 from clothfit import InvalidInput, find_controls, simulate
 from clothfit.cli.validate import judge
@@ -159,6 +159,15 @@ def test_what_starts_through_another_cloth_is_drawn_back():
 
 def test_derivatives_while_a_cloth_is_drawn_back():
     assert_derivatives(poked(optimizationIterations=8, fit={"contact": True}), 1e-13, 1e-10)
+
+
+def test_a_flat_sheet_that_is_turned_does_not_cross_itself():
+    turn = rotation((0.3, 1.0, 0.2), 0.7)
+    own = sheet(9, 1.0, 0.0)
+    own["vertPos"] = [xyz(turn @ [p[a] for a in "xyz"]) for p in own["vertPos"]]
+    made = layers(own, gravity=xyz((0, -9.81, 0)), optimizationIterations=9)
+    assert not build(made, 0).surface.crossed.any()
+    assert [crossings(made, x) for x in simulate(made).positions] == [0] * 9
 
 
 def test_who_touches_whom():

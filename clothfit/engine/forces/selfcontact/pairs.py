@@ -43,6 +43,9 @@ LEFT = 0.1
 SEAM = 1e-6
 """The part of the thickness below which what is apart at the start counts as a seam, which may pass through itself."""
 
+FLAT = 1e-9
+"""Height of the ends of an edge over a triangle, relative to its length, that may be rounding in a flat cloth."""
+
 LOOKS = 1000
 """Times that a pair is looked at on its way, at most; one that is not through by then counts as passing."""
 
@@ -345,7 +348,9 @@ def pierced(surface: Surface) -> Indices:
     ends, corners = edges[found[:, 0]], triangles[found[:, 1]]
     apart = ~(ends[:, :, None] == corners[:, None]).any(axis=(1, 2))
     found, (p, q), (a, b, c) = found[apart], x[ends[apart]].swapaxes(0, 1), x[corners[apart]].swapaxes(0, 1)
-    across = volumes(a, b, c, p) * volumes(a, b, c, q) < 0.0
+    one, other = volumes(a, b, c, p), volumes(a, b, c, q)
+    least = FLAT * np.linalg.norm(np.cross(b - a, c - a), axis=1) * np.linalg.norm(q - p, axis=1)
+    across = (one * other < 0.0) & (np.minimum(abs(one), abs(other)) > least)
     turns = np.array([volumes(p, q, a, b), volumes(p, q, b, c), volumes(p, q, c, a)])
     within = (turns >= 0).all(axis=0) | (turns <= 0).all(axis=0)
     return np.asarray(found[across & within])
