@@ -1,4 +1,4 @@
-"""Where a cloth touches colliders: the rows that describe them, depth and normal of a vertex, and how fast it slides.
+"""Where a cloth touches colliders: the rows that describe them, depth and normal of a vertex, and how fast they move.
 
 The symbols are those of `colliders`, which has the forces.
 """
@@ -6,7 +6,6 @@ The symbols are those of `colliders`, which has the forces.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +18,6 @@ from clothfit.engine.forces.vertex import Vertex
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
-
-CREEP = 1e-3
-"""ε, m/s. On a slope of angle θ < arctan μ a vertex creeps by ε r/sqrt(1 − r²), r = tan θ/μ: by ε at r = 0.7, 7 ε at
-0.99.
-"""
 
 PLACE, VELOCITY, SPIN, AXES, SIZE, RATE, LAW, SHAPE = 0, 1, 2, 3, 6, 7, 8, 9
 """Rows of a collider: c, m; ċ, m/s; ω, 1/s; three unit vectors, its axes; r, s, l of a cone or half of the lengths of a
@@ -164,12 +158,15 @@ def outward(own, v):
 
 
 @kernel
-def begins(colliders, c, depth, n, i, y_i, way):
-    """Whether a vertex outside that goes from y_i by `way` in a step enters a collider, seen from where it is."""
-    bodies, own = colliders.bodies, colliders.rows[c]
+def counts(colliders, depth, n, c, i, y_i, way):
+    """Whether a step by `way` from y_i knows vertex i at collider c: inside, met (`meeting`), or about to enter, seen
+    from where it is.
+    """
+    if depth > 0.0 or colliders.met[colliders.turn[0], c, i]:
+        return True
     if depth - dot(n, way) <= 0.0:
         return False
-    slack = held(colliders, c, i)
+    bodies, own, slack = colliders.bodies, colliders.rows[c], held(colliders, c, i)
     least = own[LAW, THICKNESS] - slack
     if own[SHAPE, 0] != MESH:
         return lowest(own, y_i, way) < least
@@ -202,12 +199,6 @@ def away_from(own, y_i):
 
 
 @kernel
-def across(n, v):
-    """P v."""
-    return fma(splat(-dot(n, v)), n, v)
-
-
-@kernel
 def stretched(own, away, V):
     """V, and the velocity with which a collider that grows moves what is `away` from its centre; it is its own
     transpose.
@@ -234,17 +225,12 @@ def surface_gradient(bodies, own, spot, by_v):
 
 
 @kernel
-def slide(colliders, y, u, i, c, depth, n, spot):
-    """V, v, q and γ of vertex i."""
+def surface_velocity(colliders, y, i, c, spot):
+    """V of collider c at vertex i."""
     own, (f, _, wb, wc) = colliders.rows[c], spot
     away = sub(load3(y, i), load3(own, PLACE))
     V = stretched(own, away, add(load3(own, VELOCITY), cross(load3(own, SPIN), away)))
-    if f >= 0:
-        V = add(V, outward(own, meshes.drift(colliders.bodies, f, wb, wc)))
-    v = sub(load3(u, i), V)
-    vt = across(n, v)
-    q = sqrt(dot(vt, vt) + CREEP * CREEP)
-    return V, v, q, own[LAW, FRICTION] * own[LAW, STIFFNESS] * max(depth, 0.0) / q
+    return add(V, outward(own, meshes.drift(colliders.bodies, f, wb, wc))) if f >= 0 else V
 
 
 @kernel
@@ -293,9 +279,3 @@ def held_change(colliders, c, i, offset):
         return 0.0
     begin = colliders.begin[c, i]
     return colliders.rows[c, SHAPE, 2] * dot(pack(begin[1], begin[2], begin[3], 0.0), offset)
-
-
-@kernel
-def gamma_slope(gamma, depth):
-    """∂γ/∂d at a fixed q."""
-    return gamma / depth if depth > 0.0 else 0.0

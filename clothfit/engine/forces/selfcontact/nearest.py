@@ -24,8 +24,9 @@ from __future__ import annotations
 from math import sqrt
 
 from clothfit.engine.forces import triangle
+from clothfit.engine.solve.joined import mixed, spread
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
+from clothfit.kernels.lanes.operations import fma, load3, mul, splat, sub
 from clothfit.kernels.vectors import cross, dot
 
 CORNER, EDGE = 0, 1
@@ -39,6 +40,10 @@ FREE_ON = (BOTH, FIRST, BETWEEN, SECOND, NONE, NONE, NONE)
 
 PARALLEL = 0.01
 """sin² of the angle of two edges from which on their share is 1."""
+
+
+FIRST_EDGE, SECOND_EDGE = (-1.0, 1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 1.0)
+"""Weights of the vertices in the two edges of a pair."""
 
 
 @kernel
@@ -81,24 +86,6 @@ def way(kind, free, k):
 
 
 @kernel
-def mixed(c, own, a):
-    """Σ cᵢ a_i over the four vertices `own` of an array (n, 3)."""
-    total = mul(splat(c[0]), load3(a, own[0]))
-    total = fma(splat(c[1]), load3(a, own[1]), total)
-    total = fma(splat(c[2]), load3(a, own[2]), total)
-    return fma(splat(c[3]), load3(a, own[3]), total)
-
-
-@kernel
-def spread(c, own, v, out):
-    """out_i += cᵢ v."""
-    store3(fma(splat(c[0]), v, load3(out, own[0])), out, own[0])
-    store3(fma(splat(c[1]), v, load3(out, own[1])), out, own[1])
-    store3(fma(splat(c[2]), v, load3(out, own[2])), out, own[2])
-    store3(fma(splat(c[3]), v, load3(out, own[3])), out, own[3])
-
-
-@kernel
 def closest(kind, own, y):
     """c, which parameters are free, and r, of the vertices `own` at y (n, 3)."""
     a, b, c, d = load3(y, own[0]), load3(y, own[1]), load3(y, own[2]), load3(y, own[3])
@@ -128,24 +115,24 @@ def side(kind, own, y):
 
 
 @kernel
+def angle(own, y):
+    """The edges of a pair of edges, their products o·o, t·t and o·t, and sin² of their angle relative to PARALLEL."""
+    one, other = mixed(FIRST_EDGE, own, y), mixed(SECOND_EDGE, own, y)
+    oo, tt, ot = dot(one, one), dot(other, other), dot(one, other)
+    return one, other, oo, tt, ot, (1.0 - ot * ot / (oo * tt)) / PARALLEL
+
+
+@kernel
 def share(kind, own, y):
     """The share of a pair of edges, 1 of other pairs."""
-    if kind == CORNER:
-        return 1.0
-    one, other = sub(load3(y, own[1]), load3(y, own[0])), sub(load3(y, own[3]), load3(y, own[2]))
-    oo, tt, ot = dot(one, one), dot(other, other), dot(one, other)
-    t = (1.0 - ot * ot / (oo * tt)) / PARALLEL
+    t = angle(own, y)[5] if kind == EDGE else 1.0
     return t * (2.0 - t) if t < 1.0 else 1.0
 
 
 @kernel
-def share_slopes(kind, own, y):
-    """The derivative of the share by the one edge and by the other."""
-    one, other = sub(load3(y, own[1]), load3(y, own[0])), sub(load3(y, own[3]), load3(y, own[2]))
-    oo, tt, ot = dot(one, one), dot(other, other), dot(one, other)
-    t = (1.0 - ot * ot / (oo * tt)) / PARALLEL
-    if kind == CORNER or not t < 1.0:
-        return splat(0.0), splat(0.0)
+def share_slopes(own, y):
+    """The derivative of a share below 1 by the one edge and by the other."""
+    one, other, oo, tt, ot, t = angle(own, y)
     # sin² = 1 − (a·b)²/(a² b²):  ∂/∂a = 2 (a·b)/(a² b²) ((a·b)/a² a − b)
     by_t = (2.0 - 2.0 * t) / PARALLEL * 2.0 * ot / (oo * tt)
     by_one = mul(splat(by_t), sub(mul(splat(ot / oo), one), other))
@@ -196,19 +183,15 @@ def add_moved_back(kind, own, y, free, c, r, delta, n, by_c, by_n, by_delta, sca
 
 
 @kernel
-def add_share_back(kind, own, y, by_share, gy):
-    """gy += by_share · the gradient of the share by y."""
-    one, other = share_slopes(kind, own, y)
-    one, other = mul(splat(by_share), one), mul(splat(by_share), other)
-    store3(sub(load3(gy, own[0]), one), gy, own[0])
-    store3(add(load3(gy, own[1]), one), gy, own[1])
-    store3(sub(load3(gy, own[2]), other), gy, own[2])
-    store3(add(load3(gy, own[3]), other), gy, own[3])
+def add_share_back(own, y, by_share, gy):
+    """gy += by_share · the gradient by y of a share below 1."""
+    one, other = share_slopes(own, y)
+    spread(FIRST_EDGE, own, mul(splat(by_share), one), gy)
+    spread(SECOND_EDGE, own, mul(splat(by_share), other), gy)
 
 
 @kernel
-def share_change(kind, own, y, dy):
-    """The change of the share where the vertices move by dy."""
-    one, other = share_slopes(kind, own, y)
-    first = dot(one, sub(load3(dy, own[1]), load3(dy, own[0])))
-    return first + dot(other, sub(load3(dy, own[3]), load3(dy, own[2])))
+def share_change(own, y, dy):
+    """The change of a share below 1 where the vertices move by dy."""
+    one, other = share_slopes(own, y)
+    return dot(one, mixed(FIRST_EDGE, own, dy)) + dot(other, mixed(SECOND_EDGE, own, dy))
