@@ -123,7 +123,7 @@ def pressed(
     x, v, after = part.x[t], part.velocity(t), part.x[t + 1]
     begin(system, part, t, work)
     first, contact, hit = work.solution.copy(), pairs.of_numbers(surface, x, numbers), NOBODY
-    active, accuracy = depths(contact, x, system.h * first) > 0.0, max(tolerance, ROUGH)
+    active, accuracy = force.depths(contact, x, system.h * first) > 0.0, max(tolerance, ROUGH)
     for turn in range(ROUNDS):
         interrupts.check()
         used = active
@@ -134,13 +134,13 @@ def pressed(
             return Touch(numbers[used], None), march.FAILED
         copy(part.w[t, part.used[t] - 1], first)
         flat = FLAT * surface.thickness if accuracy > tolerance or turn >= DROPS else 0.0
-        deep = depths(contact, *model(system, part, t))
+        deep = force.depths(contact, *model(system, part, t))
         active = np.where(used, (deep > -flat) | (turn >= DROPS), deep > flat)
         if (active != used).any() and turn < ROUNDS - 1:
             continue
         hit = pairs.meeting(surface, x, after)
         new = np.setdiff1d(hit, numbers)
-        shallow = depths(pairs.of_numbers(surface, x, new), after, 0.0 * after) <= flat
+        shallow = force.depths(pairs.of_numbers(surface, x, new), after, 0.0 * after) <= flat
         new = np.union1d(new[~shallow], pairs.crossing(surface, x, after, new[shallow]))
         if turn == ROUNDS - 1 or (not len(new) and accuracy <= tolerance):
             break
@@ -160,13 +160,6 @@ def model(system: System, part: Rollout, t: int) -> tuple[Array, Array]:
     if used == 1:
         return x, h * w
     return x + h * part.w[t, used - 2], h * (w - part.w[t, used - 2])
-
-
-def depths(contact: force.Contact, y: Array, s: Array) -> Array:
-    """How deep, m, each pair ends a step by its model: from y to y + s."""
-    found = np.zeros(len(contact.kind))
-    force.pressure(contact, y, s, found)
-    return found
 
 
 def separated(

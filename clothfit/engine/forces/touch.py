@@ -137,11 +137,17 @@ def contact(colliders, y, i, c):
 @kernel
 def measured(bodies, own, i, y_i):
     """What `surfaces.distance` gives in the axes of a collider for vertex i at y_i, and the place on a mesh."""
-    p = inward(own, sub(y_i, load3(own, PLACE)))
+    p = seen(own, y_i)
     if own[SHAPE, 0] == MESH:
         return meshes.distance(bodies, int(own[SHAPE, 1]), i, p)
     delta, k, j, n, t = distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))
     return delta, k, j, n, t, (-1, 0, 0.0, 0.0)
+
+
+@kernel
+def seen(own, y_i):
+    """A point from the centre of a collider, in its axes."""
+    return inward(own, sub(y_i, load3(own, PLACE)))
 
 
 @kernel
@@ -169,33 +175,26 @@ def counts(colliders, depth, n, c, i, y_i, way):
     bodies, own, slack = colliders.bodies, colliders.rows[c], held(colliders, c, i)
     least = own[LAW, THICKNESS] - slack
     if own[SHAPE, 0] != MESH:
-        return lowest(own, y_i, way) < least
-    b, centre = int(own[SHAPE, 1]), load3(own, PLACE)
-    p, q = inward(own, sub(y_i, centre)), inward(own, sub(add(y_i, way), centre))
-    return meshes.distance(bodies, b, i, q)[0] < least or (slack == 0.0 and meshes.crosses(bodies, b, p, q))
+        return lowest(bodies, own, i, y_i, way) < least
+    if measured(bodies, own, i, add(y_i, way))[0] < least:
+        return True
+    return slack == 0.0 and meshes.crosses(bodies, int(own[SHAPE, 1]), seen(own, y_i), seen(own, add(y_i, way)))
 
 
 @kernel
-def lowest(own, y_i, way):
+def lowest(bodies, own, i, y_i, way):
     """The least distance of a convex collider on the way from y_i, roughly: it is a convex function along it."""
-    low, high, least = 0.0, 1.0, away_from(own, add(y_i, way))
+    low, high, least = 0.0, 1.0, measured(bodies, own, i, add(y_i, way))[0]
     for _ in range(LOOKS):
         one, other = low + (high - low) / 3.0, high - (high - low) / 3.0
-        first = away_from(own, fma(splat(one), way, y_i))
-        second = away_from(own, fma(splat(other), way, y_i))
+        first = measured(bodies, own, i, fma(splat(one), way, y_i))[0]
+        second = measured(bodies, own, i, fma(splat(other), way, y_i))[0]
         least = min(least, min(first, second))
         if first < second:
             high = other
         else:
             low = one
     return least
-
-
-@kernel
-def away_from(own, y_i):
-    """The distance of a point from a collider that is no mesh."""
-    p = inward(own, sub(y_i, load3(own, PLACE)))
-    return distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))[0]
 
 
 @kernel

@@ -18,6 +18,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
+
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.forces import law
 from clothfit.engine.forces.law import across, rubbing
@@ -114,11 +116,13 @@ def add_step(contact, y, u, h, ahead, A, b):
 
 
 @kernel
-def pressure(contact, y, s, out):
-    """out (P,) = d − n·S: how deep, m, each pair is for the model of a step that ends at y + s."""
+def depths(contact, y, s):
+    """d − n·S (P,): how deep, m, each pair is for the model of a step that ends at y + s."""
+    found = np.zeros(len(contact.kind))
     for k in range(len(contact.kind)):
         c, _, _, n, _, _, depth = touch(contact, y, k)
-        out[k] = depth - dot(n, mixed(c, contact.vertices[k], s))
+        found[k] = depth - dot(n, mixed(c, contact.vertices[k], s))
+    return found
 
 
 @kernel

@@ -64,25 +64,18 @@ def on_edges(a, b, e, f):
 
 
 @kernel
-def weights(kind, q1, q2):
-    """c of a pair."""
+def weights(kind, one, q1, q2):
+    """c of a pair, where `one` is 1; its change with q, where that is 0."""
     if kind == CORNER:
-        return 1.0, q1 + q2 - 1.0, -q1, -q2
-    return 1.0 - q1, q1, q2 - 1.0, -q2
+        return one, q1 + q2 - one, -q1, -q2
+    return one - q1, q1, q2 - one, -q2
 
 
 @kernel
-def way(kind, free, k):
-    """β_k of the free parameters, k = 0 or 1; all 0 where fewer are free."""
-    first, second = 0.0, 0.0
-    if k == 0:
-        first = 1.0 if free in (FIRST, BOTH) else -1.0 if free == BETWEEN else 0.0
-        second = 1.0 if free in (SECOND, BETWEEN) else 0.0
-    else:
-        second = 1.0 if free == BOTH else 0.0
-    if kind == CORNER:
-        return 0.0, first + second, -first, -second
-    return -first, first, second, -second
+def ways(free):
+    """How q₁ and q₂ go with the first free parameter, and q₂ with the second; 0 where fewer are free."""
+    first = 1.0 if free in (FIRST, BOTH) else -1.0 if free == BETWEEN else 0.0
+    return first, 1.0 if free in (SECOND, BETWEEN) else 0.0, 1.0 if free == BOTH else 0.0
 
 
 @kernel
@@ -94,7 +87,7 @@ def closest(kind, own, y):
         free = FREE_ON[part]
     else:
         q1, q2, free = on_edges(a, b, c, d)
-    found = weights(kind, q1, q2)
+    found = weights(kind, 1.0, q1, q2)
     return found, free, mixed(found, own, y)
 
 
@@ -151,26 +144,23 @@ def solve(g00, g01, g11, b0, b1):
 @kernel
 def moved(kind, own, y, free, c, r, delta, n, dy):
     """dc, dn and dδ where the vertices move by dy (n, 3)."""
-    way0, way1 = way(kind, free, 0), way(kind, free, 1)
+    first, second, other = ways(free)
+    way0, way1 = weights(kind, 0.0, first, second), weights(kind, 0.0, 0.0, other)
     e0, e1, rho = mixed(way0, own, y), mixed(way1, own, y), mixed(c, own, dy)
     b0 = -dot(e0, rho) - dot(r, mixed(way0, own, dy))
     b1 = -dot(e1, rho) - dot(r, mixed(way1, own, dy))
     q0, q1 = solve(dot(e0, e0), dot(e0, e1), dot(e1, e1), b0, b1)
     dr = fma(splat(q0), e0, fma(splat(q1), e1, rho))
     dn = mul(splat(1.0 / delta), fma(splat(-dot(n, dr)), n, dr))
-    dc = (
-        q0 * way0[0] + q1 * way1[0],
-        q0 * way0[1] + q1 * way1[1],
-        q0 * way0[2] + q1 * way1[2],
-        q0 * way0[3] + q1 * way1[3],
-    )
+    dc = weights(kind, 0.0, q0 * first, q0 * second + q1 * other)
     return dc, dn, dot(n, rho)
 
 
 @kernel
 def add_moved_back(kind, own, y, free, c, r, delta, n, by_c, by_n, by_delta, scale, gy):
     """The transpose of `moved`: gy += scale · the gradient by y of what has these gradients by c, n and δ."""
-    way0, way1 = way(kind, free, 0), way(kind, free, 1)
+    first, second, other = ways(free)
+    way0, way1 = weights(kind, 0.0, first, second), weights(kind, 0.0, 0.0, other)
     e0, e1 = mixed(way0, own, y), mixed(way1, own, y)
     by_r = mul(splat(1.0 / delta), fma(splat(-dot(n, by_n)), n, by_n))
     b0 = dot(by_r, e0) + by_c[0] * way0[0] + by_c[1] * way0[1] + by_c[2] * way0[2] + by_c[3] * way0[3]
