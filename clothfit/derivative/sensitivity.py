@@ -286,14 +286,14 @@ class Carried:
 
     def touched(self, chunk: Rollout, t: int) -> None:
         """Step t of a cloth that touches itself."""
-        from clothfit.derivative import contact
         from clothfit.engine import touching
+        from clothfit.engine.forces.selfcontact import zones
 
         own = touching.taken(self.taken.at(chunk, t), self.work, chunk, t)
         self.advance(point(own.system, chunk.bare(), t, own.work), own.part, 0)
         if own.zones is not None:
             vertex, h = own.system.vertex, own.system.h
-            contact.join(own.zones, vertex, self.place, h, self.columns.mass, self.dx, self.dv)
+            zones.push_columns(own.zones, vertex, self.place, h, tuple(self.columns.mass), self.dx, self.dv)
 
     def advance(self, at: Point, chunk: Rollout, t: int) -> None:
         """Step t of a chunk, from its point on."""

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from clothfit.base.limits import FARTHEST
 from clothfit.engine.forces import meeting
-from clothfit.engine.forces.touch import contact, is_far, slide
+from clothfit.engine.forces.touch import contact, is_far, surface_velocity
 from clothfit.engine.inputs.tables import place_pins, power, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
 from clothfit.engine.step import bdf2, explicit, guard, implicit
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import load3
+from clothfit.kernels.lanes.operations import load3, sub
 from clothfit.kernels.vectors import combine, copy, dot
 
 HIT = 0.1
@@ -236,7 +236,7 @@ def hits(colliders, vertex, x, v, x_new):
                 continue
             depth, _, _, n, _, spot = contact(colliders, x_new, i, c)
             if vertex.free[i] and depth > 0.0 and contact(colliders, x, i, c)[0] <= 0.0:
-                towards = min(dot(n, slide(colliders, x_new, v, i, c, depth, n, spot)[1]), 0.0)
+                towards = min(dot(n, sub(load3(v, i), surface_velocity(colliders, x_new, i, c, spot))), 0.0)
                 stopped += vertex.mass[i] * towards * towards
     return stopped > HIT * whole
 

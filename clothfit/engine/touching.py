@@ -123,7 +123,7 @@ def pressed(
     x, v, after = part.x[t], part.velocity(t), part.x[t + 1]
     begin(system, part, t, work)
     first, contact, hit = work.solution.copy(), pairs.of_numbers(surface, x, numbers), NOBODY
-    active, rough = depths(contact, x, system.h * first) > 0.0, tolerance < ROUGH
+    active, rough = force.depths(contact, x, system.h * first) > 0.0, tolerance < ROUGH
     turn = 0
     while True:
         interrupts.check()
@@ -135,14 +135,14 @@ def pressed(
             return Touch(numbers[used], None), march.FAILED
         copy(part.w[t, part.used[t] - 1], first)
         turn += 1
-        deep = depths(contact, *model(system, part, t))
+        deep = force.depths(contact, *model(system, part, t))
         flat = FLAT * surface.thickness if rough or turn > DROPS else 0.0
         active = np.where(used, (deep > -flat) | (turn > DROPS), deep > flat)
         if (active != used).any() and turn < ROUNDS:
             continue
         hit = pairs.meeting(surface, x, after)
         new = np.setdiff1d(hit, numbers)
-        shallow = depths(pairs.of_numbers(surface, x, new), after, 0.0 * after) <= flat
+        shallow = force.depths(pairs.of_numbers(surface, x, new), after, 0.0 * after) <= flat
         new = np.union1d(new[~shallow], pairs.crossing(surface, x, after, new[shallow]))
         if turn >= ROUNDS or not len(new):
             if not rough:
@@ -162,13 +162,6 @@ def model(system: System, part: Rollout, t: int) -> tuple[Array, Array]:
     if used == 1:
         return x, h * w
     return x + h * part.w[t, used - 2], h * (w - part.w[t, used - 2])
-
-
-def depths(contact: force.Contact, y: Array, s: Array) -> Array:
-    """How deep, m, each pair ends a step by its model: from y to y + s."""
-    found = np.zeros(len(contact.kind))
-    force.pressure(contact, y, s, found)
-    return found
 
 
 def separated(

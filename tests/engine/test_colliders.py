@@ -10,7 +10,7 @@ from helpers.scenes import document, problems
 from helpers.surfaces import block, body
 
 from clothfit import InvalidScene, energies, simulate
-from clothfit.engine.forces import colliders, touch
+from clothfit.engine.forces import colliders, law, touch
 from clothfit.engine.inputs import sampling
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.step import guard
@@ -81,7 +81,7 @@ def test_force_matrix_and_right_hand_side(name, at):
         return v - n * (n * v).sum(axis=1, keepdims=True)
 
     slip = across(point.u - V)
-    gamma = 0.6 * 700 * d / np.sqrt((slip * slip).sum(axis=1, keepdims=True) + touch.CREEP**2)
+    gamma = 0.6 * 700 * d / np.sqrt((slip * slip).sum(axis=1, keepdims=True) + law.CREEP**2)
     f = 700 * d * n - gamma * slip
     assert relative(physics.total_force(colliders, made, point.y, point.u), f) < 1e-13
     A, b = physics.step_terms(system, colliders, made, point.y, point.u)
@@ -139,7 +139,7 @@ def test_a_block_holds_up_to_the_coefficient_of_friction(method, newton):
     angle = 0.5
     held, t = sliding(angle, np.tan(angle) / 0.99, method, newton, 500)
     creep = (held[-1] - held[-100]) / (t[-1] - t[-100])
-    assert creep == pytest.approx(touch.CREEP * 0.99 / np.sqrt(1 - 0.99**2), rel=0.01)
+    assert creep == pytest.approx(law.CREEP * 0.99 / np.sqrt(1 - 0.99**2), rel=0.01)
     gone, t = sliding(angle, np.tan(angle) / 1.01, method, newton, 900)
     # a difference of two forces a hundred times as large, of which v/q < 1 leaves out some
     assert acceleration(gone, t, 100) == pytest.approx(GRAVITY * np.sin(angle) * (1 - 1 / 1.01), rel=0.03)
@@ -188,7 +188,7 @@ def test_what_lies_on_a_collider_that_moves_goes_with_it(method):
     w = (motion.positions[-1, 0] - motion.positions[-2, 0]) / made.delta
     spin = np.radians(10)
     x, z = motion.positions[-1, 0, 0] - 0.3 * t, motion.positions[-1, 0, 2]
-    np.testing.assert_allclose(w[[0, 2]], [0.3 + spin * z, -spin * x], atol=touch.CREEP)
+    np.testing.assert_allclose(w[[0, 2]], [0.3 + spin * z, -spin * x], atol=law.CREEP)
 
 
 @pytest.mark.slow

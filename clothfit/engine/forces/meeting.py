@@ -5,7 +5,7 @@ One that is outside there and ends inside all the same felt nothing: the faster 
 that nothing gave. So such contacts are added to the step's matrix and its right-hand side as they are, with d < 0, and
 it is solved again, until it ends in no other: those that would then pull are taken out. Where the surface of a mesh
 turns away from the plane that a vertex met, by more than half of its thickness, one more of Newton's iterations
-follows, linearised where that one ended; it begins with the contacts that pressed. The law is that of `colliders`, a
+follows, linearised where that one ended; it begins with the contacts that pressed. The law is `law`, a
 spring that pushes where the way along the normal is longer than the distance,
 
     F = κ (d − n·s) n > 0,
@@ -16,12 +16,14 @@ with. They are noted for each iteration of it.
 
 from __future__ import annotations
 
+from clothfit.engine.forces.faces import add_along
+from clothfit.engine.forces.law import CREEP, block
 from clothfit.engine.forces.surfaces import MESH
-from clothfit.engine.forces.touch import CREEP, LAW, SHAPE, STIFFNESS, THICKNESS, begins, contact, is_far
-from clothfit.engine.solve.sparse import add_block, outer
+from clothfit.engine.forces.touch import LAW, SHAPE, STIFFNESS, THICKNESS, contact, counts, is_far
+from clothfit.engine.solve.sparse import add_block
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
-from clothfit.kernels.vectors import dot
+from clothfit.kernels.lanes.operations import fma, load3, splat, sub
+from clothfit.kernels.vectors import combine, dot
 
 STRAY = 0.5
 """How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
@@ -31,14 +33,6 @@ ROUNDS = 12
 
 DROPS = 4
 """In how many of these, contacts that pull are taken out; later they stay, so that the rounds end."""
-
-
-@kernel
-def counts(colliders, depth, n, c, i, y_i, way):
-    """Whether the step knows vertex i at collider c: inside, about to enter, or met."""
-    if depth > 0.0 or colliders.met[colliders.turn[0], c, i]:
-        return True
-    return begins(colliders, c, depth, n, i, y_i, way)
 
 
 @kernel(absent=None)
@@ -76,13 +70,6 @@ def copy_flags(a, out):
                 out[k, c, i] = a[k, c, i]
 
 
-@kernel
-def arrive(x, h, w, end):
-    """end = x + h w."""
-    for i in range(len(x)):
-        store3(fma(splat(h), load3(w, i), load3(x, i)), end, i)
-
-
 @kernel(empty=0, apart=0)
 def meet(colliders, free, at, h, end, drops, A, b):
     """Add to A and b the contacts that an iteration ends in and did not know, and where `drops` take out those that it
@@ -92,7 +79,7 @@ def meet(colliders, free, at, h, end, drops, A, b):
     """
     x, y, u, w = at
     changed = 0
-    arrive(x, h, w, end)
+    combine(1.0, x, h, w, end)
     for c in range(len(colliders.rows)):
         own, met = colliders.rows[c], colliders.met[colliders.turn[0], c]
         for i in range(len(x)):
@@ -112,9 +99,9 @@ def meet(colliders, free, at, h, end, drops, A, b):
             met[i] = presses
             changed += 1
             kappa = own[LAW, STIFFNESS] if presses else -own[LAW, STIFFNESS]
-            low, high = outer(mul(splat(h * h * kappa), n), n)
+            low, high = block(h * h * kappa, 0.0, n)
             add_block(A.diagonal, i, low, high)
-            store3(add(load3(b, i), mul(splat(h * kappa * (depth - dot(n, back))), n)), b, i)
+            add_along(b, i, h * kappa * (depth - dot(n, back)), n)
     return changed
 
 
@@ -124,7 +111,7 @@ def strays(colliders, free, at, h, end):
     arguments are those of `meet`. Writes `end`.
     """
     x, y, _, w = at
-    arrive(x, h, w, end)
+    combine(1.0, x, h, w, end)
     for c in range(len(colliders.rows)):
         own = colliders.rows[c]
         for i in range(len(y)):
@@ -144,7 +131,7 @@ def carry(colliders, free, at, h, end):
     are those of `strays`.
     """
     x, y, u, w = at
-    arrive(x, h, w, end)
+    combine(1.0, x, h, w, end)
     k = colliders.turn[0]
     for c in range(len(colliders.rows)):
         for i in range(len(y)):

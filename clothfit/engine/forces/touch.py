@@ -1,4 +1,4 @@
-"""Where a cloth touches colliders: the rows that describe them, depth and normal of a vertex, and how fast it slides.
+"""Where a cloth touches colliders: the rows that describe them, depth and normal of a vertex, and how fast they move.
 
 The symbols are those of `colliders`, which has the forces.
 """
@@ -6,7 +6,6 @@ The symbols are those of `colliders`, which has the forces.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +18,6 @@ from clothfit.engine.forces.vertex import Vertex
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
-
-CREEP = 1e-3
-"""ε, m/s. On a slope of angle θ < arctan μ a vertex creeps by ε r/sqrt(1 − r²), r = tan θ/μ: by ε at r = 0.7, 7 ε at
-0.99.
-"""
 
 PLACE, VELOCITY, SPIN, AXES, SIZE, RATE, LAW, SHAPE = 0, 1, 2, 3, 6, 7, 8, 9
 """Rows of a collider: c, m; ċ, m/s; ω, 1/s; three unit vectors, its axes; r, s, l of a cone or half of the lengths of a
@@ -143,7 +137,7 @@ def contact(colliders, y, i, c):
 @kernel
 def measured(bodies, own, i, y_i):
     """What `surfaces.distance` gives in the axes of a collider for vertex i at y_i, and the place on a mesh."""
-    p = inward(own, sub(y_i, load3(own, PLACE)))
+    p = seen(own, y_i)
     if own[SHAPE, 0] == MESH:
         return meshes.distance(bodies, int(own[SHAPE, 1]), i, p)
     delta, k, j, n, t = distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))
@@ -165,6 +159,12 @@ def is_far(own, y_i):
 
 
 @kernel
+def seen(own, y_i):
+    """A point from the centre of a collider, in its axes."""
+    return inward(own, sub(y_i, load3(own, PLACE)))
+
+
+@kernel
 def inward(own, v):
     """The components of v along the axes of a collider."""
     return pack(dot(load3(own, AXES), v), dot(load3(own, AXES + 1), v), dot(load3(own, AXES + 2), v), 0.0)
@@ -178,47 +178,37 @@ def outward(own, v):
 
 
 @kernel
-def begins(colliders, c, depth, n, i, y_i, way):
-    """Whether a vertex outside that goes from y_i by `way` in a step enters a collider, seen from where it is."""
-    bodies, own = colliders.bodies, colliders.rows[c]
+def counts(colliders, depth, n, c, i, y_i, way):
+    """Whether a step by `way` from y_i knows vertex i at collider c: inside, met (`meeting`), or about to enter, seen
+    from where it is.
+    """
+    if depth > 0.0 or colliders.met[colliders.turn[0], c, i]:
+        return True
     if depth - dot(n, way) <= 0.0:
         return False
-    slack = held(colliders, c, i)
+    bodies, own, slack = colliders.bodies, colliders.rows[c], held(colliders, c, i)
     least = own[LAW, THICKNESS] - slack
     if own[SHAPE, 0] != MESH:
-        return lowest(own, y_i, way) < least
-    b, centre = int(own[SHAPE, 1]), load3(own, PLACE)
-    p, q = inward(own, sub(y_i, centre)), inward(own, sub(add(y_i, way), centre))
-    return meshes.distance(bodies, b, i, q)[0] < least or (slack == 0.0 and meshes.crosses(bodies, b, p, q))
+        return lowest(bodies, own, i, y_i, way) < least
+    if measured(bodies, own, i, add(y_i, way))[0] < least:
+        return True
+    return slack == 0.0 and meshes.crosses(bodies, int(own[SHAPE, 1]), seen(own, y_i), seen(own, add(y_i, way)))
 
 
 @kernel
-def lowest(own, y_i, way):
+def lowest(bodies, own, i, y_i, way):
     """The least distance of a convex collider on the way from y_i, roughly: it is a convex function along it."""
-    low, high, least = 0.0, 1.0, away_from(own, add(y_i, way))
+    low, high, least = 0.0, 1.0, measured(bodies, own, i, add(y_i, way))[0]
     for _ in range(LOOKS):
         one, other = low + (high - low) / 3.0, high - (high - low) / 3.0
-        first = away_from(own, fma(splat(one), way, y_i))
-        second = away_from(own, fma(splat(other), way, y_i))
+        first = measured(bodies, own, i, fma(splat(one), way, y_i))[0]
+        second = measured(bodies, own, i, fma(splat(other), way, y_i))[0]
         least = min(least, min(first, second))
         if first < second:
             high = other
         else:
             low = one
     return least
-
-
-@kernel
-def away_from(own, y_i):
-    """The distance of a point from a collider that is no mesh."""
-    p = inward(own, sub(y_i, load3(own, PLACE)))
-    return distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))[0]
-
-
-@kernel
-def across(n, v):
-    """P v."""
-    return fma(splat(-dot(n, v)), n, v)
 
 
 @kernel
@@ -248,17 +238,12 @@ def surface_gradient(bodies, own, spot, by_v):
 
 
 @kernel
-def slide(colliders, y, u, i, c, depth, n, spot):
-    """V, v, q and γ of vertex i."""
+def surface_velocity(colliders, y, i, c, spot):
+    """V of collider c at vertex i."""
     own, (f, _, wb, wc) = colliders.rows[c], spot
     away = sub(load3(y, i), load3(own, PLACE))
     V = stretched(own, away, add(load3(own, VELOCITY), cross(load3(own, SPIN), away)))
-    if f >= 0:
-        V = add(V, outward(own, meshes.drift(colliders.bodies, f, wb, wc)))
-    v = sub(load3(u, i), V)
-    vt = across(n, v)
-    q = sqrt(dot(vt, vt) + CREEP * CREEP)
-    return V, v, q, own[LAW, FRICTION] * own[LAW, STIFFNESS] * max(depth, 0.0) / q
+    return add(V, outward(own, meshes.drift(colliders.bodies, f, wb, wc))) if f >= 0 else V
 
 
 @kernel
@@ -307,9 +292,3 @@ def held_change(colliders, c, i, offset):
         return 0.0
     begin = colliders.begin[c, i]
     return colliders.rows[c, SHAPE, 2] * dot(pack(begin[1], begin[2], begin[3], 0.0), offset)
-
-
-@kernel
-def gamma_slope(gamma, depth):
-    """∂γ/∂d at a fixed q."""
-    return gamma / depth if depth > 0.0 else 0.0

@@ -42,6 +42,24 @@ def is_there(joined: Joined | None) -> bool:
     return joined is not None and len(joined.free) > 0
 
 
+@kernel
+def mixed(c, own, a):
+    """Σ cᵢ a_i over the four vertices `own` of an array (n, 3)."""
+    total = mul(splat(c[0]), load3(a, own[0]))
+    total = fma(splat(c[1]), load3(a, own[1]), total)
+    total = fma(splat(c[2]), load3(a, own[2]), total)
+    return fma(splat(c[3]), load3(a, own[3]), total)
+
+
+@kernel
+def spread(c, own, v, out):
+    """out_i += cᵢ v."""
+    store3(fma(splat(c[0]), v, load3(out, own[0])), out, own[0])
+    store3(fma(splat(c[1]), v, load3(out, own[1])), out, own[1])
+    store3(fma(splat(c[2]), v, load3(out, own[2])), out, own[2])
+    store3(fma(splat(c[3]), v, load3(out, own[3])), out, own[3])
+
+
 @kernel(absent=None)
 def reset(joined):
     """Make the diagonal 0."""
@@ -62,6 +80,16 @@ def keep(joined, k, c, n, push, rub):
 
 
 @kernel
+def row(joined, k):
+    """The vertices of pair k, and its c of free ones and of fixed ones."""
+    own, c = joined.vertices[k], joined.rows[k]
+    free = c[FREE], c[FREE + 1], c[FREE + 2], c[FREE + 3]
+    whole = c[WEIGHT], c[WEIGHT + 1], c[WEIGHT + 2], c[WEIGHT + 3]
+    fixed = whole[0] - free[0], whole[1] - free[1], whole[2] - free[2], whole[3] - free[3]
+    return (own[0], own[1], own[2], own[3]), free, fixed
+
+
+@kernel
 def block_product(rows, k, z):
     """B z of pair k."""
     n = load(rows, k, NORMAL)  # lane 3 is of no use
@@ -71,7 +99,7 @@ def block_product(rows, k, z):
 @kernel(absent=None)
 def add_product(joined, scale, x, out):
     """out += scale · (C without its diagonal) x, between free vertices; x, out (n, 3) or (n, 4)."""
-    vertices, rows, diagonal, free = joined
+    _, rows, diagonal, free = joined
     if len(rows) == 0:
         return
     less = splat(-scale)
@@ -82,15 +110,8 @@ def add_product(joined, scale, x, out):
             total = fma(load(diagonal, i, 5), spread1(x_i), total)
             store3(fma(load(diagonal, i, 2), spread2(x_i), total), out, i)
     for k in range(len(rows)):
-        i0, i1, i2, i3 = vertices[k, 0], vertices[k, 1], vertices[k, 2], vertices[k, 3]
-        c0, c1, c2, c3 = splat(rows[k, 0]), splat(rows[k, 1]), splat(rows[k, 2]), splat(rows[k, 3])
-        z = fma(c1, load3(x, i1), mul(c0, load3(x, i0)))
-        z = fma(c3, load3(x, i3), fma(c2, load3(x, i2), z))
-        z = mul(splat(scale), block_product(rows, k, z))
-        store3(fma(c0, z, load3(out, i0)), out, i0)
-        store3(fma(c1, z, load3(out, i1)), out, i1)
-        store3(fma(c2, z, load3(out, i2)), out, i2)
-        store3(fma(c3, z, load3(out, i3)), out, i3)
+        own, c, _ = row(joined, k)
+        spread(c, own, mul(splat(scale), block_product(rows, k, mixed(c, own, x))), out)
 
 
 @kernel(absent=None)
@@ -98,17 +119,10 @@ def add_across(joined, scale, x, to_fixed, out):
     """out += scale · the blocks that join free vertices to fixed ones, times the x (n, 3) of these, or where it goes
     `to_fixed` the transposed ones times that of the free.
     """
-    vertices, rows, _, free = joined
-    for k in range(len(rows)):
-        z = splat(0.0)
-        for e in range(4):
-            i = vertices[k, e]
-            z = fma(splat(rows[k, FREE + e] if to_fixed else rows[k, WEIGHT + e] * (1.0 - free[i])), load3(x, i), z)
-        z = mul(splat(scale), block_product(rows, k, z))
-        for e in range(4):
-            i = vertices[k, e]
-            weight = rows[k, WEIGHT + e] * (1.0 - free[i]) if to_fixed else rows[k, FREE + e]
-            store3(fma(splat(weight), z, load3(out, i)), out, i)
+    for k in range(len(joined.rows)):
+        own, free, fixed = row(joined, k)
+        of, to = (free, fixed) if to_fixed else (fixed, free)
+        spread(to, own, mul(splat(scale), block_product(joined.rows, k, mixed(of, own, x))), out)
 
 
 def to_scipy(vertices: Indices, rows: Array, order: Indices) -> coo_array:

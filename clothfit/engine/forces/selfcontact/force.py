@@ -1,17 +1,13 @@
 """Self-contact: a cloth pushes itself apart where it comes nearer than its thickness, and rubs.
 
 A pair, of a vertex and a triangle or of two edges, at the distance δ has the depth d = d₀ − δ, with the thickness d₀,
-or the pair's distance at the start where that is less. Of the closest points (`nearest`: cᵢ, n, δ; V = Σ cᵢ uᵢ is their
-velocity past each other) its vertex i feels
+or the pair's distance at the start where that is less. Its closest points (`nearest`: cᵢ, n, δ) go past each other at
+U = Σ cᵢ uᵢ. Between them acts the T of `law`, with S = Σ cᵢ sᵢ, Z = Σ cᵢ wᵢ and, for the share s of the pair, the
+stiffness κ s; vertex i feels cᵢ T. As cᵢ n is the derivative of δ, the push has the energy ½ κ s d²,
 
-    fᵢ = cᵢ (κ s d n − γ P V),   γ = μ κ s d / q,   q = sqrt(|P V|² + ε²),   K = −κ s cᵢ cⱼ n nᵀ,  D = −γ cᵢ cⱼ P,
+    K = −κ s cᵢ cⱼ n nᵀ,   D = −γ cᵢ cⱼ P,
 
-P = I − n nᵀ, s the share of the pair. As cᵢ n is the derivative of δ, the push has the energy ½ κ s d², K is what of
-its second derivative is definite, and the forces of a pair have neither a sum nor a moment. The step's model is
-
-    Fᵢ = cᵢ T,   T = κ s (d − n·S) n − γ P Z,   S = Σ cᵢ sᵢ,   Z = Σ cᵢ wᵢ.
-
-By the parameters, ∂T/∂μ = −(κ s d/q) P Z and ∂T/∂κ = s (d − n·S) n − (μ s d/q) P Z.
+K is what of its second derivative is definite, and the forces of a pair have neither a sum nor a moment.
 
 Which pairs there are the step says (`engine.touching`): those that end nearer than d₀, so that none pulls; some of them
 begin farther away, with d < 0, and do not rub yet.
@@ -22,14 +18,16 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
+
 from clothfit.base.arrays import Array, Indices
+from clothfit.engine.forces import law
+from clothfit.engine.forces.law import across, rubbing
 from clothfit.engine.forces.selfcontact import nearest
-from clothfit.engine.forces.selfcontact.nearest import mixed, spread
-from clothfit.engine.forces.touch import CREEP, across
-from clothfit.engine.solve.joined import keep
-from clothfit.engine.solve.sparse import add_block, outer
+from clothfit.engine.solve.joined import keep, mixed, spread
+from clothfit.engine.solve.sparse import add_block
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load3, mul, pack, splat, sub
+from clothfit.kernels.lanes.operations import add, load3, mul, splat
 from clothfit.kernels.vectors import dot
 
 
@@ -47,41 +45,30 @@ class Contact(NamedTuple):
 
 @kernel
 def touch(contact, y, k):
-    """c, which parameters are free, r, n, δ and the share of pair k."""
+    """c, which parameters are free, r, n, δ, the share and the depth of pair k."""
     own, kind = contact.vertices[k], contact.kind[k]
     c, free, r = nearest.closest(kind, own, y)
     delta = sqrt(dot(r, r))
     if free == nearest.BOTH and nearest.side(kind, own, y) != contact.side[k]:
         delta = -delta
-    return c, free, r, mul(splat(1.0 / delta), r), delta, nearest.share(kind, own, y)
+    return c, free, r, mul(splat(1.0 / delta), r), delta, nearest.share(kind, own, y), contact.thickness[k] - delta
 
 
 @kernel
 def pressing(contact, y, u, k):
-    """The vertices, c, n, push, V and γ of pair k."""
+    """The vertices, c, κ s, d, γ, n and U of pair k."""
     own = contact.vertices[k]
-    c, _, _, n, delta, part = touch(contact, y, k)
-    push = contact.stiffness * part * (contact.thickness[k] - delta)
-    V, _, gamma = rubbing(contact, c, own, n, push, u)
-    return own, c, n, push, V, gamma
-
-
-@kernel
-def rubbing(contact, c, own, n, push, u):
-    """V, q and γ of a pair whose push, N, is this."""
-    V = mixed(c, own, u)
-    vt = across(n, V)
-    q = sqrt(dot(vt, vt) + CREEP * CREEP)
-    return V, q, contact.friction * max(push, 0.0) / q
+    c, _, _, n, _, share, depth = touch(contact, y, k)
+    kappa, U = contact.stiffness * share, mixed(c, own, u)
+    return own, c, kappa, depth, rubbing(kappa * depth, contact.friction, n, U)[1], n, U
 
 
 @kernel(absent=0.0)
 def energy(contact, y):
     total = 0.0  # ½ κ s d²
     for k in range(len(contact.kind)):
-        _, _, _, _, delta, part = touch(contact, y, k)
-        depth = contact.thickness[k] - delta
-        total += 0.5 * contact.stiffness * part * depth * depth
+        _, _, _, _, _, share, depth = touch(contact, y, k)
+        total += 0.5 * contact.stiffness * share * depth * depth
     return total
 
 
@@ -89,16 +76,16 @@ def energy(contact, y):
 def damping_power(contact, y, u, w):
     total = 0.0
     for k in range(len(contact.kind)):
-        own, c, n, _, V, gamma = pressing(contact, y, u, k)
-        total -= gamma * dot(across(n, V), mixed(c, own, w))
+        own, c, _, _, gamma, n, U = pressing(contact, y, u, k)
+        total -= gamma * dot(across(n, U), mixed(c, own, w))
     return total
 
 
 @kernel(empty=None, apart=None)
 def add_force(contact, y, u, f):
     for k in range(len(contact.kind)):
-        own, c, n, push, V, gamma = pressing(contact, y, u, k)
-        spread(c, own, sub(mul(splat(push), n), mul(splat(gamma), across(n, V))), f)
+        own, c, kappa, depth, gamma, n, U = pressing(contact, y, u, k)
+        spread(c, own, law.force(kappa * depth, gamma, n, U), f)
 
 
 @kernel(empty=None, apart=None)
@@ -106,7 +93,7 @@ def add_damping(contact, y, u, scale, q, out):
     if contact.friction == 0.0:
         return
     for k in range(len(contact.kind)):
-        own, c, n, _, _, gamma = pressing(contact, y, u, k)
+        own, c, _, _, gamma, n, _ = pressing(contact, y, u, k)
         spread(c, own, mul(splat(-scale * gamma), across(n, mixed(c, own, q))), out)
 
 
@@ -114,31 +101,28 @@ def add_damping(contact, y, u, scale, q, out):
 def add_step(contact, y, u, h, ahead, A, b):
     stored = 0.0
     for k in range(len(contact.kind)):
-        own = contact.vertices[k]
-        c, _, _, n, delta, part = touch(contact, y, k)
-        stiff, depth = contact.stiffness * part, contact.thickness[k] - delta
-        rub = h * rubbing(contact, c, own, n, stiff * depth, u)[2]
-        keep(A.joined, k, c, n, h * h * stiff, rub)
-        low, high = outer(mul(splat(h * h * stiff - rub), n), n)
-        low, high = add(low, pack(rub, 0.0, 0.0, 0.0)), add(high, pack(rub, 0.0, rub, 0.0))
+        own, c, kappa, depth, gamma, n, U = pressing(contact, y, u, k)
+        keep(A.joined, k, c, n, h * h * kappa, h * gamma)
+        low, high = law.block(h * h * kappa, h * gamma, n)
         for e in range(4):
             square = splat(c[e] * c[e])
             add_block(A.diagonal, own[e], mul(square, low), mul(square, high))
             add_block(A.joined.diagonal, own[e], mul(square, low), mul(square, high))
         if len(b) > 0:
-            stored += 0.5 * stiff * depth * depth
-            outward = dot(n, mixed(c, own, u)) if ahead else 0.0
-            spread(c, own, mul(splat(h * stiff * (depth + h * outward)), n), b)
+            stored += 0.5 * kappa * depth * depth
+            leaving = dot(n, U) if ahead else 0.0
+            spread(c, own, mul(splat(h * kappa * (depth + h * leaving)), n), b)
     return stored
 
 
 @kernel
-def pressure(contact, y, s, out):
-    """out (P,) = d − n·S: how deep, m, each pair is for the model of a step that ends at y + s."""
+def depths(contact, y, s):
+    """d − n·S (P,): how deep, m, each pair is for the model of a step that ends at y + s."""
+    found = np.zeros(len(contact.kind))
     for k in range(len(contact.kind)):
-        own = contact.vertices[k]
-        c, _, _, n, delta, _ = touch(contact, y, k)
-        out[k] = contact.thickness[k] - delta - dot(n, mixed(c, own, s))
+        c, _, _, n, _, _, depth = touch(contact, y, k)
+        found[k] = depth - dot(n, mixed(c, contact.vertices[k], s))
+    return found
 
 
 @kernel
@@ -150,44 +134,33 @@ def find_parts(contact, y, out):
 
 @kernel(empty=None, apart=None)
 def add_pullback(contact, y, u, w, s, lam, h, grad, gy, gu):
-    # φ/h = κ s (d − σ) ν − γ π,  ν = n·Λ,  Λ = Σ cᵢ λᵢ,  σ = n·S,  π = Λ·P Z;  dγ = γ (ds/s − dδ/d − dq/q)
     for k in range(len(contact.kind)):
         own, kind = contact.vertices[k], contact.kind[k]
-        c, free, r, n, delta, part = touch(contact, y, k)
-        stiff, depth = contact.stiffness * part, contact.thickness[k] - delta
-        V, q, gamma = rubbing(contact, c, own, n, stiff * depth, u)
-        L, S, Z = mixed(c, own, lam), mixed(c, own, s), mixed(c, own, w)
-        nu, left = dot(n, L), depth - dot(n, S)
-        pi = dot(L, Z) - nu * dot(n, Z)
-        by_V = mul(splat(gamma * pi / (q * q)), across(n, V))
-        by_L = fma(splat(stiff * left), n, mul(splat(-gamma), across(n, Z)))
-        by_Z = mul(splat(-gamma), across(n, L))
-        by_S = mul(splat(-stiff * nu), n)
-        by_n = fma(splat(-stiff * nu), S, mul(splat(stiff * left + gamma * dot(n, Z)), L))
-        by_n = fma(splat(gamma * nu), Z, fma(splat(-gamma * pi / (q * q) * dot(n, V)), V, by_n))
-        by_delta = -stiff * nu + (gamma * pi / depth if gamma != 0.0 else 0.0)
+        c, free, r, n, delta, share, depth = touch(contact, y, k)
+        row = contact.stiffness * share, contact.friction, depth, n, mixed(c, own, u)
+        vectors, by_law = law.pull(row, mixed(c, own, s), mixed(c, own, w), mixed(c, own, lam))
+        (by_n, by_U, by_S, by_Z, by_L), (by_delta, by_mu, by_kappa) = vectors, by_law
         by_c = (
-            weight_slope(own[0], by_L, lam, by_S, s, by_Z, w, by_V, u),
-            weight_slope(own[1], by_L, lam, by_S, s, by_Z, w, by_V, u),
-            weight_slope(own[2], by_L, lam, by_S, s, by_Z, w, by_V, u),
-            weight_slope(own[3], by_L, lam, by_S, s, by_Z, w, by_V, u),
+            weight_slope(own[0], by_L, lam, by_S, s, by_Z, w, by_U, u),
+            weight_slope(own[1], by_L, lam, by_S, s, by_Z, w, by_U, u),
+            weight_slope(own[2], by_L, lam, by_S, s, by_Z, w, by_U, u),
+            weight_slope(own[3], by_L, lam, by_S, s, by_Z, w, by_U, u),
         )
         nearest.add_moved_back(kind, own, y, free, c, r, delta, n, by_c, by_n, by_delta, h, gy)
-        if part < 1.0:
-            by_share = contact.stiffness * left * nu - (gamma * pi / part if gamma != 0.0 else 0.0)
-            nearest.add_share_back(kind, own, y, h * by_share, gy)
-        spread(c, own, mul(splat(h), by_V), gu)
+        if share < 1.0:
+            nearest.add_share_back(own, y, h * contact.stiffness * by_kappa, gy)
+        spread(c, own, mul(splat(h), by_U), gu)
         if len(grad.friction) > 0:
-            grad.friction[-1] -= h * stiff * max(depth, 0.0) / q * pi
+            grad.friction[-1] += h * by_mu
         if len(grad.contact) > 0:
-            grad.contact[-1] += h * (part * left * nu - gamma / contact.stiffness * pi)
+            grad.contact[-1] += h * share * by_kappa
 
 
 @kernel
-def weight_slope(i, by_L, lam, by_S, s, by_Z, w, by_V, u):
+def weight_slope(i, by_L, lam, by_S, s, by_Z, w, by_U, u):
     """The gradient by the weight of vertex i, from those by the sums that it is in."""
     total = dot(by_L, load3(lam, i)) + dot(by_S, load3(s, i))
-    return total + dot(by_Z, load3(w, i)) + dot(by_V, load3(u, i))
+    return total + dot(by_Z, load3(w, i)) + dot(by_U, load3(u, i))
 
 
 @kernel(empty=None, apart=None)
@@ -196,23 +169,12 @@ def add_pushforward(contact, y, u, w, s, dy, du, direction, h, out):
     dkappa = direction.contact[-1] if len(direction.contact) > 0 else 0.0
     for k in range(len(contact.kind)):
         own, kind = contact.vertices[k], contact.kind[k]
-        c, free, r, n, delta, part = touch(contact, y, k)
-        stiff, depth = contact.stiffness * part, contact.thickness[k] - delta
-        V, q, gamma = rubbing(contact, c, own, n, stiff * depth, u)
-        S, Z = mixed(c, own, s), mixed(c, own, w)
-        left, rub = depth - dot(n, S), across(n, Z)
+        c, free, r, n, delta, share, depth = touch(contact, y, k)
+        row = contact.stiffness * share, contact.friction, depth, n, mixed(c, own, u)
         dc, dn, ddelta = nearest.moved(kind, own, y, free, c, r, delta, n, dy)
-        dS, dZ, dV = mixed(dc, own, s), mixed(dc, own, w), add(mixed(dc, own, u), mixed(c, own, du))
-        dshare = nearest.share_change(kind, own, y, dy) if part < 1.0 else 0.0
-        dpush = contact.stiffness * dshare * left - stiff * (ddelta + dot(dn, S) + dot(n, dS)) + dkappa * part * left
-        dT = fma(splat(dpush), n, mul(splat(stiff * left), dn))
-        if gamma != 0.0:
-            dq = dot(across(n, V), dV) / q - dot(n, V) * dot(V, dn) / q
-            dgamma = gamma * (dshare / part - ddelta / depth - dq / q)
-            drub = sub(dZ, fma(splat(dot(n, dZ) + dot(dn, Z)), n, mul(splat(dot(n, Z)), dn)))
-            dT = sub(dT, fma(splat(dgamma), rub, mul(splat(gamma), drub)))
-        dlaw = (dmu * contact.stiffness + contact.friction * dkappa) * part * max(depth, 0.0) / q
-        dT = sub(dT, mul(splat(dlaw), rub))
-        T = fma(splat(stiff * left), n, mul(splat(-gamma), rub))
+        moved = dn, ddelta, add(mixed(dc, own, u), mixed(c, own, du)), mixed(dc, own, s), mixed(dc, own, w)
+        more = nearest.share_change(own, y, dy) if share < 1.0 else 0.0
+        more = dkappa * share + contact.stiffness * more
+        T, dT = law.change(row, mixed(c, own, s), mixed(c, own, w), moved, dmu, more)
         spread(dc, own, mul(splat(h), T), out)
         spread(c, own, mul(splat(h), dT), out)

@@ -24,8 +24,9 @@ from __future__ import annotations
 from math import sqrt
 
 from clothfit.engine.forces import triangle
+from clothfit.engine.solve.joined import mixed, spread
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
+from clothfit.kernels.lanes.operations import fma, load3, mul, splat, sub
 from clothfit.kernels.vectors import cross, dot
 
 CORNER, EDGE = 0, 1
@@ -39,6 +40,10 @@ FREE_ON = (BOTH, FIRST, BETWEEN, SECOND, NONE, NONE, NONE)
 
 PARALLEL = 0.01
 """sin² of the angle of two edges from which on their share is 1."""
+
+
+FIRST_EDGE, SECOND_EDGE = (-1.0, 1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 1.0)
+"""Weights of the vertices in the two edges of a pair."""
 
 
 @kernel
@@ -59,43 +64,18 @@ def on_edges(a, b, e, f):
 
 
 @kernel
-def weights(kind, q1, q2):
-    """c of a pair."""
+def weights(kind, one, q1, q2):
+    """c of a pair, where `one` is 1; its change with q, where that is 0."""
     if kind == CORNER:
-        return 1.0, q1 + q2 - 1.0, -q1, -q2
-    return 1.0 - q1, q1, q2 - 1.0, -q2
+        return one, q1 + q2 - one, -q1, -q2
+    return one - q1, q1, q2 - one, -q2
 
 
 @kernel
-def way(kind, free, k):
-    """β_k of the free parameters, k = 0 or 1; all 0 where fewer are free."""
-    first, second = 0.0, 0.0
-    if k == 0:
-        first = 1.0 if free in (FIRST, BOTH) else -1.0 if free == BETWEEN else 0.0
-        second = 1.0 if free in (SECOND, BETWEEN) else 0.0
-    else:
-        second = 1.0 if free == BOTH else 0.0
-    if kind == CORNER:
-        return 0.0, first + second, -first, -second
-    return -first, first, second, -second
-
-
-@kernel
-def mixed(c, own, a):
-    """Σ cᵢ a_i over the four vertices `own` of an array (n, 3)."""
-    total = mul(splat(c[0]), load3(a, own[0]))
-    total = fma(splat(c[1]), load3(a, own[1]), total)
-    total = fma(splat(c[2]), load3(a, own[2]), total)
-    return fma(splat(c[3]), load3(a, own[3]), total)
-
-
-@kernel
-def spread(c, own, v, out):
-    """out_i += cᵢ v."""
-    store3(fma(splat(c[0]), v, load3(out, own[0])), out, own[0])
-    store3(fma(splat(c[1]), v, load3(out, own[1])), out, own[1])
-    store3(fma(splat(c[2]), v, load3(out, own[2])), out, own[2])
-    store3(fma(splat(c[3]), v, load3(out, own[3])), out, own[3])
+def ways(free):
+    """How q₁ and q₂ go with the first free parameter, and q₂ with the second; 0 where fewer are free."""
+    first = 1.0 if free in (FIRST, BOTH) else -1.0 if free == BETWEEN else 0.0
+    return first, 1.0 if free in (SECOND, BETWEEN) else 0.0, 1.0 if free == BOTH else 0.0
 
 
 @kernel
@@ -107,7 +87,7 @@ def closest(kind, own, y):
         free = FREE_ON[part]
     else:
         q1, q2, free = on_edges(a, b, c, d)
-    found = weights(kind, q1, q2)
+    found = weights(kind, 1.0, q1, q2)
     return found, free, mixed(found, own, y)
 
 
@@ -128,24 +108,24 @@ def side(kind, own, y):
 
 
 @kernel
+def angle(own, y):
+    """The edges of a pair of edges, their products o·o, t·t and o·t, and sin² of their angle relative to PARALLEL."""
+    one, other = mixed(FIRST_EDGE, own, y), mixed(SECOND_EDGE, own, y)
+    oo, tt, ot = dot(one, one), dot(other, other), dot(one, other)
+    return one, other, oo, tt, ot, (1.0 - ot * ot / (oo * tt)) / PARALLEL
+
+
+@kernel
 def share(kind, own, y):
     """The share of a pair of edges, 1 of other pairs."""
-    if kind == CORNER:
-        return 1.0
-    one, other = sub(load3(y, own[1]), load3(y, own[0])), sub(load3(y, own[3]), load3(y, own[2]))
-    oo, tt, ot = dot(one, one), dot(other, other), dot(one, other)
-    t = (1.0 - ot * ot / (oo * tt)) / PARALLEL
+    t = angle(own, y)[5] if kind == EDGE else 1.0
     return t * (2.0 - t) if t < 1.0 else 1.0
 
 
 @kernel
-def share_slopes(kind, own, y):
-    """The derivative of the share by the one edge and by the other."""
-    one, other = sub(load3(y, own[1]), load3(y, own[0])), sub(load3(y, own[3]), load3(y, own[2]))
-    oo, tt, ot = dot(one, one), dot(other, other), dot(one, other)
-    t = (1.0 - ot * ot / (oo * tt)) / PARALLEL
-    if kind == CORNER or not t < 1.0:
-        return splat(0.0), splat(0.0)
+def share_slopes(own, y):
+    """The derivative of a share below 1 by the one edge and by the other."""
+    one, other, oo, tt, ot, t = angle(own, y)
     # sin² = 1 − (a·b)²/(a² b²):  ∂/∂a = 2 (a·b)/(a² b²) ((a·b)/a² a − b)
     by_t = (2.0 - 2.0 * t) / PARALLEL * 2.0 * ot / (oo * tt)
     by_one = mul(splat(by_t), sub(mul(splat(ot / oo), one), other))
@@ -164,26 +144,23 @@ def solve(g00, g01, g11, b0, b1):
 @kernel
 def moved(kind, own, y, free, c, r, delta, n, dy):
     """dc, dn and dδ where the vertices move by dy (n, 3)."""
-    way0, way1 = way(kind, free, 0), way(kind, free, 1)
+    first, second, other = ways(free)
+    way0, way1 = weights(kind, 0.0, first, second), weights(kind, 0.0, 0.0, other)
     e0, e1, rho = mixed(way0, own, y), mixed(way1, own, y), mixed(c, own, dy)
     b0 = -dot(e0, rho) - dot(r, mixed(way0, own, dy))
     b1 = -dot(e1, rho) - dot(r, mixed(way1, own, dy))
     q0, q1 = solve(dot(e0, e0), dot(e0, e1), dot(e1, e1), b0, b1)
     dr = fma(splat(q0), e0, fma(splat(q1), e1, rho))
     dn = mul(splat(1.0 / delta), fma(splat(-dot(n, dr)), n, dr))
-    dc = (
-        q0 * way0[0] + q1 * way1[0],
-        q0 * way0[1] + q1 * way1[1],
-        q0 * way0[2] + q1 * way1[2],
-        q0 * way0[3] + q1 * way1[3],
-    )
+    dc = weights(kind, 0.0, q0 * first, q0 * second + q1 * other)
     return dc, dn, dot(n, rho)
 
 
 @kernel
 def add_moved_back(kind, own, y, free, c, r, delta, n, by_c, by_n, by_delta, scale, gy):
     """The transpose of `moved`: gy += scale · the gradient by y of what has these gradients by c, n and δ."""
-    way0, way1 = way(kind, free, 0), way(kind, free, 1)
+    first, second, other = ways(free)
+    way0, way1 = weights(kind, 0.0, first, second), weights(kind, 0.0, 0.0, other)
     e0, e1 = mixed(way0, own, y), mixed(way1, own, y)
     by_r = mul(splat(1.0 / delta), fma(splat(-dot(n, by_n)), n, by_n))
     b0 = dot(by_r, e0) + by_c[0] * way0[0] + by_c[1] * way0[1] + by_c[2] * way0[2] + by_c[3] * way0[3]
@@ -196,19 +173,15 @@ def add_moved_back(kind, own, y, free, c, r, delta, n, by_c, by_n, by_delta, sca
 
 
 @kernel
-def add_share_back(kind, own, y, by_share, gy):
-    """gy += by_share · the gradient of the share by y."""
-    one, other = share_slopes(kind, own, y)
-    one, other = mul(splat(by_share), one), mul(splat(by_share), other)
-    store3(sub(load3(gy, own[0]), one), gy, own[0])
-    store3(add(load3(gy, own[1]), one), gy, own[1])
-    store3(sub(load3(gy, own[2]), other), gy, own[2])
-    store3(add(load3(gy, own[3]), other), gy, own[3])
+def add_share_back(own, y, by_share, gy):
+    """gy += by_share · the gradient by y of a share below 1."""
+    one, other = share_slopes(own, y)
+    spread(FIRST_EDGE, own, mul(splat(by_share), one), gy)
+    spread(SECOND_EDGE, own, mul(splat(by_share), other), gy)
 
 
 @kernel
-def share_change(kind, own, y, dy):
-    """The change of the share where the vertices move by dy."""
-    one, other = share_slopes(kind, own, y)
-    first = dot(one, sub(load3(dy, own[1]), load3(dy, own[0])))
-    return first + dot(other, sub(load3(dy, own[3]), load3(dy, own[2])))
+def share_change(own, y, dy):
+    """The change of a share below 1 where the vertices move by dy."""
+    one, other = share_slopes(own, y)
+    return dot(one, mixed(FIRST_EDGE, own, dy)) + dot(other, mixed(SECOND_EDGE, own, dy))

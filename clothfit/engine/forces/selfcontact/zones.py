@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Elements, Indices
+from clothfit.engine.forces.vertex import Vertex
 from clothfit.kernels.kernel import kernel
 
 
@@ -39,91 +40,93 @@ def of_pairs(vertices: Indices, n: int, found: Array) -> Zones:
 
 
 @kernel
-def masses(zones, vertex, z):
-    """The mass of the free vertices of zone z, and how many are fixed."""
-    mass, fixed = 0.0, 0
-    for e in range(zones.first[z], zones.first[z + 1]):
-        i = zones.member[e]
-        if vertex.free[i]:
-            mass += vertex.mass[i]
-        else:
-            fixed += 1
-    return mass, fixed
-
-
-@kernel
-def centre(zones, vertex, z, w):
-    """Write the velocity of zone z to w (3,)."""
-    mass, fixed = masses(zones, vertex, z)
-    w[:] = 0.0
-    for e in range(zones.first[z], zones.first[z + 1]):
-        i = zones.member[e]
-        if fixed > 0 and vertex.free[i]:
-            continue
-        part = 1.0 / fixed if fixed > 0 else vertex.mass[i] / mass
-        for c in range(3):
-            w[c] += part * zones.found[e, c]
+def means(zones, vertex):
+    """The part (N,) that each member has in the velocity of its zone, those velocities (Z, 3), and 1/M (Z,), 0 where
+    something is fixed.
+    """
+    count = len(zones.first) - 1
+    part, mean, light = np.zeros(len(zones.member)), np.zeros((count, 3)), np.zeros(count)
+    for z in range(count):
+        mass, fixed = 0.0, 0
+        for e in range(zones.first[z], zones.first[z + 1]):
+            mass += vertex.mass[zones.member[e]]
+            fixed += 0 if vertex.free[zones.member[e]] else 1
+        light[z] = 0.0 if fixed > 0 else 1.0 / mass
+        for e in range(zones.first[z], zones.first[z + 1]):
+            i = zones.member[e]
+            part[e] = vertex.mass[i] / mass
+            if fixed > 0:
+                part[e] = 0.0 if vertex.free[i] else 1.0 / fixed
+            for c in range(3):
+                mean[z, c] += part[e] * zones.found[e, c]
+    return part, mean, light
 
 
 @kernel
 def join(zones, vertex, w):
     """Give the free vertices of each zone its velocity, in w (n, 3)."""
-    mean = np.zeros(3)
-    for z in range(len(zones.first) - 1):
-        centre(zones, vertex, z, mean)
+    _, mean, _ = means(zones, vertex)
+    for z in range(len(mean)):
         for e in range(zones.first[z], zones.first[z + 1]):
-            i = zones.member[e]
-            if vertex.free[i]:
+            if vertex.free[zones.member[e]]:
                 for c in range(3):
-                    w[i, c] = mean[c]
+                    w[zones.member[e], c] = mean[z, c]
 
 
 @kernel
 def pull(zones, vertex, h, x_bar, v_bar, grad):
     """Turn v_bar, the gradient by w, into that by u, where x_bar (n, 3) holds that by x + h w; add to `grad`."""
-    mean, total = np.zeros(3), np.zeros(3)
-    for z in range(len(zones.first) - 1):
-        mass, fixed = masses(zones, vertex, z)
-        centre(zones, vertex, z, mean)
-        total[:] = 0.0
-        for e in range(zones.first[z], zones.first[z + 1]):
-            i = zones.member[e]
-            if vertex.free[i]:
-                for c in range(3):
-                    total[c] += v_bar[i, c] + h * x_bar[i, c]
-        for e in range(zones.first[z], zones.first[z + 1]):
-            i = zones.member[e]
-            if vertex.free[i]:
-                for c in range(3):
+    part, mean, light = means(zones, vertex)
+    for z in range(len(mean)):
+        for c in range(3):
+            total = 0.0
+            for e in range(zones.first[z], zones.first[z + 1]):
+                i = zones.member[e]
+                if vertex.free[i]:
+                    total += v_bar[i, c] + h * x_bar[i, c]
                     v_bar[i, c] = -h * x_bar[i, c]
-                    if fixed == 0:
-                        v_bar[i, c] += vertex.mass[i] / mass * total[c]
-                        grad.mass[i] += (zones.found[e, c] - mean[c]) * total[c] / mass
-            else:
-                for c in range(3):
-                    v_bar[i, c] += total[c] / fixed
+            for e in range(zones.first[z], zones.first[z + 1]):
+                v_bar[zones.member[e], c] += part[e] * total
+                grad.mass[zones.member[e]] += light[z] * (zones.found[e, c] - mean[z, c]) * total
+
+
+def push(zones: Zones, vertex: Vertex, h: float, direction: Elements, dx: Array, dv: Array) -> None:
+    """Turn dv, the change of u, into that of w, and dx (n, 3), the change of x + h u, into that of x + h w."""
+    every = np.arange(len(dx) + 1, dtype=np.int32)
+    mass = every, np.zeros(len(dx), np.int32), direction.mass
+    push_columns(zones, vertex, every, h, mass, dx.reshape(-1, 1), dv.reshape(-1, 1))
 
 
 @kernel
-def push(zones, vertex, h, direction, dx, dv):
-    """Turn dv, the change of u, into that of w, and dx (n, 3), the change of x + h u, into that of x + h w."""
-    mean, change = np.zeros(3), np.zeros(3)
-    for z in range(len(zones.first) - 1):
-        mass, fixed = masses(zones, vertex, z)
-        centre(zones, vertex, z, mean)
-        change[:] = 0.0
-        for e in range(zones.first[z], zones.first[z + 1]):
-            i = zones.member[e]
-            if vertex.free[i] and fixed == 0:
-                for c in range(3):
-                    more = vertex.mass[i] * dv[i, c] + direction.mass[i] * (zones.found[e, c] - mean[c])
-                    change[c] += more / mass
-            elif not vertex.free[i]:
-                for c in range(3):
-                    change[c] += dv[i, c] / fixed
-        for e in range(zones.first[z], zones.first[z + 1]):
-            i = zones.member[e]
-            if vertex.free[i]:
-                for c in range(3):
-                    dx[i, c] += h * (change[c] - dv[i, c])
-                    dv[i, c] = change[c]
+def push_columns(zones, vertex, place, h, mass, dx, dv):
+    """The same for all columns (3 f, Q) of the vertices that have a `place` there, others have −1; `mass` has which
+    entries, columns and factors each mass has.
+    """
+    part, mean, light = means(zones, vertex)
+    start, column, factor = mass
+    change = np.zeros(dx.shape[1])
+    for z in range(len(mean)):
+        for c in range(3):
+            change[:] = 0.0
+            for e in range(zones.first[z], zones.first[z + 1]):
+                i = zones.member[e]
+                if place[i] >= 0:
+                    add_row(part[e], dv[3 * place[i] + c], change)
+                for entry in range(start[i], start[i + 1]):
+                    if column[entry] >= 0:
+                        change[column[entry]] += factor[entry] * light[z] * (zones.found[e, c] - mean[z, c])
+            for e in range(zones.first[z], zones.first[z + 1]):
+                i = zones.member[e]
+                if vertex.free[i]:
+                    row = 3 * place[i] + c
+                    add_row(h, change, dx[row])
+                    add_row(-h, dv[row], dx[row])
+                    dv[row] = change
+
+
+@kernel
+def add_row(factor, row, out):
+    """out += factor · row."""
+    if factor != 0.0:
+        for q in range(len(out)):
+            out[q] += factor * row[q]

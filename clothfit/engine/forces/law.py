@@ -1,0 +1,95 @@
+"""The law of contact, one for colliders and for a cloth that touches itself: it is pushed apart, and rubs.
+
+Who touches is a row: of a vertex at a collider, or of the closest points of two parts of a cloth. It has a normal n, a
+depth d, a stiffness κ, N/m, and a coefficient of friction μ. Where its two sides go past each other at U, the one feels
+
+    f = κ d n − γ P U,   γ = μ κ max(d, 0)/q,   q = sqrt(|P U|² + ε²),   P = I − n nᵀ,   K = −κ n nᵀ,   D = −γ P:
+
+Coulomb's friction, of which the part |P U|/q acts at slow speeds. The step's model keeps γ as it is at (y, u): for the
+way S past each other from y on, and the velocity Z at the end,
+
+    T = κ (d − n·S) n − γ P Z,
+
+so that D is negative semi-definite and the step stable, however long it is. That γ lags behind costs μ h |g| of speed
+where a vertex starts to slide, and nothing once its velocity stays, or with several Newton iterations. With
+the distance δ, dd = −dδ,
+
+    dq = P U·(dU − (n·U) dn)/q,    d(P Z) = P dZ − (n·Z) dn − (Z·dn) n,
+    dγ = (κ dμ + μ dκ) max(d, 0)/q − γ (dδ/d + dq/q).
+
+What a shape gives is n, d, U, S and Z, and how they change with the vertices.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from clothfit.engine.solve.sparse import outer
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import add, fma, mul, pack, splat
+from clothfit.kernels.vectors import dot
+
+CREEP = 1e-3
+"""ε, m/s. On a slope of angle θ < arctan μ a vertex creeps by ε r/sqrt(1 − r²), r = tan θ/μ: by ε at r = 0.7, 7 ε at
+0.99.
+"""
+
+
+@kernel
+def across(n, v):
+    """P v."""
+    return fma(splat(-dot(n, v)), n, v)
+
+
+@kernel
+def rubbing(push, mu, n, U):
+    """q, and γ for a push κ d."""
+    along = across(n, U)
+    q = sqrt(dot(along, along) + CREEP * CREEP)
+    return q, mu * max(push, 0.0) / q
+
+
+@kernel
+def force(push, gamma, n, U):
+    """push n − γ P U."""
+    return fma(splat(push), n, mul(splat(-gamma), across(n, U)))
+
+
+@kernel
+def block(push, rub, n):
+    """push n nᵀ + rub P, as a block of `sparse`."""
+    low, high = outer(mul(splat(push - rub), n), n)
+    return add(low, pack(rub, 0.0, 0.0, 0.0)), add(high, pack(rub, 0.0, rub, 0.0))
+
+
+@kernel
+def pull(row, S, Z, L):
+    """The gradients of L·T by n, U, S, Z and L, and those by δ, μ and κ, of a row (κ, μ, d, n, U)."""
+    # L·T = κ (d − n·S) ν − γ π,  ν = n·L,  π = L·P Z
+    kappa, mu, depth, n, U = row
+    q, gamma = rubbing(kappa * depth, mu, n, U)
+    nu, left, along = dot(n, L), depth - dot(n, S), dot(n, Z)
+    pi = dot(L, Z) - nu * along
+    rub = max(depth, 0.0) / q * pi
+    by_U = mul(splat(gamma * pi / (q * q)), across(n, U))
+    by_n = fma(splat(-kappa * nu), S, mul(splat(kappa * left + gamma * along), L))
+    by_n = fma(splat(gamma * nu), Z, fma(splat(-dot(n, U)), by_U, by_n))
+    by_S, by_Z = mul(splat(-kappa * nu), n), mul(splat(-gamma), across(n, L))
+    by_delta = (gamma * pi / depth if depth > 0.0 else 0.0) - kappa * nu
+    return (by_n, by_U, by_S, by_Z, force(kappa * left, gamma, n, Z)), (by_delta, -kappa * rub, left * nu - mu * rub)
+
+
+@kernel
+def change(row, S, Z, moved, dmu, dkappa):
+    """T and dT of a row (κ, μ, d, n, U) for dn, dδ, dU, dS and dZ, `moved`, dμ and dκ."""
+    kappa, mu, depth, n, U = row
+    dn, ddelta, dU, dS, dZ = moved
+    q, gamma = rubbing(kappa * depth, mu, n, U)
+    left = depth - dot(n, S)
+    dq = dot(across(n, U), fma(splat(-dot(n, U)), dn, dU)) / q
+    dgamma = (dmu * kappa + mu * dkappa) * max(depth, 0.0) / q - gamma / q * dq
+    dgamma -= gamma / depth * ddelta if depth > 0.0 else 0.0
+    dT = force(dkappa * left - kappa * (ddelta + dot(dn, S) + dot(n, dS)), dgamma, n, Z)
+    dT = fma(splat(kappa * left + gamma * dot(n, Z)), dn, dT)
+    dT = fma(splat(gamma * dot(dn, Z)), n, fma(splat(-gamma), across(n, dZ), dT))
+    return force(kappa * left, gamma, n, Z), dT
