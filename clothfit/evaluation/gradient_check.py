@@ -136,7 +136,9 @@ def difference_of(runs: tuple[Run, ...], a: list[Parts], b: list[Parts]) -> str:
     for run, one, other in zip(runs, a, b, strict=True):
         found = first_switch(one, other)
         if found is not None:
-            return f"contacts switch (objects[{run.cloth}] {found.at(name_of(run.scene, found.obstacle))})"
+            cloth, vertex = run.scene.place_of(run.cloth, found.vertex)
+            where = found._replace(vertex=vertex).at(name_of(run.scene, found.obstacle))
+            return f"contacts switch (objects[{cloth}] {where})"
     return ""
 
 

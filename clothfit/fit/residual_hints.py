@@ -198,9 +198,10 @@ def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint
         some = Distances(run, far, crossed=True)
         objective.simulate(run, p, some.update)
         if (pair := exchanged(some.mean())) is not None:
-            first, second = sorted(int(far[i]) for i in pair)
+            places = [run.scene.place_of(run.cloth, int(each)) for each in sorted(far[i] for i in pair)]
+            first, second = (f"{vertex} of objects[{i}]" for i, vertex in places)
             text = (
-                f"objects[{run.cloth}]: vertices {first} and {second} of the target lie where the other one should; "
+                f"the vertices {first} and {second} of the target lie where the other one should; "
                 "exchange them, or mark them as not observed"
             )
             return [Hint("swapped_markers", text, early=False)]

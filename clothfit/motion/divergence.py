@@ -53,11 +53,10 @@ class Fault(NamedTuple):
 
 def of_object(scene: Scene, fault: Fault) -> Fault:
     """A divergence of cloths that are simulated together as that of the one which diverged first."""
-    own, vertex = [scene.vertices(cloth) for cloth in scene.together(fault.cloth)], fault.vertex
-    first = own[0].start
-    place = next(i for i, part in enumerate(own) if vertex < part.stop - first)
-    part, states = slice(own[place].start - first, own[place].stop - first), fault.states
-    return Fault(fault.cloth + place, states._replace(x=states.x[:, part], v=states.v[:, part]))
+    cloth, vertex = scene.place_of(fault.cloth, fault.vertex)
+    first, states = fault.vertex - vertex, fault.states
+    part = slice(first, first + scene.vertex_counts[cloth])
+    return Fault(cloth, states._replace(x=states.x[:, part], v=states.v[:, part]))
 
 
 class Diverged(ClothfitError):

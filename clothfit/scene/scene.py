@@ -143,6 +143,14 @@ class Scene(checks.ReadOnly):
         first = [i for i in range(len(self.cloths)) if self.together(i)[0] == i]
         return [self.together(i) for i in first]
 
+    def place_of(self, cloth: int, vertex: int) -> tuple[int, int]:
+        """The object, and the number in it, of a vertex among those of a cloth and of what is simulated with it."""
+        for i in self.together(cloth):
+            if vertex < self.vertex_counts[i]:
+                return i, vertex
+            vertex -= self.vertex_counts[i]
+        raise IndexError(vertex)
+
     def check_apart(self, what: str) -> None:
         """Raise InvalidInput where objects touch each other: `what` takes each for itself."""
         if len(self.groups) < len(self.cloths):
