@@ -198,11 +198,10 @@ def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint
         some = Distances(run, far, crossed=True)
         objective.simulate(run, p, some.update)
         if (pair := exchanged(some.mean())) is not None:
-            places = [run.scene.place_of(run.cloth, int(each)) for each in sorted(far[i] for i in pair)]
-            first, second = (f"{vertex} of objects[{i}]" for i, vertex in places)
+            (i, a), (j, b) = (run.scene.place_of(run.cloth, int(each)) for each in sorted(far[k] for k in pair))
+            which = f"objects[{i}]: vertices {a} and {b}" if i == j else f"{a} of objects[{i}] and {b} of objects[{j}]"
             text = (
-                f"the vertices {first} and {second} of the target lie where the other one should; "
-                "exchange them, or mark them as not observed"
+                f"{which} of the target lie where the other one should; exchange them, or mark them as not observed"
             )
             return [Hint("swapped_markers", text, early=False)]
     return []
