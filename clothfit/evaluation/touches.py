@@ -32,11 +32,16 @@ class Touching(NamedTuple):
     vertices: int  # of the object that touch at once, at most
 
     @property
-    def sentence(self) -> str:
-        """The same in words."""
-        when = f"{100 * self.share:.3g} % of the time, from {self.first:.4g} to {self.last:.4g} s"
+    def when(self) -> str:
+        """How long, in words."""
         most = counted(self.vertices, "vertex", "vertices")
-        return f"objects[{self.object}] touches {self.other} {when}, with {most} at most"
+        span = f"{100 * self.share:.3g} % of the time, from {self.first:.4g} to {self.last:.4g} s"
+        return f"{span}, with {most} at most"
+
+    @property
+    def sentence(self) -> str:
+        """The same as a sentence."""
+        return f"objects[{self.object}] touches {self.other} {self.when}"
 
 
 def touches(scene: Scene, motion: Motion) -> list[Touching]:

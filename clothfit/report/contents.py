@@ -82,6 +82,7 @@ def figures(show: Shown) -> list[list[str]]:
     """The figures beside the title."""
     found = [[f"RMSE, {name}", metres(part.rmse)] for name, part in distances(show.evaluation).items()]
     found.append(["of the distance travelled", share(show.evaluation.fitted.rmse, show)])
+    found += [[f"objects[{each.object}] touches {each.other}", each.when] for each in show.touching]
     near = began(show)
     return found if near is None else [*found, [BEFORE, f"{metres(near.rmse)}, {share(near.rmse, show)}"]]
 

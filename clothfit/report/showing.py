@@ -19,6 +19,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.memory import check_memory
 from clothfit.evaluation import evaluate
 from clothfit.evaluation.evaluate import HORIZON, Distance, Evaluation
+from clothfit.evaluation.touches import Touching, touches
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.times import TIME_SLACK
@@ -31,6 +32,9 @@ MOST_POSITIONS = 3_200_000
 
 BEFORE = "before the fit"
 """The name of the motion of the values with which a fit began."""
+
+MOST_TOUCHING = 5
+"""Lines on what touches what."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +69,7 @@ class Shown:
     beside: Sequence[Beside] = ()
     vertex_counts: tuple[int, ...] = ()
     weights: Array | None = None  # (F, V), how often positions count; None: all once
+    touching: Sequence[Touching] = ()  # what touches what in the fitted motion, the most often first
 
 
 def shown(
@@ -91,7 +96,8 @@ def shown(
     notes += [f"{fault}; the frames before are shown" for fault in faults]
     evaluation = evaluate.judged(truth, fitted, own, goal, (truth.frames, length), faults[0] if faults else None)
     show = pictured(truth, fitted.delta, own, goal, evaluation, notes, bool(faults), most // (2 + len(others)))
-    return replace(show, beside=[beside(name, scene, truth, goal, show, length) for name, scene in others])
+    others_shown = [beside(name, scene, truth, goal, show, length) for name, scene in others]
+    return replace(show, beside=others_shown, touching=touches(fitted, own)[:MOST_TOUCHING])
 
 
 def beside(name: str, scene: Scene, truth: Scene, goal: Motion, show: Shown, length: int) -> Beside:
