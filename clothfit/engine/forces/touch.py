@@ -189,26 +189,33 @@ def counts(colliders, depth, n, c, i, y_i, way):
     bodies, own, slack = colliders.bodies, colliders.rows[c], held(colliders, c, i)
     least = own[LAW, THICKNESS] - slack
     if own[SHAPE, 0] != MESH:
-        return lowest(bodies, own, i, y_i, way) < least
+        return lowest(own, y_i, way) < least
     if measured(bodies, own, i, add(y_i, way))[0] < least:
         return True
     return slack == 0.0 and meshes.crosses(bodies, int(own[SHAPE, 1]), seen(own, y_i), seen(own, add(y_i, way)))
 
 
 @kernel
-def lowest(bodies, own, i, y_i, way):
+def lowest(own, y_i, way):
     """The least distance of a convex collider on the way from y_i, roughly: it is a convex function along it."""
-    low, high, least = 0.0, 1.0, measured(bodies, own, i, add(y_i, way))[0]
+    low, high, least = 0.0, 1.0, away_from(own, add(y_i, way))
     for _ in range(LOOKS):
         one, other = low + (high - low) / 3.0, high - (high - low) / 3.0
-        first = measured(bodies, own, i, fma(splat(one), way, y_i))[0]
-        second = measured(bodies, own, i, fma(splat(other), way, y_i))[0]
+        first = away_from(own, fma(splat(one), way, y_i))
+        second = away_from(own, fma(splat(other), way, y_i))
         least = min(least, min(first, second))
         if first < second:
             high = other
         else:
             low = one
     return least
+
+
+@kernel
+def away_from(own, y_i):
+    """The distance of a point from a collider that is no mesh."""
+    p = seen(own, y_i)
+    return distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))[0]
 
 
 @kernel

@@ -80,16 +80,6 @@ def keep(joined, k, c, n, push, rub):
 
 
 @kernel
-def row(joined, k):
-    """The vertices of pair k, and its c of free ones and of fixed ones."""
-    own, c = joined.vertices[k], joined.rows[k]
-    free = c[FREE], c[FREE + 1], c[FREE + 2], c[FREE + 3]
-    whole = c[WEIGHT], c[WEIGHT + 1], c[WEIGHT + 2], c[WEIGHT + 3]
-    fixed = whole[0] - free[0], whole[1] - free[1], whole[2] - free[2], whole[3] - free[3]
-    return (own[0], own[1], own[2], own[3]), free, fixed
-
-
-@kernel
 def block_product(rows, k, z):
     """B z of pair k."""
     n = load(rows, k, NORMAL)  # lane 3 is of no use
@@ -99,7 +89,7 @@ def block_product(rows, k, z):
 @kernel(absent=None)
 def add_product(joined, scale, x, out):
     """out += scale · (C without its diagonal) x, between free vertices; x, out (n, 3) or (n, 4)."""
-    _, rows, diagonal, free = joined
+    vertices, rows, diagonal, free = joined
     if len(rows) == 0:
         return
     less = splat(-scale)
@@ -110,8 +100,16 @@ def add_product(joined, scale, x, out):
             total = fma(load(diagonal, i, 5), spread1(x_i), total)
             store3(fma(load(diagonal, i, 2), spread2(x_i), total), out, i)
     for k in range(len(rows)):
-        own, c, _ = row(joined, k)
-        spread(c, own, mul(splat(scale), block_product(rows, k, mixed(c, own, x))), out)
+        # without `mixed` and `spread`, which would then be compiled for cloths without pairs as well
+        i0, i1, i2, i3 = vertices[k, 0], vertices[k, 1], vertices[k, 2], vertices[k, 3]
+        c0, c1, c2, c3 = splat(rows[k, 0]), splat(rows[k, 1]), splat(rows[k, 2]), splat(rows[k, 3])
+        z = fma(c1, load3(x, i1), mul(c0, load3(x, i0)))
+        z = fma(c3, load3(x, i3), fma(c2, load3(x, i2), z))
+        z = mul(splat(scale), block_product(rows, k, z))
+        store3(fma(c0, z, load3(out, i0)), out, i0)
+        store3(fma(c1, z, load3(out, i1)), out, i1)
+        store3(fma(c2, z, load3(out, i2)), out, i2)
+        store3(fma(c3, z, load3(out, i3)), out, i3)
 
 
 @kernel(absent=None)
@@ -120,7 +118,8 @@ def add_across(joined, scale, x, to_fixed, out):
     `to_fixed` the transposed ones times that of the free.
     """
     for k in range(len(joined.rows)):
-        own, free, fixed = row(joined, k)
+        own, c, f = joined.vertices[k], joined.rows[k, WEIGHT:], joined.rows[k, FREE:]
+        free, fixed = (f[0], f[1], f[2], f[3]), (c[0] - f[0], c[1] - f[1], c[2] - f[2], c[3] - f[3])
         of, to = (free, fixed) if to_fixed else (fixed, free)
         spread(to, own, mul(splat(scale), block_product(joined.rows, k, mixed(of, own, x))), out)
 
