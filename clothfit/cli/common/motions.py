@@ -308,20 +308,19 @@ def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
 
 def warn_of_contacts(scene: Scene, motion: Motion, console: Console, energy: Energy | None = None) -> None:
     """Warn when contacts that begin within a step have given the cloths energy: in wind, or in explicit steps."""
-    from clothfit.engine.starts import sentences
-
     if not scene.obstacles or scene.moves or len(motion.times) < 2:  # what moves gives energy as well
-        return
-    if sentences(scene):  # as does what is let go
         return
     import numpy as np
 
+    from clothfit.engine.starts import sentences
     from clothfit.motion.energy import energies
 
     found = energies(scene, motion) if energy is None else energy
     gain, frame = found.gain
     largest = max(np.abs(part).max(where=np.isfinite(part), initial=0.0) for part in found.own)
     if gain <= MOST_GAIN * largest or not found.contact[: frame + 1].any():
+        return
+    if sentences(scene):  # what is let go gives energy as well
         return
     obstacle = "sphere" if scene.spheres else "collider"
     console.warn(

@@ -6,7 +6,7 @@ it stretches, it feels what `law` says for U = u − V, S = s and Z = w − V. T
 dδ = n·dy and dn = H dy, H = k P + j t tᵀ, and ∂F/∂c = −∂F/∂y.
 
 The surface of a mesh may also go its own way, which is then a part of V and of dV. A linearised step also knows the
-contacts with meshes that the vertex's way leads to (`touch.counts`), and those that it ends in (`meeting`), without
+contacts that the vertex's way leads to (`touch.counts`), and those that it ends in (`meeting`), without
 friction and with d < 0: so that none is deep in a body before it is pushed.
 """
 
