@@ -36,6 +36,13 @@ CREEP = 1e-3
 
 
 @kernel
+def remaining(time, release):
+    """What is left at a time, s, of what is let go from the start on: it goes smoothly to 0, at the release, s."""
+    s = min(time / release, 1.0) if release > 0.0 else 1.0
+    return 1.0 - s * s * (3.0 - 2.0 * s)
+
+
+@kernel
 def across(n, v):
     """P v."""
     return fma(splat(-dot(n, v)), n, v)

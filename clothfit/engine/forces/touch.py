@@ -12,6 +12,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import bodies as meshes
+from clothfit.engine.forces.law import remaining
 from clothfit.engine.forces.surfaces import BOX, CONE, MESH, distance
 from clothfit.engine.forces.triangle import AB, CA, A
 from clothfit.engine.forces.vertex import Vertex
@@ -108,8 +109,7 @@ def let_go(colliders, time):
     """Set what is left of what colliders hold at a time, s, from the start: it goes smoothly to 0."""
     if len(colliders.begin) > 0:
         for c in range(len(colliders.rows)):
-            s = min(time / colliders.release[c], 1.0) if colliders.release[c] > 0.0 else 1.0
-            colliders.rows[c, SHAPE, 2] = 1.0 - s * s * (3.0 - 2.0 * s)
+            colliders.rows[c, SHAPE, 2] = remaining(time, colliders.release[c])
 
 
 @kernel

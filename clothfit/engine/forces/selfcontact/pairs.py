@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.eigen import connected_components
+from clothfit.engine.forces.law import remaining
 from clothfit.engine.forces.selfcontact.force import Contact
 from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, distance, side
 from clothfit.kernels.kernel import kernel
@@ -137,10 +138,7 @@ def nearest_triangle(surface, part, v):
 
 def at_time(surface: Surface, time: float) -> Surface:
     """The surface for a step that ends at a time, s."""
-    if not surface.crossed.any() or time >= surface.release:
-        return surface
-    s = time / surface.release
-    return surface._replace(left=1.0 - s * s * (3.0 - 2.0 * s))
+    return surface._replace(left=remaining(time, surface.release)) if surface.crossed.any() else surface
 
 
 def none(surface: Surface) -> Contact:
