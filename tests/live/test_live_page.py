@@ -56,7 +56,7 @@ def page(started, serving):
     page.goto(serving.address)
     page.wait_for_selector("html[data-ready=yes]", state="attached")
     page.evaluate("clothfit.link.ask('pause').then(() => clothfit.link.ask('reset'))")
-    until(page, "clothfit.page.picture?.aimed && clothfit.page.packet.number === 0")
+    until(page, "clothfit.page.picture?.aimed && clothfit.page.drawn.number === 0")
     yield page
     assert said == []  # no error, no warning, whatever the test did
     context.close()
@@ -68,7 +68,8 @@ def until(page, condition):
         if page.evaluate(condition):
             return
         page.wait_for_timeout(50)
-    raise AssertionError(f"{condition}: never")
+    seen = page.evaluate("({ status: clothfit.page.status, drawn: clothfit.page.drawn?.number })")
+    raise AssertionError(f"{condition}: never; {seen}")
 
 
 def height(page):
@@ -144,6 +145,8 @@ def test_a_vertex_is_pulled_by_the_mouse(page):
     x, y = box["x"] + place[0] * box["width"], box["y"] + place[1] * box["height"]
     azimuth = page.evaluate("clothfit.page.picture.stage.orbit.azimuth")
     page.mouse.move(x, y)
+    assert page.locator("#stage.reaching").count() == 1  # the vertex is under the pointer
+    page.evaluate("clothfit.page.status.running = true")  # what the page has heard may be older than the last pause
     page.mouse.down()
     page.mouse.move(x, y - 150, steps=5)
     until(page, "clothfit.page.drawn.number > 30")

@@ -5,9 +5,10 @@ import { Vector3 } from "three";
 const NEAR = { mouse: 16, pen: 20, touch: 30 };  // pixels from a vertex
 
 export class Hand {
-  /** `pulled(vertex, place)` is called with a place of the scene, m, while a vertex is pulled, `released()` at the end. */
-  constructor(element, { picture, pulled, released }) {
-    Object.assign(this, { element, picture, pulled, released, on: true, vertex: null, touched: new Set(), pointer: null });
+  /** `held()` is called when a vertex is taken, `pulled(vertex, place)` with a place of the scene, m, while it is pulled, and
+   * `released()` at the end. */
+  constructor(element, { picture, held, pulled, released }) {
+    Object.assign(this, { element, picture, held, pulled, released, on: true, vertex: null, touched: new Set(), pointer: null });
     const listen = (name, act) => element.addEventListener(name, act, { capture: true });
     listen("pointerdown", (event) => this.down(event));
     listen("pointermove", (event) => this.move(event));
@@ -57,6 +58,7 @@ export class Hand {
     stage.canvas.focus({ preventScroll: true });
     this.element.classList.add("pulling");
     event.stopPropagation();
+    this.held();
     this.move(event);
   }
 

@@ -203,6 +203,7 @@ function main() {
   const puller = new Latest((fields) => link.ask("drag", fields));
   const hand = new Hand(at("stage"), {
     picture: () => page.picture ?? {},
+    held: () => { if (!page.status?.error) ask("play"); },  // whatever was last heard of playing: it may be late
     pulled: (vertex, place) => {
       if (!page.status?.running && !page.status?.error) ask("play");
       puller.offer({ vertex, place });
