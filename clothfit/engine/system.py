@@ -57,7 +57,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
     """
     cloth, layers = cloth_of(scene, index)
     inputs, touched = of_the_world(scene, cloth, scene.frames - 1 if steps is None else steps, whole)
-    pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed, whole=scene.self_contact is not None)
+    pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed)
     surface = surface_of(scene, index) if inputs else None
     own = owners(layers) if inputs else Owners()
     x0 = with_pins(np.array(cloth.positions), cloth.shift, inputs)

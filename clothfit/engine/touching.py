@@ -24,7 +24,7 @@ from clothfit.engine import march
 from clothfit.engine.forces import meeting
 from clothfit.engine.forces.selfcontact import force, pairs, zones
 from clothfit.engine.inputs.tables import place_pins, set_inputs
-from clothfit.engine.solve import guess, joined
+from clothfit.engine.solve import guess, joined, linear
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
@@ -87,14 +87,15 @@ def fill(
     each.
     """
     bare = part.bare()
-    for t in range(part.steps):
-        touch, ended = step(forms.form(False, False), tolerance, work, bare, t)
-        if ended == march.REFUSED:
-            touch, ended = step(forms.form(False, True), tolerance, work, bare, t)
-        if ended != march.DONE:
-            return t
-        part.touches[t] = touch
-        look()
+    with linear.served(work.A, work.solver):
+        for t in range(part.steps):
+            touch, ended = step(forms.form(False, False), tolerance, work, bare, t)
+            if ended == march.REFUSED:
+                touch, ended = step(forms.form(False, True), tolerance, work, bare, t)
+            if ended != march.DONE:
+                return t
+            part.touches[t] = touch
+            look()
     return int(part.steps)
 
 

@@ -1,8 +1,8 @@
 """The blocks of contacts in the step's matrix, beside the pattern of the cloth: pairs change from step to step.
 
 A pair with the weights c of its four vertices adds the blocks cᵢ cⱼ B, B = a n nᵀ + ρ (I − n nᵀ): their sum is C. What
-of C is on the diagonal is added to the matrix' own as well, so that the preconditioner of the conjugate gradients knows
-it; the rest, C without its diagonal, is applied to vectors pair by pair.
+of C is on the diagonal is in the matrix' own, so that the preconditioner of the conjugate gradients knows it; the rest,
+C without its diagonal, is applied to vectors pair by pair.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices, aligned
+from clothfit.base.arrays import Array, Indices
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import fma, load, load3, mul, splat, spread0, spread1, spread2, store, store3
+from clothfit.kernels.lanes.operations import add, fma, load, load3, mul, splat, store, store3, sub
 from clothfit.kernels.vectors import dot
 
 if TYPE_CHECKING:
@@ -28,13 +28,12 @@ class Joined(NamedTuple):
 
     vertices: Indices  # (P, 4)
     rows: Array  # (P, 16)
-    diagonal: Array  # (n + 1, 8), the diagonal of C, as `sparse.BlockMatrix` has its own
     free: Array  # (n,), 1 of free vertices, else 0
 
 
 def joined(vertices: Indices, free: Array) -> Joined:
     """Memory for the blocks of pairs of these vertices (P, 4)."""
-    return Joined(vertices, np.zeros((len(vertices), SIZE)), aligned(len(free) + 1, 8), free)
+    return Joined(vertices, np.zeros((len(vertices), SIZE)), free)
 
 
 def is_there(joined: Joined | None) -> bool:
@@ -60,14 +59,6 @@ def spread(c, own, v, out):
     store3(fma(splat(c[3]), v, load3(out, own[3])), out, own[3])
 
 
-@kernel(absent=None)
-def reset(joined):
-    """Make the diagonal 0."""
-    for i in range(len(joined.diagonal)):
-        store(splat(0.0), joined.diagonal, i, 0)
-        store(splat(0.0), joined.diagonal, i, 4)
-
-
 @kernel
 def keep(joined, k, c, n, push, rub):
     """Write row k."""
@@ -86,30 +77,34 @@ def block_product(rows, k, z):
     return fma(splat((rows[k, PUSH] - rows[k, RUB]) * dot(n, z)), n, mul(splat(rows[k, RUB]), z))
 
 
-@kernel(absent=None)
+@kernel(absent=0.0)
 def add_product(joined, scale, x, out):
-    """out += scale · (C without its diagonal) x, between free vertices; x, out (n, 3) or (n, 4)."""
-    vertices, rows, diagonal, free = joined
-    if len(rows) == 0:
-        return
-    less = splat(-scale)
-    for i in range(len(free)):
-        if free[i] > 0.0:
-            x_i = mul(less, load3(x, i))
-            total = fma(load(diagonal, i, 0), spread0(x_i), load3(out, i))
-            total = fma(load(diagonal, i, 5), spread1(x_i), total)
-            store3(fma(load(diagonal, i, 2), spread2(x_i), total), out, i)
-    for k in range(len(rows)):
-        # without `mixed` and `spread`, which would then be compiled for cloths without pairs as well
-        i0, i1, i2, i3 = vertices[k, 0], vertices[k, 1], vertices[k, 2], vertices[k, 3]
-        c0, c1, c2, c3 = splat(rows[k, 0]), splat(rows[k, 1]), splat(rows[k, 2]), splat(rows[k, 3])
-        z = fma(c1, load3(x, i1), mul(c0, load3(x, i0)))
-        z = fma(c3, load3(x, i3), fma(c2, load3(x, i2), z))
-        z = mul(splat(scale), block_product(rows, k, z))
-        store3(fma(c0, z, load3(out, i0)), out, i0)
-        store3(fma(c1, z, load3(out, i1)), out, i1)
-        store3(fma(c2, z, load3(out, i2)), out, i2)
-        store3(fma(c3, z, load3(out, i3)), out, i3)
+    """out += scale · (C without its diagonal) x, between free vertices; x, out (n, 3) or (n, 4). Returns what is added
+    times x.
+    """
+    total = 0.0
+    for k in range(len(joined.rows)):
+        total += scale * add_row(joined.vertices[k], joined.rows, k, scale, x, out)
+    return total
+
+
+@kernel
+def add_row(own, rows, k, scale, x, out):
+    """What pair k adds; returns it times x, for a scale of 1."""
+    # without `mixed` and `spread`, which would then be compiled for cloths without pairs as well
+    x0, x1 = mul(splat(rows[k, 0]), load3(x, own[0])), mul(splat(rows[k, 1]), load3(x, own[1]))
+    x2, x3 = mul(splat(rows[k, 2]), load3(x, own[2])), mul(splat(rows[k, 3]), load3(x, own[3]))
+    z = add(add(x0, x1), add(x2, x3))
+    total = add_end(own[0], rows, k, 0, scale, z, x0, out) + add_end(own[1], rows, k, 1, scale, z, x1, out)
+    return total + add_end(own[2], rows, k, 2, scale, z, x2, out) + add_end(own[3], rows, k, 3, scale, z, x3, out)
+
+
+@kernel
+def add_end(i, rows, k, e, scale, z, own, out):
+    """The same at vertex i, number e of the pair, whose part of z is `own`."""
+    push = block_product(rows, k, sub(z, own))
+    store3(fma(splat(scale * rows[k, e]), push, load3(out, i)), out, i)
+    return dot(own, push)
 
 
 @kernel(absent=None)

@@ -87,9 +87,9 @@ def solve(A, b, tolerance, work, w, anyhow):
 def solve_directly(A, b, w):
     """Solve A w = b by a factorisation."""
     order, row, column, subdomains, diagonal, upper, joined = A
-    vertices, rows, own, free = joined
+    vertices, rows, free = joined
     with objmode(solution="float64[:, ::1]"):
-        pairs = Joined(vertices, rows, own, free)
+        pairs = Joined(vertices, rows, free)
         solution = factorise_and_solve(order, row, column, subdomains, diagonal, upper, pairs, b)
     copy(solution, w)
 

@@ -156,7 +156,6 @@ def reset(A, mass):
         store_column(zero, A.diagonal, i, 0)
         store_column(zero, A.diagonal, i, 4)
         A.diagonal[i, XX] = A.diagonal[i, YY] = A.diagonal[i, ZZ] = mass[i]
-    pairs.reset(A.joined)
 
 
 @kernel

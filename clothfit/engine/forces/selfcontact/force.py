@@ -107,7 +107,6 @@ def add_step(contact, y, u, h, ahead, A, b):
         for e in range(4):
             square = splat(c[e] * c[e])
             add_block(A.diagonal, own[e], mul(square, low), mul(square, high))
-            add_block(A.joined.diagonal, own[e], mul(square, low), mul(square, high))
         if len(b) > 0:
             stored += 0.5 * kappa * depth * depth
             leaving = dot(n, U) if ahead else 0.0
