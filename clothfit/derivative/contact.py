@@ -58,9 +58,12 @@ def add_pairs(contact, at, h, damped, scratch, row, place, columns):
     """
     dy, du, out = columns
     by_y, by_u = np.zeros((12, 12)), np.zeros((12, 12))
+    alone = np.ones((1, 1), np.bool_), np.zeros(1, np.int32)
     for k in range(len(contact.kind)):
+        if not force.presses(contact, k):
+            continue
         own = contact.vertices[k]
-        differentiate(contact, k, at, h, damped, scratch, row, by_y, by_u)
+        differentiate(contact, k, alone, at, h, damped, scratch, row, by_y, by_u)
         for e in range(12):
             to = place[own[e // 3]]
             if to < 0:
@@ -75,15 +78,18 @@ def add_pairs(contact, at, h, damped, scratch, row, place, columns):
 
 
 @kernel
-def differentiate(contact, k, at, h, damped, scratch, row, by_y, by_u):
+def differentiate(contact, k, alone, at, h, damped, scratch, row, by_y, by_u):
     """Fill by_y and by_u, h ∂F/∂y and h ∂F/∂u of pair k with a row for each component of the force, where `damped` with
-    h D in by_u; `scratch` (3, n, 3) is 0 at first and at the end.
+    h D in by_u; `scratch` (3, n, 3) is 0 at first and at the end,
+    `alone` the `on` and `turn` of a pair.
     """
     y, u, w, s = at
     lam, gy, gu = scratch[0], scratch[1], scratch[2]
-    vertices, kind, thickness, side, free, kappa, mu = contact
-    own, end = vertices[k], k + 1
-    one = force.Contact(vertices[k:end], kind[k:end], thickness[k:end], side[k:end], free, kappa, mu)
+    vertices, kind, thickness, side, free, thick, kappa, mu, _, _ = contact
+    own, end, (on, turn) = vertices[k], k + 1, alone
+    one = force.Contact(
+        vertices[k:end], kind[k:end], thickness[k:end], side[k:end], free, thick, kappa, mu, on, turn
+    )  # fmt: skip
     for e in range(12):
         lam[own[e // 3], e % 3] = 1.0
         force.add_pullback(one, y, u, w, s, lam, h, row, gy, gu)

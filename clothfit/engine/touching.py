@@ -1,12 +1,12 @@
 """Step after step of a cloth that touches itself: which pairs press in a step, and what it does where that fails.
 
-A step begins with the pairs that are nearer than their thickness. It is taken with them; those that would then pull are
-left out, those that come as near or would pass through each other are added, and it is taken again, until neither is
-left: the step
-solves a complementarity problem, min ½ (w − w₀)ᵀA (w − w₀) + Σ ½ κ s max(0, d − h n·W)² for the pairs in view. What
-still would pass through becomes zones that move as one (`forces.selfcontact.zones`). So a cloth that does not cross
-itself at the start never does, however fast, but for pins that draw it through itself and for explicit methods, of
-whose steps only the forces of near pairs are part.
+The pairs that may touch in a step are looked for about where its vertices are thought to go, and again where one goes
+farther. A step begins with those of them that are nearer than their thickness, and is solved again with those that it
+ends in, as with colliders (`forces.meeting`): that solves a complementarity problem,
+min ½ (w − w₀)ᵀA (w − w₀) + Σ ½ κ s max(0, d − h n·W)² for the pairs in view. What still would pass through becomes
+zones that move as one (`forces.selfcontact.zones`). So a cloth that does not cross itself at the start never does,
+however fast, but for pins that draw it through itself and for explicit methods, of whose steps only the forces of near
+pairs are part.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine import march
 from clothfit.engine.forces import meeting
 from clothfit.engine.forces.selfcontact import force, pairs, zones
@@ -33,20 +33,11 @@ from clothfit.kernels.vectors import combine, copy
 Rollout: TypeAlias = Any
 """A `rollout.Rollout`; that module imports this one."""
 
-ROUNDS = 6
-"""Times that a step is taken, at most, until its pairs stay: roughly, and then again to the tolerance."""
+STRAY = 0.1
+"""How far, relative to the thickness, a vertex may end from where it went when pairs were looked for."""
 
-DROPS = 3
-"""How often, of these, pairs that pull are left out; later they stay, so that the rounds end."""
-
-FLAT = 3e-3
-"""Depth relative to the thickness that decides nothing where a solution is rough, or the rounds do not end: pairs may
-then push or pull by so little, or be left out.
-"""
-
-ROUGH = 1e-2
-"""Tolerance of the first solutions, which only find pairs."""
-
+ROUNDS = 8
+"""Times, at most, that a step is taken with the pairs that it ended in: roughly, and then to the tolerance."""
 
 NOBODY: Any = np.zeros(0, np.int64)
 """Numbers of no pairs."""
@@ -56,7 +47,12 @@ class Touch(NamedTuple):
     """What a step had of self-contact."""
 
     numbers: Indices  # (P,), the pairs that pressed, ascending (`forces.selfcontact.pairs`)
+    on: Flags | None  # (N, P), in which iterations; None: in all
     zones: zones.Zones | None  # what moved together
+
+
+NOTHING = Touch(NOBODY, None, None)
+"""What a step had that touched nothing."""
 
 
 def surface_of(system: System, t: int = 0) -> pairs.Surface:
@@ -66,16 +62,15 @@ def surface_of(system: System, t: int = 0) -> pairs.Surface:
 
 
 def with_pairs(
-    system: System, work: implicit.Workspace, surface: pairs.Surface, x: Array, numbers: Indices
-) -> tuple[System, implicit.Workspace]:
-    """A system and its workspace for a step from x (n, 3) in which these pairs press."""
-    return with_contact(system, work, pairs.of_numbers(surface, x, numbers))
-
-
-def with_contact(
-    system: System, work: implicit.Workspace, contact: force.Contact
-) -> tuple[System, implicit.Workspace]:
-    """A system and its workspace for a step with a contact."""
+    system: System, work: implicit.Workspace, surface: pairs.Surface, x: Array, numbers: Indices,
+    on: Flags | None = None,
+) -> tuple[System, implicit.Workspace]:  # fmt: skip
+    """A system and its workspace for a step from x (n, 3) with these pairs (P,), which press all, or in its iterations
+    where `on` (N, P) says.
+    """
+    contact = pairs.of_numbers(surface, x, numbers)
+    if on is not None and system.colliders is not None:
+        contact = contact._replace(on=on, turn=system.colliders.turn)
     A = work.A._replace(joined=joined.joined(contact.vertices, contact.free))
     return system._replace(contact=contact), work._replace(A=A)
 
@@ -89,9 +84,7 @@ def fill(
     bare = part.bare()
     with linear.served(work.A, work.solver):
         for t in range(part.steps):
-            touch, ended = step(forms.form(False, False), tolerance, work, bare, t)
-            if ended == march.REFUSED:
-                touch, ended = step(forms.form(False, True), tolerance, work, bare, t)
+            touch, ended = step(forms, tolerance, work, bare, t)
             if ended != march.DONE:
                 return t
             part.touches[t] = touch
@@ -99,70 +92,65 @@ def fill(
     return int(part.steps)
 
 
-def step(system: System, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> tuple[Touch, int]:
+def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> tuple[Touch, int]:
     """Take step t of a part; returns also how it ended."""
+    system = forms.form(False, False)
     x, surface = part.x[t], surface_of(system, part.first + t)
-    numbers = pairs.near(surface, x)
+    numbers = NOBODY if system.method == IMPLICIT else pairs.near(surface, x)
     if system.method < IMPLICIT:
         own, room = with_pairs(system, work, surface, x, numbers)
-        return Touch(numbers, None), march.run_explicit(own, part, t, t + 1)[1]
+        return Touch(numbers, None, None), march.run_explicit(own, part, t, t + 1)[1]
     if system.method == BDF2 and not len(numbers):
-        own, room = with_pairs(system, work, surface, x, numbers)
-        ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
+        ended = march.REFUSED
+        for safe in (False, True):
+            if ended == march.REFUSED:
+                own, room = with_pairs(forms.form(False, safe), work, surface, x, numbers)
+                ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
         if ended != march.DONE or not len(pairs.meeting(surface, x, part.x[t + 1])):
-            return Touch(numbers, None), ended
-    touch, ended = pressed(bdf2.forms(system)[0], tolerance, work, part, t, surface, numbers)
+            return NOTHING, ended
+    touch, ended = pressed(forms, tolerance, work, part, t, surface)
     part.hit[t] = system.method == BDF2 and len(touch.numbers) > 0
     return touch, ended
 
 
 def pressed(
-    system: System, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface,
-    numbers: Indices,
+    forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface
 ) -> tuple[Touch, int]:
-    """Take step t of a part by the implicit method, from the pairs that are near."""
-    x, v, after = part.x[t], part.velocity(t), part.x[t + 1]
+    """Take step t of a part by the implicit method."""
+    system = bdf2.forms(forms.form(False, False))[0]
+    x, v, after, h = part.x[t], part.velocity(t), part.x[t + 1], system.h
     begin(system, part, t, work)
-    first, contact, hit = work.solution.copy(), pairs.of_numbers(surface, x, numbers), NOBODY
-    active, rough = force.depths(contact, x, system.h * first) > 0.0, tolerance < ROUGH
+    first, pressed, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
+    middle, stray = x + h * first, STRAY * surface.thickness
+    view = pairs.around(surface, x, middle, stray)
+    numbers = np.union1d(pairs.near(surface, x, view), pairs.meeting(surface, x, middle, view))
     turn = 0
-    while True:
+    while turn < ROUNDS:
         interrupts.check()
-        used = active
-        own, room = with_contact(system, work, pairs.some(contact, used))
-        if not attempt(own, room, part, t, v, first, ROUGH if rough else tolerance):
-            return Touch(numbers[used], None), march.REFUSED
+        on = np.zeros((part.w.shape[1], len(numbers)), bool)
+        own, room = with_pairs(system, work, surface, x, numbers, on)
+        deep, left = force.depths(own.contact, x, 0.0 * x), force.depths(own.contact, x, h * first)
+        on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pressed)
+        if not attempt(own, room, part, t, v, first, implicit.ROUGH if rough else tolerance):
+            if part.clamped[t]:
+                return NOTHING, march.REFUSED
+            system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
+            continue
         if not march.finite(after):
-            return Touch(numbers[used], None), march.FAILED
-        copy(part.w[t, part.used[t] - 1], first)
+            return NOTHING, march.FAILED
         turn += 1
-        deep = force.depths(contact, *model(system, part, t))
-        flat = FLAT * surface.thickness if rough or turn > DROPS else 0.0
-        active = np.where(used, (deep > -flat) | (turn > DROPS), deep > flat)
-        if (active != used).any() and turn < ROUNDS:
-            continue
-        hit = pairs.meeting(surface, x, after)
-        new = np.setdiff1d(hit, numbers)
-        shallow = force.depths(pairs.of_numbers(surface, x, new), after, 0.0 * after) <= flat
-        new = np.union1d(new[~shallow], pairs.crossing(surface, x, after, new[shallow]))
-        if turn >= ROUNDS or not len(new):
-            if not rough:
-                break
-            rough, turn = False, 0
-            continue
-        order = np.argsort(together := np.concatenate([numbers, new]))
-        numbers, active = together[order], np.concatenate([active, np.ones(len(new), bool)])[order]
-        contact = pairs.of_numbers(surface, x, numbers)
-    return Touch(numbers[used], separated(system, surface, part, t, hit)), march.DONE
-
-
-def model(system: System, part: Rollout, t: int) -> tuple[Array, Array]:
-    """Where step t was linearised at last, and how far from there it ends, (n, 3) each, m."""
-    x, used, h = part.x[t], part.used[t], system.h
-    w = part.w[t, used - 1]
-    if used == 1:
-        return x, h * w
-    return x + h * part.w[t, used - 2], h * (w - part.w[t, used - 2])
+        copy(part.w[t, part.used[t] - 1], first)
+        pressed = numbers[on[part.used[t] - 1]]
+        if np.abs(after - middle).max() > stray:
+            middle = after.copy()
+            view = pairs.around(surface, x, middle, stray)
+        new = np.setdiff1d(pairs.meeting(surface, x, after, view), numbers)
+        if not (rough or len(new)):
+            break
+        rough = rough and len(new) > 0 and turn < ROUNDS - 1
+        numbers = np.union1d(numbers, new)
+    some = on.any(axis=0)
+    return Touch(numbers[some], on[:, some], separated(system, surface, part, t, numbers)), march.DONE
 
 
 def separated(
@@ -199,7 +187,7 @@ def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Ta
     """Step t of a part, for the system that it was taken with but for its pairs."""
     touch, one = part.touches[t], part.part(t, t + 1).bare()
     surface = surface_of(system, part.first + t)
-    own, room = with_pairs(system, work, surface, part.x[t], touch.numbers)
+    own, room = with_pairs(system, work, surface, part.x[t], touch.numbers, touch.on)
     if touch.zones is not None:
         w = one.w.copy()
         w[0, one.used[0] - 1, touch.zones.member] = touch.zones.found

@@ -434,7 +434,9 @@ def contacts(system: System, part: Rollout) -> Parts:
             others = touched(system, y, None if part.met is None else part.met[t, k])
             found[t, k, : len(others)] = others
             if system.surface and meets_itself(system):
-                found[t, k, -1] = touched_by_itself(system.surface, part.x[t], part.touches[t].numbers, y)
+                own = part.touches[t]
+                numbers = own.numbers if own.on is None else own.numbers[own.on[k]]
+                found[t, k, -1] = touched_by_itself(system.surface, part.x[t], numbers, y)
     return found
 
 

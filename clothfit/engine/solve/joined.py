@@ -84,7 +84,8 @@ def add_product(joined, scale, x, out):
     """
     total = 0.0
     for k in range(len(joined.rows)):
-        total += scale * add_row(joined.vertices[k], joined.rows, k, scale, x, out)
+        if joined.rows[k, PUSH] != 0.0:
+            total += scale * add_row(joined.vertices[k], joined.rows, k, scale, x, out)
     return total
 
 

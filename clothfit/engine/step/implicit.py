@@ -25,6 +25,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import meeting, total
+from clothfit.engine.forces.selfcontact import force
 from clothfit.engine.inputs.tables import couple, move_pins, pull_pins, pull_through, push_pins, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.solve.joined import joined
@@ -33,6 +34,9 @@ from clothfit.kernels.kernel import kernel, record
 from clothfit.kernels.lanes.operations import add as add_lanes
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sum3
 from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, dot, hold_fixed, vector
+
+ROUGH = 1e-2
+"""Tolerance of the first solutions where a cloth may touch itself, which only find pairs."""
 
 
 @record
@@ -143,7 +147,8 @@ def step(system, x, v, first, tolerance, work, iterates):
             assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
             hold_fixed(free, b)
             copy(iterates[k - 1], iterates[k])
-        more, more_direct, solved = linear.solve(A, b, tolerance, work.solver, iterates[k], anyhow)
+        rough = max(tolerance, ROUGH) if force.is_there(system.contact) else tolerance
+        more, more_direct, solved = linear.solve(A, b, rough, work.solver, iterates[k], anyhow)
         iterations += more
         direct += more_direct
         set_pins(system.inputs, system, x, iterates[k])
@@ -152,7 +157,7 @@ def step(system, x, v, first, tolerance, work, iterates):
         if k > 0 and more == 0 and more_direct == 0:
             return k, iterations, direct
         at = x, work.y, work.u if k == 0 else iterates[k - 1], iterates[k]
-        more, more_direct, solved = solve_again(system, at, tolerance, work, anyhow)
+        more, more_direct, solved = solve_again(system, at, rough, tolerance, work, anyhow)
         iterations += more
         direct += more_direct
         if not solved:
@@ -161,26 +166,38 @@ def step(system, x, v, first, tolerance, work, iterates):
             return k + 1, iterations, direct
         if k + 1 < len(iterates):
             meeting.carry(system.colliders, free, at, system.h, work.gy)
+            force.carry(system.contact, k)
     return len(iterates), iterations, direct
 
 
 @kernel
-def solve_again(system, at, tolerance, work, anyhow):
-    """Solve an iteration again until it meets no other contacts; `at` is as for `meeting.meet`, of which the velocity
-    changes. Returns what `linear.solve` does.
+def solve_again(system, at, solved_to, tolerance, work, anyhow):
+    """Solve an iteration again until it meets no other contacts, first as roughly as it is `solved_to`; `at` is as for
+    `meeting.meet`, of which the velocity changes. Returns what `linear.solve` does.
     """
-    iterations, direct = 0, 0
-    for turn in range(meeting.ROUNDS):
-        drops = turn < meeting.DROPS
-        if meeting.meet(system.colliders, system.vertex.free, at, system.h, work.gy, drops, work.A, work.b) == 0:
-            break
-        more, more_direct, solved = linear.solve(work.A, work.b, tolerance, work.solver, at[3], anyhow)
+    iterations, direct, turn = 0, 0, 0
+    while turn < meeting.ROUNDS:
+        if meet(system, at, turn < meeting.DROPS, work) == 0:
+            if solved_to <= tolerance:
+                break
+            turn, solved_to = -1, tolerance
+        elif turn == meeting.ROUNDS - 1 and solved_to > tolerance:
+            turn, solved_to = -1, tolerance
+        turn += 1
+        more, more_direct, solved = linear.solve(work.A, work.b, solved_to, work.solver, at[3], anyhow)
         iterations += more
         direct += more_direct
         set_pins(system.inputs, system, at[0], at[3])
         if not solved:
             return iterations, direct, False
     return iterations, direct, True
+
+
+@kernel
+def meet(system, at, drops, work):
+    """Add the contacts that an iteration ends in to its system, and take others out; see `meeting.meet`."""
+    changed = meeting.meet(system.colliders, system.vertex.free, at, system.h, work.gy, drops, work.A, work.b)
+    return changed + force.meet(system.contact, at, system.h, work.gy, drops, work.A, work.b)
 
 
 @kernel

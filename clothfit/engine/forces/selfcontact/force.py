@@ -9,8 +9,8 @@ stiffness κ s; vertex i feels cᵢ T. As cᵢ n is the derivative of δ, the pu
 
 K is what of its second derivative is definite, and the forces of a pair have neither a sum nor a moment.
 
-Which pairs there are the step says (`engine.touching`): those that end nearer than d₀, so that none pulls; some of them
-begin farther away, with d < 0, and do not rub yet.
+Which pairs may touch in a step `engine.touching` says, and which of them press each iteration finds (`meet`): those
+that end nearer than d₀, so that none pulls; some of them begin farther away, with d < 0, and do not rub yet.
 """
 
 from __future__ import annotations
@@ -20,15 +20,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import law
 from clothfit.engine.forces.law import across, rubbing
 from clothfit.engine.forces.selfcontact import nearest
-from clothfit.engine.solve.joined import keep, mixed, spread
+from clothfit.engine.solve.joined import PUSH, RUB, keep, mixed, spread
 from clothfit.engine.solve.sparse import add_block
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, load3, mul, splat
-from clothfit.kernels.vectors import dot
+from clothfit.kernels.lanes.operations import add, load3, mul, splat, sub
+from clothfit.kernels.vectors import combine, dot
+
+FLAT = 3e-3
+"""Depth relative to the thickness of a cloth that is too little to begin to press, lest rounds do not end."""
 
 
 class Contact(NamedTuple):
@@ -39,8 +42,17 @@ class Contact(NamedTuple):
     thickness: Array  # (P,), m, of each pair
     side: Array  # (P,), 1 or −1: where the one was of the other when the step began
     free: Array  # (n,), 1 of free vertices, else 0
+    thick: float  # m, the thickness of the cloth
     stiffness: float  # κ, N/m
     friction: float  # μ
+    on: Flags  # (N, P), which of them press in each iteration of a step
+    turn: Indices  # (1,), the iteration that is computed, as `touch.Colliders` has it
+
+
+@kernel
+def presses(contact, k):
+    """Whether pair k does in this iteration."""
+    return contact.on[contact.turn[0], k]
 
 
 @kernel
@@ -67,8 +79,9 @@ def pressing(contact, y, u, k):
 def energy(contact, y):
     total = 0.0  # ½ κ s d²
     for k in range(len(contact.kind)):
-        _, _, _, _, _, share, depth = touch(contact, y, k)
-        total += 0.5 * contact.stiffness * share * depth * depth
+        if presses(contact, k):
+            _, _, _, _, _, share, depth = touch(contact, y, k)
+            total += 0.5 * contact.stiffness * share * depth * depth
     return total
 
 
@@ -76,6 +89,8 @@ def energy(contact, y):
 def damping_power(contact, y, u, w):
     total = 0.0
     for k in range(len(contact.kind)):
+        if not presses(contact, k):
+            continue
         own, c, _, _, gamma, n, U = pressing(contact, y, u, k)
         total -= gamma * dot(across(n, U), mixed(c, own, w))
     return total
@@ -84,6 +99,8 @@ def damping_power(contact, y, u, w):
 @kernel(empty=None, apart=None)
 def add_force(contact, y, u, f):
     for k in range(len(contact.kind)):
+        if not presses(contact, k):
+            continue
         own, c, kappa, depth, gamma, n, U = pressing(contact, y, u, k)
         spread(c, own, law.force(kappa * depth, gamma, n, U), f)
 
@@ -93,6 +110,8 @@ def add_damping(contact, y, u, scale, q, out):
     if contact.friction == 0.0:
         return
     for k in range(len(contact.kind)):
+        if not presses(contact, k):
+            continue
         own, c, _, _, gamma, n, _ = pressing(contact, y, u, k)
         spread(c, own, mul(splat(-scale * gamma), across(n, mixed(c, own, q))), out)
 
@@ -101,17 +120,80 @@ def add_damping(contact, y, u, scale, q, out):
 def add_step(contact, y, u, h, ahead, A, b):
     stored = 0.0
     for k in range(len(contact.kind)):
-        own, c, kappa, depth, gamma, n, U = pressing(contact, y, u, k)
-        keep(A.joined, k, c, n, h * h * kappa, h * gamma)
-        low, high = law.block(h * h * kappa, h * gamma, n)
-        for e in range(4):
-            square = splat(c[e] * c[e])
-            add_block(A.diagonal, own[e], mul(square, low), mul(square, high))
-        if len(b) > 0:
-            stored += 0.5 * kappa * depth * depth
-            leaving = dot(n, U) if ahead else 0.0
-            spread(c, own, mul(splat(h * kappa * (depth + h * leaving)), n), b)
+        A.joined.rows[k, PUSH] = A.joined.rows[k, RUB] = 0.0
+        if presses(contact, k):
+            own, c, kappa, depth, gamma, n, U = pressing(contact, y, u, k)
+            add_row(k, own, c, n, (h * h * kappa, h * gamma), 1.0, A)
+            if len(b) > 0:
+                stored += 0.5 * kappa * depth * depth
+                leaving = dot(n, U) if ahead else 0.0
+                spread(c, own, mul(splat(h * kappa * (depth + h * leaving)), n), b)
     return stored
+
+
+@kernel
+def add_row(k, own, c, n, block, sign, A):
+    """Add pair k with a block's push and rub to the matrix, or with a sign of −1 take it out."""
+    on = 0.5 + 0.5 * sign
+    keep(A.joined, k, c, n, on * block[0], on * block[1])
+    low, high = law.block(sign * block[0], sign * block[1], n)
+    for e in range(4):
+        square = splat(c[e] * c[e])
+        add_block(A.diagonal, own[e], mul(square, low), mul(square, high))
+
+
+@kernel(empty=0, apart=0)
+def meet(contact, at, h, end, drops, A, b):
+    """What `meeting.meet` does, for pairs: those that press for the step's model and end deeper than FLAT says, or pass
+    through each other on their way, are added, and where `drops` those that pull are taken out.
+    """
+    x, y, u, w = at
+    combine(1.0, x, h, w, end)
+    changed, on = 0, contact.on[contact.turn[0]]
+    for k in range(len(contact.kind)):
+        own, c, kappa, depth, gamma, n, _ = pressing(contact, y, u, k)
+        at_y = mixed(c, own, y)
+        presses = depth > dot(n, sub(mixed(c, own, end), at_y))
+        if presses == on[k] or not (presses or drops) or (presses and not arrives(contact, k, x, end)):
+            continue
+        on[k] = presses
+        changed += 1
+        sign = 1.0 if presses else -1.0
+        add_row(k, own, c, n, (h * h * kappa, h * gamma), sign, A)
+        left = depth + dot(n, sub(at_y, mixed(c, own, x)))  # n·(y − x): h n·U where the step is linearised ahead
+        Z = mixed(led(contact, own, c), own, w)
+        spread(c, own, law.force(sign * h * kappa * (left - h * dot(n, Z)), sign * h * gamma, n, Z), b)
+    return changed
+
+
+@kernel
+def led(contact, own, c):
+    """The weights c where a pair is fixed, 0 where it is free."""
+    free = contact.free
+    one, other = c[0] * (1.0 - free[own[0]]), c[1] * (1.0 - free[own[1]])
+    return one, other, c[2] * (1.0 - free[own[2]]), c[3] * (1.0 - free[own[3]])
+
+
+@kernel
+def arrives(contact, k, x, end):
+    """Whether pair k ends nearer than its thickness, or passes through on its way from x to `end`, (n, 3) each."""
+    if touch(contact, end, k)[-1] > FLAT * contact.thick:
+        return True
+    own, thickness = contact.vertices[k], contact.thickness[k]
+    return nearest.passes(contact.kind[k], own, x, end, contact.thick, thickness)
+
+
+@kernel(empty=None, apart=None)
+def carry(contact, k):
+    """Let the iteration after iteration k begin with the pairs that press in that."""
+    for p in range(len(contact.kind)):
+        contact.on[k + 1, p] = contact.on[k, p]
+
+
+@kernel(absent=False)
+def is_there(contact):
+    """Whether there are pairs."""
+    return len(contact.kind) > 0
 
 
 @kernel
@@ -134,6 +216,8 @@ def find_parts(contact, y, out):
 @kernel(empty=None, apart=None)
 def add_pullback(contact, y, u, w, s, lam, h, grad, gy, gu):
     for k in range(len(contact.kind)):
+        if not presses(contact, k):
+            continue
         own, kind = contact.vertices[k], contact.kind[k]
         c, free, r, n, delta, share, depth = touch(contact, y, k)
         row = contact.stiffness * share, contact.friction, depth, n, mixed(c, own, u)
@@ -167,6 +251,8 @@ def add_pushforward(contact, y, u, w, s, dy, du, direction, h, out):
     dmu = direction.friction[-1] if len(direction.friction) > 0 else 0.0
     dkappa = direction.contact[-1] if len(direction.contact) > 0 else 0.0
     for k in range(len(contact.kind)):
+        if not presses(contact, k):
+            continue
         own, kind = contact.vertices[k], contact.kind[k]
         c, free, r, n, delta, share, depth = touch(contact, y, k)
         row = contact.stiffness * share, contact.friction, depth, n, mixed(c, own, u)

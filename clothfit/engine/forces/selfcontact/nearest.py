@@ -23,6 +23,8 @@ from __future__ import annotations
 
 from math import sqrt
 
+import numpy as np
+
 from clothfit.engine.forces import triangle
 from clothfit.engine.solve.joined import mixed, spread
 from clothfit.kernels.kernel import kernel
@@ -40,6 +42,18 @@ FREE_ON = (BOTH, FIRST, BETWEEN, SECOND, NONE, NONE, NONE)
 
 PARALLEL = 0.01
 """sin² of the angle of two edges from which on their share is 1."""
+
+ROUNDING = 1e-9
+"""Distance relative to a way below which two parts meet: a search for where goes no finer."""
+
+LEFT = 0.1
+"""The part of a distance that must be left."""
+
+SEAM = 1e-6
+"""The part of the thickness below which what is apart at the start counts as a seam, which may pass through itself."""
+
+LOOKS = 1000
+"""Times that a pair is looked at on its way, at most; one that is not through by then counts as passing."""
 
 
 FIRST_EDGE, SECOND_EDGE = (-1.0, 1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 1.0)
@@ -96,6 +110,51 @@ def distance(kind, own, y):
     """|r|."""
     r = closest(kind, own, y)[2]
     return sqrt(dot(r, r))
+
+
+@kernel
+def passes(kind, own, x, after, thick, thickness):
+    """Whether a pair with a thickness, of a cloth with the thickness `thick`, m, comes nearer on its way from x to
+    `after` than a tenth of its distance or of `thick`.
+    """
+    delta, speed = distance(kind, own, x), past_each_other(kind, own, x, after)
+    least = max(LEFT * min(delta, thick), ROUNDING * speed)
+    if delta - speed > least:
+        return False
+    y, t = np.empty((4, 3)), 0.0
+    corners = np.arange(4)
+    for _ in range(LOOKS):
+        t += (delta - 0.5 * least) / speed
+        if t >= 1.0:
+            return False
+        for e in range(4):
+            for c in range(3):
+                y[e, c] = x[own[e], c] + t * (after[own[e], c] - x[own[e], c])
+        delta = distance(kind, corners, y)
+        if not delta > least:
+            break
+    return thickness > SEAM * thick
+
+
+@kernel
+def past_each_other(kind, own, x, after):
+    """How far the two of a pair move past each other at most, without what all four vertices do."""
+    mean0, mean1, mean2 = 0.0, 0.0, 0.0
+    for e in range(4):
+        i = own[e]
+        mean0 += 0.25 * (after[i, 0] - x[i, 0])
+        mean1 += 0.25 * (after[i, 1] - x[i, 1])
+        mean2 += 0.25 * (after[i, 2] - x[i, 2])
+    one, other = 0.0, 0.0
+    for e in range(4):
+        i = own[e]
+        w0, w1, w2 = after[i, 0] - x[i, 0] - mean0, after[i, 1] - x[i, 1] - mean1, after[i, 2] - x[i, 2] - mean2
+        size = w0 * w0 + w1 * w1 + w2 * w2
+        if e == 0 or (e == 1 and kind == EDGE):
+            one = max(one, size)
+        else:
+            other = max(other, size)
+    return sqrt(one) + sqrt(other)
 
 
 @kernel

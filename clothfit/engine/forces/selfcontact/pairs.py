@@ -29,26 +29,14 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.eigen import connected_components
 from clothfit.engine.forces.law import remaining
 from clothfit.engine.forces.selfcontact.force import Contact
-from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, distance, side
+from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, LEFT, distance, passes, past_each_other, side
 from clothfit.kernels.kernel import kernel
-
-ROUNDING = 1e-9
-"""Distance relative to a way below which two parts meet: a search for where goes no finer."""
 
 FASTEST = 0.5
 """Speed, m/s, with which what crosses at the start is drawn back, at most."""
 
-LEFT = 0.1
-"""The part of a distance that must be left."""
-
-SEAM = 1e-6
-"""The part of the thickness below which what is apart at the start counts as a seam, which may pass through itself."""
-
 FLAT = 1e-9
 """Height of the ends of an edge over a triangle, relative to its length, that may be rounding in a flat cloth."""
-
-LOOKS = 1000
-"""Times that a pair is looked at on its way, at most; one that is not through by then counts as passing."""
 
 CELLS = 4
 """Most cells for each box."""
@@ -143,8 +131,7 @@ def at_time(surface: Surface, time: float) -> Surface:
 
 def none(surface: Surface) -> Contact:
     """A contact without pairs."""
-    nobody, nothing, law = np.zeros(0, np.int32), np.zeros(0), (surface.stiffness, surface.friction)
-    return Contact(np.zeros((0, 4), np.int32), nobody, nothing, nothing, surface.free, *law)
+    return of_numbers(surface, surface.start, np.zeros(0, np.int64))
 
 
 def nowhere() -> Surface:
@@ -154,15 +141,10 @@ def nowhere() -> Surface:
 
 
 def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:
-    """The contact of these pairs (P,), by their numbers, in a step that begins at x (n, 3)."""
+    """The contact of these pairs (P,), by their numbers, in a step that begins at x (n, 3); all of them press."""
     vertices, kind, thickness, sides = look_up(surface, x, numbers)
-    return Contact(vertices, kind, thickness, sides, surface.free, surface.stiffness, surface.friction)
-
-
-def some(contact: Contact, which: Flags) -> Contact:
-    """The contact of some of its pairs."""
-    of_pairs = ("vertices", "kind", "thickness", "side")
-    return contact._replace(**{name: getattr(contact, name)[which] for name in of_pairs})
+    law, on = (surface.thickness, surface.stiffness, surface.friction), np.ones((1, len(numbers)), bool)
+    return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn=np.zeros(1, np.int32))
 
 
 def touching(surface: Surface, x: Array) -> Contact:
@@ -190,15 +172,23 @@ def look_up(surface, x, numbers):
 @kernel
 def vertices_of(surface, number, own):
     """Write the four vertices of a pair; returns its kind."""
-    faces, n = len(surface.triangles), len(surface.start)
-    if number < n * faces:
-        own[0] = number // faces
-        t = number % faces
-        own[1], own[2], own[3] = surface.triangles[t, 0], surface.triangles[t, 1], surface.triangles[t, 2]
+    faces, corners = len(surface.triangles), len(surface.start) * len(surface.triangles)
+    if number < corners:
+        pair_of(surface, CORNER, number // faces, number % faces, own)
         return CORNER
-    e, f = (number - n * faces) // len(surface.edges), (number - n * faces) % len(surface.edges)
-    own[0], own[1], own[2], own[3] = surface.edges[e, 0], surface.edges[e, 1], surface.edges[f, 0], surface.edges[f, 1]
+    pair_of(surface, EDGE, (number - corners) // len(surface.edges), (number - corners) % len(surface.edges), own)
     return EDGE
+
+
+@kernel
+def pair_of(surface, kind, a, b, own):
+    """The number of the pair of vertex a and triangle b, or of edges a and b, whose vertices are written."""
+    triangles, edges = surface.triangles, surface.edges
+    if kind == CORNER:
+        own[0], own[1], own[2], own[3] = a, triangles[b, 0], triangles[b, 1], triangles[b, 2]
+        return a * len(triangles) + b
+    own[0], own[1], own[2], own[3] = edges[a, 0], edges[a, 1], edges[b, 0], edges[b, 1]
+    return len(surface.start) * len(triangles) + a * len(edges) + b
 
 
 @kernel
@@ -232,39 +222,73 @@ def counts(surface, kind, own):
     return free[own[0]] + free[own[1]] + free[own[2]] + free[own[3]] > 0.0
 
 
-def near(surface: Surface, x: Array) -> Indices:
-    """The numbers, ascending, of the pairs that are nearer at x (n, 3) than their thickness, or drawn back."""
-    found = selected(surface, x, x, 0.5 * surface.thickness, False)  # from x to x
+def near(surface: Surface, x: Array, known: Indices | None = None) -> Indices:
+    """The numbers, ascending, of the pairs that are nearer at x (n, 3) than their thickness, or drawn back; `known` are
+    pairs with all of these among them.
+    """
+    if known is None:
+        known = around(surface, x, x, 0.0)
+    found = chosen(surface, x, x, known, True, False)
     return np.union1d(found, surface.drawn) if surface.left > 0.0 else found
 
 
-def meeting(surface: Surface, x: Array, after: Array) -> Indices:
+def meeting(surface: Surface, x: Array, after: Array, known: Indices | None = None) -> Indices:
     """The numbers, ascending, of the pairs that would pass through each other from x to `after`, (n, 3) each, or that
-    are then nearer than their thickness.
+    are then nearer than their thickness; `known` as for `near`.
     """
-    return selected(surface, x, after, 0.5 * surface.thickness, True)
+    known = around(surface, x, after, 0.0) if known is None else known
+    return np.asarray(chosen(surface, x, after, known, True, True))
+
+
+def crossing(surface: Surface, x: Array, after: Array, numbers: Indices) -> Indices:
+    """Those of the pairs with these numbers that would pass through each other from x to `after`, (n, 3) each."""
+    return np.asarray(chosen(surface, x, after, numbers, False, True))
 
 
 @kernel
-def crossing(surface, x, after, numbers):
-    """Those of the pairs with these numbers that would pass through each other from x to `after`, (n, 3) each."""
+def chosen(surface, x, after, numbers, close, moving):
+    """Those of the pairs with these numbers that can touch, and that `close` are near at `after` or `moving` would pass
+    through each other from x on, (n, 3) each.
+    """
     own, kept = np.zeros(4, np.int32), np.zeros(len(numbers), np.bool_)
     for k in range(len(numbers)):
         kind = vertices_of(surface, numbers[k], own)
-        kept[k] = counts(surface, kind, own) and passes(surface, kind, own, x, after)
+        if counts(surface, kind, own):
+            kept[k] = (close and is_near(surface, kind, own, after)) or (
+                moving and is_passing(surface, kind, own, x, after)
+            )
     return numbers[kept]
 
 
-def selected(surface: Surface, x: Array, after: Array, margin: float, moving: bool) -> Indices:
-    """The numbers of the pairs that `is_near` or `passes` selects, of those whose boxes overlap."""
-    low, high = np.minimum(x, after) - margin, np.maximum(x, after) + margin
+def around(surface: Surface, x: Array, after: Array, stray: float) -> Indices:
+    """The numbers, ascending, of the pairs that may be near at x, pass through each other from there or be near where
+    they end, no more than `stray`, m, along each axis from `after`, (n, 3).
+    """
+    low, high = np.minimum(x, after - stray), np.maximum(x, after + stray)
+    low, high = low - 0.5 * surface.thickness, high + 0.5 * surface.thickness
     corners = overlapping(np.hstack([low, high]), boxes(low, high, surface.triangles))
     edges = overlapping(boxes(low, high, surface.edges))
     found = []
     for kind, pairs in ((CORNER, corners), (EDGE, edges)):
         numbers = np.empty(len(pairs), np.int64)
-        found.append(numbers[: select(surface, x, after, moving, kind, pairs, numbers)])
+        found.append(numbers[: reach(surface, x, after, 2.0 * sqrt(3.0) * stray, kind, pairs, numbers)])
     return np.sort(np.concatenate(found))
+
+
+@kernel
+def reach(surface, x, after, more, kind, pairs, numbers):
+    """Write the numbers of the pairs that may come within their thickness, or pass, where they come nearer by no more
+    than from x to `after` and by `more`, m; returns how many there are.
+    """
+    own, count = np.zeros(4, np.int32), 0
+    for m in range(len(pairs)):
+        number = pair_of(surface, kind, np.int64(pairs[m, 0]), np.int64(pairs[m, 1]), own)
+        if counts(surface, kind, own):
+            least = distance(kind, own, x) - (past_each_other(kind, own, x, after) + more) / (1.0 - LEFT)
+            if least < surface.thickness and least < thickness_of(surface, kind, own):
+                numbers[count] = number
+                count += 1
+    return count
 
 
 def boxes(low: Array, high: Array, part: Indices) -> Array:
@@ -273,20 +297,9 @@ def boxes(low: Array, high: Array, part: Indices) -> Array:
 
 
 @kernel
-def select(surface, x, after, moving, kind, pairs, numbers):
-    """Write the numbers of the pairs that are selected; returns how many there are."""
-    own, count = np.zeros(4, np.int32), 0
-    faces, n = len(surface.triangles), len(surface.start)
-    for m in range(len(pairs)):
-        a, b = np.int64(pairs[m, 0]), np.int64(pairs[m, 1])
-        number = a * faces + b if kind == CORNER else n * faces + a * len(surface.edges) + b
-        vertices_of(surface, number, own)
-        if not counts(surface, kind, own):
-            continue
-        if is_near(surface, kind, own, after) or (moving and passes(surface, kind, own, x, after)):
-            numbers[count] = number
-            count += 1
-    return count
+def is_passing(surface, kind, own, x, after):
+    """Whether a pair would pass through itself from x to `after`."""
+    return passes(kind, own, x, after, surface.thickness, thickness_of(surface, kind, own))
 
 
 @kernel
@@ -294,49 +307,6 @@ def is_near(surface, kind, own, x):
     """Whether a pair is nearer than its thickness."""
     delta = distance(kind, own, x)
     return delta < surface.thickness and delta < thickness_of(surface, kind, own)
-
-
-@kernel
-def passes(surface, kind, own, x, after):
-    """Whether a pair comes nearer on its way than a tenth of its distance or of the thickness."""
-    delta, speed = distance(kind, own, x), past_each_other(kind, own, x, after)
-    least = max(LEFT * min(delta, surface.thickness), ROUNDING * speed)
-    if delta - speed > least:
-        return False
-    y, t = np.empty((4, 3)), 0.0
-    corners = np.arange(4)
-    for _ in range(LOOKS):
-        t += (delta - 0.5 * least) / speed
-        if t >= 1.0:
-            return False
-        for e in range(4):
-            for c in range(3):
-                y[e, c] = x[own[e], c] + t * (after[own[e], c] - x[own[e], c])
-        delta = distance(kind, corners, y)
-        if not delta > least:
-            break
-    return thickness_of(surface, kind, own) > SEAM * surface.thickness
-
-
-@kernel
-def past_each_other(kind, own, x, after):
-    """How far the two of a pair move past each other at most, without what all four vertices do."""
-    mean0, mean1, mean2 = 0.0, 0.0, 0.0
-    for e in range(4):
-        i = own[e]
-        mean0 += 0.25 * (after[i, 0] - x[i, 0])
-        mean1 += 0.25 * (after[i, 1] - x[i, 1])
-        mean2 += 0.25 * (after[i, 2] - x[i, 2])
-    one, other = 0.0, 0.0
-    for e in range(4):
-        i = own[e]
-        w0, w1, w2 = after[i, 0] - x[i, 0] - mean0, after[i, 1] - x[i, 1] - mean1, after[i, 2] - x[i, 2] - mean2
-        size = w0 * w0 + w1 * w1 + w2 * w2
-        if e == 0 or (e == 1 and kind == EDGE):
-            one = max(one, size)
-        else:
-            other = max(other, size)
-    return sqrt(one) + sqrt(other)
 
 
 def pierced(surface: Surface) -> Indices:
