@@ -44,7 +44,7 @@ def depths(scene: Scene, system: System) -> Iterator[tuple[str, Array, float]]:
         depth = ball.radius - np.linalg.norm(system.x0 - ball.centre, axis=1)
         yield f"the sphere at ({', '.join(f'{x:.4g}' for x in ball.centre)}) m", depth, 0.0
     if system.colliders is not None:
-        below, _ = touch.depths(system.colliders._replace(begin=np.zeros((0, 0, 4))), system.x0)
+        below, _ = touch.depths(system.colliders._replace(begin=touch.NOBODY), system.x0)
         begin = system.colliders.begin
         for c, (each, depth) in enumerate(zip(scene.colliders, below, strict=True)):
             if not each.release or (len(begin) and begin[c].any()):

@@ -33,11 +33,11 @@ from clothfit.kernels.vectors import combine, copy
 Rollout: TypeAlias = Any
 """A `rollout.Rollout`; that module imports this one."""
 
-STRAY = 0.1
+STRAY = 0.15
 """How far, relative to the thickness, a vertex may end from where it went when pairs were looked for."""
 
 ROUNDS = 8
-"""Times, at most, that a step is taken with the pairs that it ended in: roughly, and then to the tolerance."""
+"""Times, at most, that pairs are looked for in a step."""
 
 NOBODY: Any = np.zeros(0, np.int64)
 """Numbers of no pairs."""
@@ -122,10 +122,9 @@ def pressed(
     begin(system, part, t, work)
     first, pressed, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
     middle, stray = x + h * first, STRAY * surface.thickness
-    view = pairs.around(surface, x, middle, stray)
+    view, turn = pairs.around(surface, x, middle, stray), 0
     numbers = np.union1d(pairs.near(surface, x, view), pairs.meeting(surface, x, middle, view))
-    turn = 0
-    while turn < ROUNDS:
+    while True:
         interrupts.check()
         on = np.zeros((part.w.shape[1], len(numbers)), bool)
         own, room = with_pairs(system, work, surface, x, numbers, on)
@@ -141,11 +140,11 @@ def pressed(
         turn += 1
         copy(part.w[t, part.used[t] - 1], first)
         pressed = numbers[on[part.used[t] - 1]]
-        if np.abs(after - middle).max() > stray:
+        if np.linalg.norm(after - middle, axis=1).max() > stray:
             middle = after.copy()
             view = pairs.around(surface, x, middle, stray)
         new = np.setdiff1d(pairs.meeting(surface, x, after, view), numbers)
-        if not (rough or len(new)):
+        if turn >= ROUNDS or not (rough or len(new)):
             break
         rough = rough and len(new) > 0 and turn < ROUNDS - 1
         numbers = np.union1d(numbers, new)

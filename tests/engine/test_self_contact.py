@@ -286,7 +286,7 @@ def pushed(speed):
 MOTIONS = {
     "explicit": ("explicit", 1, 0.4, {}),
     "symplectic": ("symplectic", 1, 0.0, {}),
-    "Newton": ("implicit", 3, 0.4, {}),
+    "Newton": ("implicit", 3, 0.4, {"speed": 1.45}),  # at 1.5 m/s a pair switches within the long steps
     "bdf2": ("bdf2", 1, 0.4, {}),
     "zones": ("implicit", 1, 0.0, {"speed": 20.0, "frames": 5}),
     "pins": ("implicit", 2, 0.3, pushed(2.0)),

@@ -90,6 +90,7 @@ def add_step(colliders, y, u, h, ahead, A, b):
         kappa, mu = colliders.rows[c, LAW, STIFFNESS], colliders.rows[c, LAW, FRICTION]
         for i in range(len(y)):
             depth, _, _, n, _, spot = contact(colliders, y, i, c)
+            colliders.depth[c, i] = depth
             if counts(colliders, depth, n, c, i, load3(y, i), mul(splat(reach), load3(u, i))):
                 V = surface_velocity(colliders, y, i, c, spot)
                 rub = h * rubbing(kappa * depth, mu, n, sub(load3(u, i), V))[1]

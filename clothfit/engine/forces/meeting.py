@@ -19,7 +19,7 @@ from __future__ import annotations
 from clothfit.engine.forces.faces import add_along
 from clothfit.engine.forces.law import CREEP, block
 from clothfit.engine.forces.surfaces import MESH
-from clothfit.engine.forces.touch import LAW, SHAPE, STIFFNESS, THICKNESS, contact, counts, is_far
+from clothfit.engine.forces.touch import LAW, SHAPE, STIFFNESS, THICKNESS, contact, counts
 from clothfit.engine.solve.sparse import add_block
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import fma, load3, splat, sub
@@ -83,9 +83,7 @@ def meet(colliders, free, at, h, end, drops, A, b):
     for c in range(len(colliders.rows)):
         own, met = colliders.rows[c], colliders.met[colliders.turn[0], c]
         for i in range(len(x)):
-            if not free[i] or (not met[i] and is_far(own, load3(end, i))):
-                continue
-            if not met[i] and contact(colliders, end, i, c)[0] <= h * CREEP:
+            if not free[i] or (not met[i] and not deeper(colliders, i, c, y, end, h * CREEP)):
                 continue
             depth, _, _, n, _, _ = contact(colliders, y, i, c)
             if depth > 0.0:
@@ -105,6 +103,15 @@ def meet(colliders, free, at, h, end, drops, A, b):
     return changed
 
 
+@kernel
+def deeper(colliders, i, c, y, end, least):
+    """Whether vertex i ends deeper in collider c than that: distances fall no faster than it goes from y on."""
+    depth, way = colliders.depth[c, i], sub(load3(end, i), load3(y, i))
+    if depth <= least and dot(way, way) <= (least - depth) * (least - depth):
+        return False
+    return contact(colliders, end, i, c)[0] > least
+
+
 @kernel(empty=False, apart=False)
 def strays(colliders, free, at, h, end):
     """Whether an iteration ends with a vertex too deep in a collider that is thick, seen from what its model knew; the
@@ -116,9 +123,9 @@ def strays(colliders, free, at, h, end):
         own = colliders.rows[c]
         for i in range(len(y)):
             if own[SHAPE, 0] == MESH and own[LAW, THICKNESS] > 0.0 and free[i]:
-                deep = contact(colliders, end, i, c)[0]
                 most = STRAY * own[LAW, THICKNESS] + h * CREEP
-                if deep > most:
+                if deeper(colliders, i, c, y, end, most):
+                    deep = contact(colliders, end, i, c)[0]
                     depth, _, _, n, _, _ = contact(colliders, y, i, c)
                     if deep - max(depth - dot(n, sub(load3(end, i), load3(y, i))), 0.0) > most:
                         return True

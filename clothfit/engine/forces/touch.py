@@ -38,6 +38,9 @@ RESTING = 10.0
 THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
 """Places in the row LAW."""
 
+NOBODY = np.zeros((0, 0, 4))
+"""What of a cloth begins inside of colliders where nothing does."""
+
 
 class Colliders(NamedTuple):
     """Colliders of a scene but for its plain spheres: one array, as each one that a step carries costs time.
@@ -48,6 +51,7 @@ class Colliders(NamedTuple):
     rows: Array  # (C, 10, 3)
     met: Flags  # (N, C, n), contacts that each iteration of a step only ends in (`meeting`)
     turn: Indices  # (1,), the iteration that is computed
+    depth: Array  # (C, n), m, of each vertex where the step was linearised at last
     bodies: meshes.Bodies  # the meshes
     begin: Array  # (C, n, 4), d, m, and n of each vertex at the start, 0 where it may be pushed at once; or (0, 0, 4)
     release: Array  # (C,), s, in which what begins inside leaves
@@ -87,7 +91,8 @@ def build(
     rows[rows[:, SHAPE, 0] == MESH, SHAPE, 1] = np.arange(np.count_nonzero(rows[:, SHAPE, 0] == MESH))
     met, turn = np.zeros((iterations, len(shape), count), bool), np.zeros(1, np.int32)
     times = np.array(release if len(release) else np.zeros(len(shape)), float)
-    return Colliders(rows, met, turn, bodies or meshes.build([], count), np.zeros((0, 0, 4)), times)
+    depth = np.zeros(met.shape[1:])
+    return Colliders(rows, met, turn, depth, bodies or meshes.build([], count), NOBODY, times)
 
 
 def released(colliders: Colliders, vertex: Vertex, x0: Array) -> Colliders:
@@ -96,12 +101,12 @@ def released(colliders: Colliders, vertex: Vertex, x0: Array) -> Colliders:
     """
     if not len(colliders.rows):
         return colliders
-    depth, normal = depths(colliders._replace(begin=np.zeros((0, 0, 4))), x0)
+    depth, normal = depths(colliders._replace(begin=NOBODY), x0)
     pressed = RESTING * np.linalg.norm(vertex.gravity) * vertex.mass / colliders.stiffness[:, None]
     inside = (depth - colliders.thickness[:, None] > pressed) & vertex.free
     begin = np.concatenate([depth[..., None], normal], axis=2)
     begin[(depth <= 0.0) | ~(inside.any(axis=1) & (colliders.release > 0.0))[:, None]] = 0.0
-    return colliders._replace(begin=begin if begin.any() else np.zeros((0, 0, 4)))
+    return colliders._replace(begin=begin if begin.any() else NOBODY)
 
 
 @kernel(absent=None)
@@ -120,7 +125,7 @@ def held(colliders, c, i):
 
 def copied(colliders: Colliders) -> Colliders:
     """The same colliders with memory of their own for what changes."""
-    own = {name: getattr(colliders, name).copy() for name in ("rows", "met", "turn")}
+    own = {name: getattr(colliders, name).copy() for name in ("rows", "met", "turn", "depth")}
     return colliders._replace(**own, bodies=meshes.copied(colliders.bodies))
 
 

@@ -189,8 +189,8 @@ def of_vertices(own: touch.Colliders | None, vertices: Indices) -> touch.Collide
         return None
     meshes: bodies.Bodies = bodies.copied(own.bodies)
     meshes = meshes._replace(last=np.ascontiguousarray(meshes.last[:, vertices]))
-    met = np.ascontiguousarray(own.met[:, :, vertices])
-    return own._replace(rows=own.rows.copy(), met=met, turn=own.turn.copy(), bodies=meshes)
+    met, depth = np.ascontiguousarray(own.met[:, :, vertices]), np.ascontiguousarray(own.depth[:, vertices])
+    return own._replace(rows=own.rows.copy(), met=met, turn=own.turn.copy(), depth=depth, bodies=meshes)
 
 
 def blocks(layout: Layout) -> Blocks:

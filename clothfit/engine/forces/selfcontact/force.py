@@ -144,8 +144,8 @@ def add_row(k, own, c, n, block, sign, A):
 
 @kernel(empty=0, apart=0)
 def meet(contact, at, h, end, drops, A, b):
-    """What `meeting.meet` does, for pairs: those that press for the step's model and end deeper than FLAT says, or pass
-    through each other on their way, are added, and where `drops` those that pull are taken out.
+    """What `meeting.meet` does, for pairs: those that press for the model are added where they are near at y, end
+    so, deeper than FLAT says, or pass through each other on their way; where `drops` those that pull are taken out.
     """
     x, y, u, w = at
     combine(1.0, x, h, w, end)
@@ -154,7 +154,9 @@ def meet(contact, at, h, end, drops, A, b):
         own, c, kappa, depth, gamma, n, _ = pressing(contact, y, u, k)
         at_y = mixed(c, own, y)
         presses = depth > dot(n, sub(mixed(c, own, end), at_y))
-        if presses == on[k] or not (presses or drops) or (presses and not arrives(contact, k, x, end)):
+        if presses == on[k] or not (presses or drops):
+            continue
+        if presses and depth <= 0.0 and not arrives(contact, k, x, end):
             continue
         on[k] = presses
         changed += 1

@@ -19,7 +19,6 @@ the boxes are on average, and there are at most some for each box.
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -101,17 +100,18 @@ def with_crossed(surface: Surface) -> Surface:
     through = part != main[piece]
     crossed = through.copy()
     crossed[surface.edges[hits[:, 0]]] = crossed[surface.triangles[hits[:, 1]]] = True
-    numbers = [v * len(surface.triangles) + nearest_triangle(surface, part, v) for v in np.flatnonzero(through)]
-    drawn = np.array(numbers, np.int64)
-    vertices, kind, _, side = look_up(surface, surface.start, drawn)
-    beyond = np.array([distance(k, own, surface.start) for k, own in zip(kind, vertices, strict=True)])
+    found = [(v, *nearest_triangle(surface, part, v)) for v in np.flatnonzero(through)]
+    drawn, beyond = np.array([v * len(surface.triangles) + t for v, t, _ in found]), np.array([d for _, _, d in found])
+    vertices, _, _, side = look_up(surface, surface.start, drawn)
     kept = (beyond <= FASTEST * surface.release) & (surface.free[vertices].sum(axis=1) > 0)
     return surface._replace(crossed=crossed, drawn=drawn[kept], side=-side[kept], beyond=beyond[kept])
 
 
 @kernel
 def nearest_triangle(surface, part, v):
-    """The triangle that is nearest to a vertex at the start, of those without a corner in the same part."""
+    """The triangle that is nearest to a vertex at the start, of those without a corner in the same part, and how far it
+    is, m.
+    """
     best, least, own = 0, 1e300, np.zeros(4, np.int32)
     own[0] = v
     for t in range(len(surface.triangles)):
@@ -121,7 +121,7 @@ def nearest_triangle(surface, part, v):
             delta = distance(CORNER, own, surface.start)
             if delta < least:
                 best, least = t, delta
-    return best
+    return best, least
 
 
 def at_time(surface: Surface, time: float) -> Surface:
@@ -222,22 +222,20 @@ def counts(surface, kind, own):
     return free[own[0]] + free[own[1]] + free[own[2]] + free[own[3]] > 0.0
 
 
-def near(surface: Surface, x: Array, known: Indices | None = None) -> Indices:
-    """The numbers, ascending, of the pairs that are nearer at x (n, 3) than their thickness, or drawn back; `known` are
-    pairs with all of these among them.
+def near(surface: Surface, x: Array, view: Indices | None = None) -> Indices:
+    """The numbers, ascending, of the pairs that are nearer at x (n, 3) than their thickness, or drawn back; all of them
+    are in `view`, where there is one.
     """
-    if known is None:
-        known = around(surface, x, x, 0.0)
-    found = chosen(surface, x, x, known, True, False)
+    found = chosen(surface, x, x, around(surface, x, x, 0.0) if view is None else view, True, False)
     return np.union1d(found, surface.drawn) if surface.left > 0.0 else found
 
 
-def meeting(surface: Surface, x: Array, after: Array, known: Indices | None = None) -> Indices:
+def meeting(surface: Surface, x: Array, after: Array, view: Indices | None = None) -> Indices:
     """The numbers, ascending, of the pairs that would pass through each other from x to `after`, (n, 3) each, or that
-    are then nearer than their thickness; `known` as for `near`.
+    are then nearer than their thickness; `view` as for `near`.
     """
-    known = around(surface, x, after, 0.0) if known is None else known
-    return np.asarray(chosen(surface, x, after, known, True, True))
+    view = around(surface, x, after, 0.0) if view is None else view
+    return np.asarray(chosen(surface, x, after, view, True, True))
 
 
 def crossing(surface: Surface, x: Array, after: Array, numbers: Indices) -> Indices:
@@ -261,8 +259,8 @@ def chosen(surface, x, after, numbers, close, moving):
 
 
 def around(surface: Surface, x: Array, after: Array, stray: float) -> Indices:
-    """The numbers, ascending, of the pairs that may be near at x, pass through each other from there or be near where
-    they end, no more than `stray`, m, along each axis from `after`, (n, 3).
+    """The numbers, ascending, of the pairs that may be near at x, pass through each other from there, or be near where
+    they end, no vertex farther than `stray`, m, from `after`, (n, 3).
     """
     low, high = np.minimum(x, after - stray), np.maximum(x, after + stray)
     low, high = low - 0.5 * surface.thickness, high + 0.5 * surface.thickness
@@ -271,7 +269,7 @@ def around(surface: Surface, x: Array, after: Array, stray: float) -> Indices:
     found = []
     for kind, pairs in ((CORNER, corners), (EDGE, edges)):
         numbers = np.empty(len(pairs), np.int64)
-        found.append(numbers[: reach(surface, x, after, 2.0 * sqrt(3.0) * stray, kind, pairs, numbers)])
+        found.append(numbers[: reach(surface, x, after, 2.0 * stray, kind, pairs, numbers)])
     return np.sort(np.concatenate(found))
 
 
