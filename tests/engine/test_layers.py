@@ -137,7 +137,8 @@ def test_derivatives_through_a_release():
 
 def poked(**fields):
     """A sheet whose middle starts through another one."""
-    one, other = sheet(11, 1.0, 0.0, bump=0.04, held=True), sheet(11, 1.0, 0.02, (0.013, 0.021), held=True)
+    own = {"held": True, "optimizationSettings": "GG"}
+    one, other = sheet(11, 1.0, 0.0, bump=0.04, **own), sheet(11, 1.0, 0.02, (0.013, 0.021), **own)
     return layers(one, other, gravity=xyz((0, 0, 0)), law={"thickness": 0.005}, **fields)
 
 

@@ -289,7 +289,7 @@ MOTIONS = {
     "Newton": ("implicit", 3, 0.4, {"speed": 1.45}),  # at 1.5 m/s a pair switches within the long steps
     "bdf2": ("bdf2", 1, 0.4, {}),
     "zones": ("implicit", 1, 0.0, {"speed": 20.0, "frames": 5}),
-    "pins": ("implicit", 2, 0.3, pushed(2.0)),
+    "pins": ("implicit", 2, 0.3, pushed(2.2)),
     "pins, bdf2": ("bdf2", 1, 0.3, pushed(2.0)),
 }
 

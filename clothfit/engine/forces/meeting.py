@@ -48,6 +48,12 @@ def turn_to(colliders, k):
     colliders.turn[0] = k
 
 
+@kernel(empty=False, apart=False)
+def touches(colliders):
+    """Whether a vertex is in a collider where the step was linearised at last."""
+    return colliders.depth.max() > 0.0
+
+
 @kernel(absent=None)
 def note(colliders, met, t):
     """Write what step t met to met (T, N, C, n)."""

@@ -35,8 +35,8 @@ from clothfit.kernels.lanes.operations import add as add_lanes
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sum3
 from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, dot, hold_fixed, vector
 
-ROUGH = 1e-2
-"""Tolerance of the first solutions where a cloth may touch itself, which only find pairs."""
+ROUGH = 3e-4
+"""Tolerance of the first solutions of a step that touches something, which only find its contacts."""
 
 
 @record
@@ -147,7 +147,8 @@ def step(system, x, v, first, tolerance, work, iterates):
             assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
             hold_fixed(free, b)
             copy(iterates[k - 1], iterates[k])
-        rough = max(tolerance, ROUGH) if force.is_there(system.contact) else tolerance
+        touching = k == 0 and (force.is_there(system.contact) or meeting.touches(system.colliders))
+        rough = max(tolerance, ROUGH) if touching else tolerance  # later ones begin near their solution
         more, more_direct, solved = linear.solve(A, b, rough, work.solver, iterates[k], anyhow)
         iterations += more
         direct += more_direct
