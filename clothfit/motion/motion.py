@@ -15,7 +15,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ from clothfit.formats.files import check_room, sequence_in
 from clothfit.motion.correspondence import IN_ORDER, Correspondence
 from clothfit.scene.scene import Scene
 
+if TYPE_CHECKING:
+    from clothfit.engine.work import Steps
+
 ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
 """The arrays of a motion file; all others in it are ignored."""
 
@@ -52,6 +55,7 @@ class Motion:
     observed: Flags | None = None  # (frames, vertices), which positions were seen; None: all
     name: str = "motion"  # for messages
     remedies: Fallbacks = NO_FALLBACKS  # how many of its steps were solved directly, clamped, shortened or taken anew
+    steps: Steps | None = None  # of a simulated motion, what positions do not show
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: all once
     unit: float = 1.0  # of the numbers in its file, m
     path: str | None = None  # of that file; what became of its positions since, this does not say

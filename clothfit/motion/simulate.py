@@ -21,8 +21,9 @@ from clothfit.base.notebook import belongs
 from clothfit.engine import rollout
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.step import implicit
-from clothfit.engine.system import build
+from clothfit.engine.system import BDF2, build
 from clothfit.engine.tape import Tape
+from clothfit.engine.work import Account, Steps
 from clothfit.motion.divergence import Fault, last_states, of_object, outcome, with_bad
 from clothfit.motion.motion import Motion, in_groups, in_scene
 from clothfit.scene.forces import Forces, Regulator
@@ -56,11 +57,16 @@ def simulate_cloths(
     scene = answered(scene, count - 1, accuracy)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     remedies, good, fault = NO_FALLBACKS, count - 1, None
+    work, euler = np.zeros(count), np.zeros((len(scene.groups), count), bool)
     groups = in_groups(motion, scene)
     for index in sorted({scene.together(cloth)[0] for cloth in cloths}):
-        tape, last = Tape(build(scene, index, steps=count - 1), count - 1, accuracy), None
+        system = build(scene, index, steps=count - 1)
+        tape, last, account = Tape(system, count - 1, accuracy), None, Account(system)
         for part in tape.forward():
             groups.of(index)[part.first : part.first + part.steps + 1] = part.x
+            after = slice(part.first + 1, part.first + part.steps + 1)
+            euler[scene.groups.index(scene.together(index)), after] = part.euler & (system.method == BDF2)
+            work[after] += account.of(part)
             last = last_states(part, last)
         remedies = remedies.together(tape.fallbacks)
         if tape.fault is not None and last is not None and tape.good < good:
@@ -70,6 +76,7 @@ def simulate_cloths(
     positions, times = positions[: good + 1], motion.times[: good + 1]
     motion = replace(motion, positions=positions, times=times, observed=observed, remedies=remedies)
     motion = in_scene(motion, scene)
+    motion = replace(motion, steps=Steps(motion.positions, work[: good + 1], euler[:, : good + 1]))
     belongs(motion, scene)
     if fault is not None:
         raise outcome(scene, motion, fault)

@@ -131,6 +131,15 @@ def add_step(contact, y, u, h, ahead, A, b):
     return stored
 
 
+@kernel(absent=None)
+def add_model(contact, y, u, w, s, f):
+    """f += what pairs do in the model of a step, at its end y + s with the velocities w."""
+    for k in range(len(contact.kind)):
+        own, c, kappa, depth, gamma, n, _ = pressing(contact, y, u, k)
+        push = kappa * (depth - dot(n, mixed(c, own, s)))
+        spread(c, own, law.force(push, gamma, n, mixed(c, own, w)), f)
+
+
 @kernel
 def add_row(k, own, c, n, block, sign, A):
     """Add pair k with a block's push and rub to the matrix, or with a sign of −1 take it out."""
