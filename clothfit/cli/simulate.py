@@ -124,13 +124,15 @@ def report(
 
 def summary(scene: Scene, motion: Motion, seconds: float, out: Output, error: Diverged | None) -> dict[str, Any]:
     """What --json prints of a motion."""
+    import numpy as np
+
     return {
         "scene": scene.name,
         "frames": len(motion.times),
         "vertices": motion.positions.shape[1],
         "seconds": seconds,
         **motion.remedies._asdict(),
-        "first_order": [] if motion.steps is None else motion.steps.euler.any(axis=0).nonzero()[0].tolist(),
+        "first_order": [] if motion.steps is None else np.flatnonzero(motion.steps.euler.any(axis=0)).tolist(),
         "output": out.path,
         "diverged": error and place(scene, error),
     }

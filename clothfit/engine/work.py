@@ -27,10 +27,11 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.engine.forces import applied, colliders, meeting, spheres, springs, vertex, wind
 from clothfit.engine.forces.faces import add_along
 from clothfit.engine.forces.selfcontact import force as contact
-from clothfit.engine.inputs.tables import set_inputs
+from clothfit.engine.inputs.tables import set_frame, set_inputs
+from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
-from clothfit.engine.step import bdf2, implicit
+from clothfit.engine.step import bdf2, guard, implicit
 from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, mul, splat, sub
@@ -98,6 +99,21 @@ def power(euler, inner, part, t, second, work):
     u = v if last == 0 else w[last - 1]
     implicit.offset(euler.h, x, w[last], u, last > 0, work.y, work.s)
     return of_forces(euler, part.first + t, euler.h, v, u, w[last], work)
+
+
+@kernel
+def rise(euler, inner, part, t, second, work):
+    """How much the energy rises in step t beyond the work that is done in it, and what it is before, J, without pairs.
+    """
+    set_frame(euler.inputs, euler, part.first + t)
+    x, after = part.x[t], part.x[t + 1]
+    before = guard.energy(euler, x, velocity(part, t))
+    given = power(euler, inner, part, t, second, work)
+    w = velocity(part, t + 1)
+    given += wind.powers(euler.faces, work.y, w, w)[0]
+    done = euler.h * given + work_done(euler.inputs, part.first + t, x, after)
+    done += vertex.energy(euler.vertex, x) - vertex.energy(euler.vertex, after)
+    return guard.energy(euler, after, w) - before - done, before
 
 
 @kernel

@@ -18,7 +18,7 @@ from clothfit.motion.motion import load_motion
 pytestmark = pytest.mark.slow  # compiles motions
 
 NAMED = ("schema_version", "command", "scene", "frames", "vertices", "seconds", "output", "diverged", "dump")
-KEYS = {*NAMED, *Fallbacks._fields, "touching"}
+KEYS = {*NAMED, *Fallbacks._fields, "first_order", "touching"}
 SCENE = trial("nG", 6, 3, 3)
 WILD = even("nG", 50, integrationMethod=1, springStiffness=[1e4] * 33, damping=0.0)
 
