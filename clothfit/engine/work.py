@@ -19,69 +19,16 @@ Work is computed with the forces of the steps themselves, from what a `rollout.R
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-
-from clothfit.base.arrays import Array, Flags
 from clothfit.engine.forces import applied, colliders, meeting, spheres, springs, vertex, wind
 from clothfit.engine.forces.faces import add_along
 from clothfit.engine.forces.selfcontact import force as contact
 from clothfit.engine.inputs.tables import set_frame, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.march import state_before, velocities, velocity
-from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.step import bdf2, guard, implicit
-from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, mul, splat, sub
 from clothfit.kernels.vectors import combine, dot
-
-
-class Steps(NamedTuple):
-    """What positions do not show of the steps of a simulated motion."""
-
-    of: Array  # its positions: of others this says nothing
-    work: Array  # (F,), J, of what moves, in the step that ends at each frame
-    euler: Flags  # (G, F), of a BDF2 motion: whether that step is an implicit Euler step, for each group of cloths
-
-
-class Account:
-    """The work of what moves in the steps of one cloth, which come part by part."""
-
-    def __init__(self, system: System) -> None:
-        self.system, self.taken, self.work, self.power = system, Taken(system), implicit.workspace(system), 0.0
-
-    @property
-    def needed(self) -> bool:
-        """Whether anything moves."""
-        own, touched = self.system.inputs, self.system.colliders
-        return own is not None and bool(
-            len(own.path) or len(own.centre) or len(own.poses.first) or (touched is not None and len(touched.begin))
-        )
-
-    def of(self, part: Rollout) -> Array:
-        """The work (T,), J, in each step of the next part."""
-        work = np.zeros(part.steps)
-        for t in range(part.steps if self.needed else 0):
-            own, room, one, k, zones = self.taken.at(part, t), self.work, part.bare(), t, None
-            if part.touches is not None:
-                from clothfit.engine import touching  # which few scenes need
-
-                own, room, one, zones = touching.taken(own, room, part, t)
-                k = 0
-            if own.method < IMPLICIT:
-                work[t] = own.h * explicit_power(own, one, k, room)
-                continue
-            euler, inner = bdf2.forms(own) if own.method == BDF2 else (own, own)
-            now = power(euler, inner, one, k, own.method == BDF2 and not part.euler[t], room)
-            before = self.power if own.method == BDF2 and not part.euler[t] else now
-            work[t], self.power = 0.5 * own.h * (now + before), now
-            if zones is not None:
-                w, mass = part.w[t, part.used[t] - 1, zones.member], own.vertex.mass[zones.member]
-                free = own.vertex.free[zones.member]
-                work[t] += np.einsum("i,ij,ij", mass * free, w - zones.found, w)
-        return work
 
 
 @kernel

@@ -38,9 +38,8 @@ from clothfit.engine.inputs.tables import set_frame, set_inputs
 from clothfit.engine.starts import sentences
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build, meets_itself
-from clothfit.engine.work import Steps
 from clothfit.kernels.kernel import kernel
-from clothfit.motion.motion import Motion, check_counts, check_loaded, in_groups, in_world
+from clothfit.motion.motion import Motion, Steps, check_counts, check_loaded, in_groups, in_world
 from clothfit.motion.simulate import answered
 from clothfit.scene.scene import Scene, check_is_scene
 

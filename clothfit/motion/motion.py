@@ -15,7 +15,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +35,19 @@ from clothfit.formats.files import check_room, sequence_in
 from clothfit.motion.correspondence import IN_ORDER, Correspondence
 from clothfit.scene.scene import Scene
 
-if TYPE_CHECKING:
-    from clothfit.engine.work import Steps
-
 ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
 """The arrays of a motion file; all others in it are ignored."""
 
 LONGEST_REASON = 150
 """Characters of a library's reason why it cannot read a file."""
+
+
+class Steps(NamedTuple):
+    """What positions do not show of the steps of a simulated motion."""
+
+    of: Array  # its positions: of others this says nothing
+    work: Array  # (F,), J, of what moves, in the step that ends at each frame
+    euler: Flags  # (G, F), of a BDF2 motion: whether that step is an implicit Euler step, for each group of cloths
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,12 +20,12 @@ from clothfit.base.memory import check_memory
 from clothfit.base.notebook import belongs
 from clothfit.engine import rollout
 from clothfit.engine.fallbacks import NO_FALLBACKS
-from clothfit.engine.step import implicit
-from clothfit.engine.system import BDF2, build
+from clothfit.engine.step import bdf2, implicit
+from clothfit.engine.system import BDF2, IMPLICIT, System, build
 from clothfit.engine.tape import Tape
-from clothfit.engine.work import Account, Steps
+from clothfit.engine.work import explicit_power, power
 from clothfit.motion.divergence import Fault, last_states, of_object, outcome, with_bad
-from clothfit.motion.motion import Motion, in_groups, in_scene
+from clothfit.motion.motion import Motion, Steps, in_groups, in_scene
 from clothfit.scene.forces import Forces, Regulator
 from clothfit.scene.scene import Scene, check_is_scene
 
@@ -81,6 +81,44 @@ def simulate_cloths(
     if fault is not None:
         raise outcome(scene, motion, fault)
     return motion
+
+
+class Account:
+    """The work of what moves in the steps of one cloth, which come part by part."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self.taken, self.work, self.power = system, rollout.Taken(system), implicit.workspace(system), 0.0
+
+    @property
+    def needed(self) -> bool:
+        """Whether anything moves."""
+        own, touched = self.system.inputs, self.system.colliders
+        return own is not None and bool(
+            len(own.path) or len(own.centre) or len(own.poses.first) or (touched is not None and len(touched.begin))
+        )
+
+    def of(self, part: rollout.Rollout) -> Array:
+        """The work (T,), J, in each step of the next part."""
+        work = np.zeros(part.steps)
+        for t in range(part.steps if self.needed else 0):
+            own, room, one, k, zones = self.taken.at(part, t), self.work, part.bare(), t, None
+            if part.touches is not None:
+                from clothfit.engine import touching  # which few scenes need
+
+                own, room, one, zones = touching.taken(own, room, part, t)
+                k = 0
+            if own.method < IMPLICIT:
+                work[t] = own.h * explicit_power(own, one, k, room)
+                continue
+            euler, inner = bdf2.forms(own) if own.method == BDF2 else (own, own)
+            now = power(euler, inner, one, k, own.method == BDF2 and not part.euler[t], room)
+            before = self.power if own.method == BDF2 and not part.euler[t] else now
+            work[t], self.power = 0.5 * own.h * (now + before), now
+            if zones is not None:
+                w, mass = part.w[t, part.used[t] - 1, zones.member], own.vertex.mass[zones.member]
+                free = own.vertex.free[zones.member]
+                work[t] += np.einsum("i,ij,ij", mass * free, w - zones.found, w)
+        return work
 
 
 def answered(scene: Scene, steps: int, tolerance: float) -> Scene:
