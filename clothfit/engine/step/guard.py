@@ -17,10 +17,10 @@ them, as implicit springs from the surface on (`spheres.begins`): a convex energ
 the energy after that step becomes the budget, so that no later contact gives back what one took.
 
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
-wind, which brings energy, while air at rest only takes it away; where inputs change over time, or a cloth is let
-go by what it began inside of; and where the rise is below a thousandth. Where a cloth touches itself, `touching` does the
-same with what the pairs store. At `colliders` that stay where
-they are a step ends with the contacts that it knows (`meeting`): what rises there are springs, as elsewhere.
+wind, which brings energy, while air at rest only takes it away; where inputs change over time, or a cloth is let go by
+what it began inside of; and where the rise is below a thousandth. Where a cloth touches itself, `touching` does the same
+with what pairs store. At `colliders` that stay where they are a step ends with the contacts that it knows (`meeting`):
+what rises there are springs, as elsewhere.
 """
 
 from __future__ import annotations
