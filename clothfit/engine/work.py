@@ -11,8 +11,8 @@ With E the kinetic and stored energy and W the work of all that moves, of the wi
     E⁺ − E = W − ½ (w − v)ᵀM (w − v) − (what friction and damping take) − Σ (½ k of all that is linear) (change)² + e,
 
 where e is what the energy differs from that of the model: springs that turn, surfaces that are curved, which nothing
-else can make positive. A BDF2 step solves M (w − ṽ) = h' F(w); its work is h times the mean of the powers T·V at both
-of its ends.
+else can make positive. A BDF2 step solves M (w − ṽ) = h' F(w), so that M (w − v) = h f̄ with the mean f̄ = 2/3 F + 1/3 f̄₋
+of its forces and those before: the powers T·V have the same mean.
 
 Work is computed with the forces of the steps themselves, from what a `rollout.Rollout` has of them.
 """

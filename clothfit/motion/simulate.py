@@ -112,8 +112,9 @@ class Account:
                 continue
             euler, inner = bdf2.forms(own) if own.method == BDF2 else (own, own)
             now = power(euler, inner, one, k, own.method == BDF2 and not part.euler[t], room)
-            before = self.power if own.method == BDF2 and not part.euler[t] else now
-            work[t], self.power = 0.5 * own.h * (now + before), now
+            if own.method == BDF2 and not part.euler[t]:
+                now = (2.0 * now + self.power) / 3.0
+            work[t], self.power = own.h * now, now
             if zones is not None:
                 w, mass = part.w[t, part.used[t] - 1, zones.member], own.vertex.mass[zones.member]
                 free = own.vertex.free[zones.member]
