@@ -37,6 +37,7 @@ def power(euler, inner, part, t, second, work):
     set_inputs(euler.inputs, euler, part.first + t)
     meeting.recall(euler.colliders, part.met, t)
     x, v, w, last = part.x[t], velocity(part, t), velocities(part, t), part.used[t] - 1
+    meeting.turn_to(euler.colliders, last)
     if second:
         x_before, v_before = state_before(part, t)
         bdf2.extrapolate(inner.h, x, v, x_before, v_before, work)

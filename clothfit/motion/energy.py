@@ -192,15 +192,15 @@ def unknown(scene: Scene, motion: Motion) -> Steps:
     """What is taken for the steps of a motion that was not simulated here: nothing does work, and of BDF2 only the
     first step is an implicit one.
     """
-    frames, euler = len(motion.times), np.zeros((len(scene.groups), len(motion.times)), bool)
-    euler[:, :2] = True
-    return Steps(motion.positions, np.zeros(frames), euler)
+    euler = np.tile(np.arange(len(motion.times)) < 2, (len(scene.groups), 1))
+    return Steps(motion.positions, np.zeros(len(motion.times)), euler)
 
 
-def balances(system: System, x: Array, euler: Flags) -> Array:
+def balances(system: System, x: Array, euler: Flags | None = None) -> Array:
     """What is stored at each frame and given over the step before it, (F, 8) J, of one cloth's positions (F, n, 3);
-    `euler` (F,): whether that step of a BDF2 motion is an implicit Euler step.
+    `euler` (F,): whether that step of a BDF2 motion is an implicit Euler step (default: the first).
     """
+    euler = np.arange(len(x)) < 2 if euler is None else euler
     out = np.zeros((len(x), len(ENERGY_COLUMNS)))
     length = max(1, AT_ONCE // len(system.x0))
     for begin in range(0, len(x), length):
