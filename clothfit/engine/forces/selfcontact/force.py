@@ -148,6 +148,8 @@ def stopped(contact, mass, x, v):
 def add_model(contact, y, u, w, s, f):
     """f += what pairs do in the model of a step, at its end y + s with the velocities w."""
     for k in range(len(contact.kind)):
+        if not presses(contact, k):
+            continue
         own, c, kappa, depth, gamma, n, _ = pressing(contact, y, u, k)
         push = kappa * (depth - dot(n, mixed(c, own, s)))
         spread(c, own, law.force(push, gamma, n, mixed(c, own, w)), f)
