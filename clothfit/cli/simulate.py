@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 
 STORED = ("kinetic", "elastic", "gravity", "contact", "total")
-FLOWS = ("wind", "damping", "drag", "numerical")
-OPTIONAL = ("contact", "wind", "damping", "drag")  # columns that the table leaves out where they are 0 throughout
+FLOWS = ("wind", "moved", "damping", "drag", "numerical")
+OPTIONAL = ("contact", "wind", "moved", "damping", "drag")  # columns without a place in the table where they are 0
 MOST_TOUCHING = 8  # lines on what touches what
 MOST_ROWS = 10  # of the table, besides the start
 ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which an energy counts as 0
@@ -84,7 +84,7 @@ def command(
     energy = clothfit.energies(scene, motion) if with_energy else None
     kept = {} if energy is None else {f"energy_{name}": array for name, array in energy_columns(energy).items()}
     motions.write(motion, out, scene, convention, console, kept)
-    motions.warn_of_contacts(scene, motion, console, energy)
+    motions.warn_of_energy(scene, motion, console, energy)
     touching = touches(scene, motion)
     if error is None:
         report(scene, motion, touching, seconds, out, console)
@@ -124,12 +124,15 @@ def report(
 
 def summary(scene: Scene, motion: Motion, seconds: float, out: Output, error: Diverged | None) -> dict[str, Any]:
     """What --json prints of a motion."""
+    import numpy as np
+
     return {
         "scene": scene.name,
         "frames": len(motion.times),
         "vertices": motion.positions.shape[1],
         "seconds": seconds,
         **motion.remedies._asdict(),
+        "first_order": [] if motion.steps is None else np.flatnonzero(motion.steps.euler.any(axis=0)).tolist(),
         "output": out.path,
         "diverged": error and place(scene, error),
     }
@@ -169,17 +172,17 @@ def show_energy(energy: Energy | None, console: Console) -> None:
     names = [name for name in (*STORED, *FLOWS) if name not in OPTIONAL or abs(values[name]).max() > least]
     last = len(energy.times) - 1
     frames = sorted({round(last * i / MOST_ROWS) for i in range(MOST_ROWS + 1)})
-    what = "stored at each frame; until then added by the wind, lost to damping, air and integrator"
+    what = "stored at each frame; until then added by wind and what moves, lost to damping, air and integrator"
     console.result(f"energy in J: {what}")
     table = [[str(k), f"{energy.times[k]:.4g} s", *(joules(values[name][k], least) for name in names)] for k in frames]
     console.table([["frame", "time", *names], *table])
     rise, frame = energy.largest_rise
     if rise > least:
         share = f": {100 * rise / energy.scale:.2g} % of the largest energy in one place" if energy.scale > 0 else ""
-        gain = f"by up to {rise:.3g} J in a step (frame {frame}) beyond the wind's work"
-        console.result(f"the total rises {gain}{share}")
+        gain = f"by up to {rise:.3g} J in a step (frame {frame}) beyond the work of wind and what moves"
+        console.result(f"the total rises {gain}{share}; by {energy.excess:.3g} J in all steps")
     else:
-        console.result("the total never rises in a step by more than the wind's work")
+        console.result("the total never rises in a step by more than the work of wind and what moves")
 
 
 def joules(value: float, least: float) -> str:
@@ -194,4 +197,5 @@ def energy_summary(energy: Energy | None) -> dict[str, Any]:
     values, (rise, frame) = energy_columns(energy), energy.largest_rise
     ends = {end: {name: float(values[name][k]) for name in STORED} for end, k in (("start", 0), ("end", -1))}
     flows = {name: float(values[name][-1]) for name in (*FLOWS, "dissipated")}
-    return {"energy": {**ends, **flows, "largest_rise": rise, "largest_rise_frame": frame, "scale": energy.scale}}
+    rises = {"largest_rise": rise, "largest_rise_frame": frame, "excess": energy.excess}
+    return {"energy": {**ends, **flows, **rises, "scale": energy.scale}}

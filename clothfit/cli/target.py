@@ -56,7 +56,7 @@ def command(
     console.announce_compilation()
     recorded = record_target(scene, frames, tolerance)
     motions.warn_of_stretch(scene, recorded, console)
-    motions.warn_of_contacts(scene, recorded, console)
+    motions.warn_of_energy(scene, recorded, console)
     motion = degrade(recorded, noise, observed, every, seed, fps)
     motions.write(motion, out, scene, convention, console)
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())

@@ -16,7 +16,7 @@ class Fallbacks(NamedTuple):
     shortened_steps: int = 0  # steps shortened because they would have added energy (`step.guard`)
     early_contacts: int = 0  # steps taken with the contacts they begin, which would have added energy (`step.guard`)
 
-    hits: int = 0  # steps of BDF2 motions in which the cloth hits or touches something, of first order (`march.hits`)
+    hits: int = 0  # steps of BDF2 motions in which the cloth hits something, of first order (`march.hits`)
 
     def with_those_of(self, part: Rollout) -> Fallbacks:
         """These and those of a part of a motion."""
@@ -40,7 +40,7 @@ class Fallbacks(NamedTuple):
             f"{{}} of {steps} steps were stabilised (strong compression): folds are smoother there; {finer}",
             f"{{}} of {steps} steps were stabilised (too fast for the step): the cloth is slowed down there; {finer}",
             f"{{}} of {steps} steps were stabilised (deep in a sphere at once): it comes off otherwise there; {finer}",
-            f"{{}} of {steps} steps hit or touch something: there and in the next one BDF2 is of first order",
+            f"{{}} of {steps} steps hit something: there and in the next one BDF2 is of first order",
         )
         return [sentence.format(count) for count, sentence in zip(self, said, strict=True) if count]
 

@@ -159,8 +159,10 @@ def retake(early, tolerance, work, part, t):
     x, v, budget = part.x, velocity(part, t), part.budget[t]
     energy = guard.energy(early, x[t], v)
     part.early[t], part.clamped[t] = True, early.springs.cap <= 1.0
+    meeting.clear(early.colliders)
     implicit.prepare(early, x[t], v, work)
     used, iterations, direct = implicit.step(early, x[t], v, v, tolerance, work, part.w[t, :1])
+    meeting.note(early.colliders, part.met, t)
     count(part, t, used, iterations, direct)
     if used == 0:
         return REFUSED

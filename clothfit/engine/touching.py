@@ -8,6 +8,9 @@ zones that move as one (`forces.selfcontact.zones`). So a cloth that does not cr
 however fast, but for pins that draw it through itself and for explicit methods, of whose steps only the forces of near
 pairs are part.
 
+A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that is
+shortened, as `step.guard` does.
+
 Each step notes its pairs and zones; the derivatives take them from there.
 """
 
@@ -23,9 +26,10 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine import march
 from clothfit.engine.forces import meeting
 from clothfit.engine.forces.selfcontact import force, pairs, zones
+from clothfit.engine.forces.touch import lets_go
 from clothfit.engine.inputs.tables import place_pins, set_inputs
 from clothfit.engine.solve import guess, joined, linear
-from clothfit.engine.step import bdf2, implicit
+from clothfit.engine.step import bdf2, guard, implicit
 from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import combine, copy
@@ -35,6 +39,9 @@ Rollout: TypeAlias = Any
 
 STRAY = 0.15
 """How far, relative to the thickness, a vertex may end from where it went when pairs were looked for."""
+
+SHORTEST = 4
+"""Halvings of a step, at most, where something moves."""
 
 ROUNDS = 8
 """Times, at most, that pairs are looked for in a step."""
@@ -108,18 +115,26 @@ def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
                 ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
         if ended != march.DONE or not len(pairs.meeting(surface, x, part.x[t + 1])):
             return NOTHING, ended
-    touch, ended = pressed(forms, tolerance, work, part, t, surface)
-    part.hit[t] = system.method == BDF2 and len(touch.numbers) > 0
+    two = system.method == BDF2
+    if two and (part.smooth(t - 1) if t else part.ready):
+        touch, ended = pressed(forms, tolerance, work, part, t, surface, True)
+        if ended == march.DONE and not hits(system, part, t, surface, numbers, touch):
+            return touch, ended
+    touch, ended = pressed(forms, tolerance, work, part, t, surface, False)
+    part.hit[t] = two and hits(system, part, t, surface, numbers, touch)
     return touch, ended
 
 
 def pressed(
-    forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface
+    forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface, second: bool
 ) -> tuple[Touch, int]:
-    """Take step t of a part by the implicit method."""
-    system = bdf2.forms(forms.form(False, False))[0]
-    x, v, after, h = part.x[t], part.velocity(t), part.x[t + 1], system.h
-    begin(system, part, t, work)
+    """Take step t of a part by the implicit method or, as a step of `second` order, by BDF2; that ends with CONTACTS
+    where pairs would pass through each other, or the energy rises.
+    """
+    whole = forms.form(False, False)
+    x, v, after, h = part.x[t], part.velocity(t), part.x[t + 1], whole.h
+    begin(whole, part, t, work)
+    part.euler[t], system, attempted = not second, bdf2.forms(whole)[second], attempt_second if second else attempt
     first, pressed, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
     middle, stray = x + h * first, STRAY * surface.thickness
     view, turn = pairs.around(surface, x, middle, stray), 0
@@ -130,8 +145,8 @@ def pressed(
         own, room = with_pairs(system, work, surface, x, numbers, on)
         deep, left = force.depths(own.contact, x, 0.0 * x), force.depths(own.contact, x, h * first)
         on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pressed)
-        if not attempt(own, room, part, t, v, first, implicit.ROUGH if rough else tolerance):
-            if part.clamped[t]:
+        if not attempted(own, room, part, t, v, first, implicit.ROUGH if rough else tolerance):
+            if part.clamped[t] or second:
                 return NOTHING, march.REFUSED
             system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
             continue
@@ -148,8 +163,62 @@ def pressed(
             break
         rough = rough and len(new) > 0 and turn < ROUNDS - 1
         numbers = np.union1d(numbers, new)
-    some = on.any(axis=0)
-    return Touch(numbers[some], on[:, some], separated(system, surface, part, t, numbers)), march.DONE
+    some, given = on.any(axis=0), (forms.at(part, t)._replace(contact=own.contact), part, t, surface, numbers, work)
+    if second and (len(pairs.crossing(surface, x, after, numbers)) or gains(*given, True)):
+        return NOTHING, march.CONTACTS
+    made = separated(system, surface, part, t, numbers)
+    if not second and made is None and may_be_shortened(whole, surface):
+        still, w = guard.applies(system), part.w[t, part.used[t] - 1]
+        while (more := gains(*given, False)) and part.theta[t] > 0.5 ** (guard.SHORTEST if still else SHORTEST):
+            part.theta[t] *= 0.5
+            shorten(0.5, system, x, w, after)
+        if more and not still:  # what moves would press into it
+            shorten(1.0 / part.theta[t], system, x, w, after)
+            part.theta[t] = 1.0
+    return Touch(numbers[some], on[:, some], made), march.DONE
+
+
+def may_be_shortened(system: System, surface: pairs.Surface) -> bool:
+    """Whether steps may be shortened: nothing is let go or drawn back, and no paths of pins are fitted."""
+    led = system.inputs is not None and len(system.inputs.fitted.pin) > 0
+    return system.guarded and not (led or len(surface.drawn) or lets_go(system.colliders))
+
+
+def shorten(theta: float, system: System, x: Array, w: Array, after: Array) -> None:
+    """Take a part of a step that begins at x, in its velocity w and its end (n, 3)."""
+    w *= theta
+    arrive(system, x, w, after)
+
+
+def gains(
+    system: System, part: Rollout, t: int, surface: pairs.Surface, numbers: Indices, work: implicit.Workspace,
+    second: bool,
+) -> bool:  # fmt: skip
+    """Whether the energy rises in step t of a part, of `second` order or not, where all pairs that are near before it
+    and where it would end are among the `numbers`.
+    """
+    from clothfit.engine.work import rise  # which few scenes need
+
+    more, before = rise(*bdf2.forms(system), part, t, second, work)
+    held = stored(surface, part.x[t], part.x[t], numbers)
+    if part.theta[t] < 1.0:  # others may be near on the way
+        numbers = np.union1d(numbers, pairs.near(surface, part.x[t + 1]))
+    after = stored(surface, part.x[t], part.x[t + 1], numbers)
+    return bool(guard.rises(before + held, before + more + after, 0.0))
+
+
+def stored(surface: pairs.Surface, x: Array, y: Array, numbers: Indices) -> float:
+    """What pairs store at y in a step that begins at x, (n, 3) each, J."""
+    near = force.depths(pairs.of_numbers(surface, x, numbers), y, 0.0 * y) > 0.0
+    return float(force.energy(pairs.of_numbers(surface, x, numbers[near]), y))
+
+
+def hits(system: System, part: Rollout, t: int, surface: pairs.Surface, near: Indices, touch: Touch) -> bool:
+    """Whether step t of a part stops much of the kinetic energy at colliders or between pairs that were not near."""
+    x, v = part.x[t], part.velocity(t)
+    new = pairs.of_numbers(surface, x, np.setdiff1d(touch.numbers, near))
+    stopped = force.stopped(new, system.vertex.mass, x, v) > march.HIT * guard.moving(system.vertex, v)[0]
+    return bool(stopped or march.hits(system.colliders, system.vertex, x, v, part.x[t + 1]))
 
 
 def separated(
@@ -218,6 +287,21 @@ def attempt(system, work, part, t, v, first, tolerance):
         return False
     arrive(system, part.x[t], part.w[t, used - 1], part.x[t + 1])
     return True
+
+
+@kernel(nogil=True)
+def attempt_second(system, work, part, t, v, first, tolerance):
+    """The same for a BDF2 step, of which `system` is the inner one."""
+    set_inputs(system.inputs, system, part.first + t)
+    meeting.clear(system.colliders)
+    x_before, v_before = march.state_before(part, t)
+    used, iterations, direct, _, _, _ = bdf2.step(
+        system, part.x[t], v, x_before, v_before, first, tolerance, work, part.w[t], part.x[t + 1]
+    )
+    meeting.note(system.colliders, part.met, t)
+    march.count(part, t, used, iterations, direct)
+    place_pins(system.inputs, system, part.x[t + 1])
+    return used > 0
 
 
 @kernel

@@ -137,7 +137,7 @@ class Moving:
         if grip is not None:
             own.gain[grip.vertex] = scene.cloths[self.index].mass.sum() * BRISK**2
             own.place[grip.vertex] = grip.place
-        own_energy = scene.changes or scene.colliders or scene.self_contact or scene.cloths[self.index].pins
+        own_energy = scene.changes or scene.cloths[self.index].pins
         energetic = bool(grip is not None or own_energy or (scene.forces and scene.forces.pulls))
         self.system = self.system._replace(inputs=inputs._replace(energetic=energetic))
 

@@ -7,9 +7,10 @@ counts too, with a constant.
 Given and taken over a step of displacement h w, each force f at the state where the step takes it: the wind gives h f·w
 with the push on a cloth that holds still, and counted with it what applied forces give; damping (of vertices and
 springs), friction, which counts as damping, and drag (what the cloth's own velocity changes in the push of the air)
-take −h f·w. What is still missing,
+take −h f·w. What moves, pins and colliders and a weight that changes, does the work `moved` (`work`). What is still
+missing,
 
-    numerical = start + wind − damping − drag − what is stored,
+    numerical = start + wind + moved − damping − drag − what is stored,
 
 is the integrator's. Implicit steps lose energy, the more the longer they are; explicit ones gain it; symplectic ones
 do neither for long.
@@ -28,24 +29,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import colliders, spheres, springs, vertex, wind
 from clothfit.engine.forces.selfcontact import force as self_contact
 from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.inputs.tables import set_frame, set_inputs
+from clothfit.engine.starts import sentences
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build, meets_itself
 from clothfit.kernels.kernel import kernel
-from clothfit.motion.motion import Motion, check_counts, check_loaded, in_groups, in_world
+from clothfit.motion.motion import Motion, Steps, check_counts, check_loaded, in_groups, in_world
 from clothfit.motion.simulate import answered
 from clothfit.scene.scene import Scene, check_is_scene
 
-KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG = ENERGY_COLUMNS = range(7)
-"""Columns of the balances of one cloth: four of states, three of the steps that end there."""
+KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG, WEIGHT = ENERGY_COLUMNS = range(8)
+"""Columns of the balances of one cloth: four of states, four of the steps that end there."""
 
 AT_ONCE = 20_000
 """Vertices × frames that are computed together, so that copies stay small."""
+
+
+MOST_GAIN, MOST_EXCESS = 0.25, 0.01
+"""Energy that contacts with spheres, and steps of cloths that touch anything else, may add without a warning, relative
+to the largest that is kinetic, elastic or of the weight, and to the largest in one place.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +68,7 @@ class Energy:
     wind: Array  # work of the wind, and of forces that are applied, until then
     damping: Array  # lost to the damping of vertices and springs, and to friction, until then
     drag: Array  # lost to the air that the cloths move through until then
+    moved: Array  # work of pins, colliders and a weight that move or change, until then
 
     @property
     def total(self) -> Array:
@@ -68,8 +77,8 @@ class Energy:
 
     @property
     def dissipated(self) -> Array:
-        """Energy at the start plus the work of the wind minus the stored energy (frames,), J."""
-        return np.asarray(self.total[0] + self.wind - self.total)
+        """Energy at the start plus the work of the wind and of what moves minus the stored energy (frames,), J."""
+        return np.asarray(self.total[0] + self.wind + self.moved - self.total)
 
     @property
     def numerical(self) -> Array:
@@ -78,16 +87,27 @@ class Energy:
 
     @property
     def largest_rise(self) -> tuple[float, int]:
-        """The largest rise of the stored energy over one step beyond the work of the wind, J, and the frame after that
-        step. The rise is 0 or less where the energy never rises.
+        """The largest rise of the stored energy over one step beyond the work of the wind and of what moves, J, and the
+        frame after that step. The rise is 0 or less where the energy never rises.
         """
-        with np.errstate(invalid="ignore"):
-            rises = -np.diff(self.dissipated)
-        rises[np.isnan(rises)] = np.inf  # between two energies that are infinite
+        rises = self.rises[1:]
         if not len(rises):
             return 0.0, 0
         frame = int(np.argmax(rises))
         return float(rises[frame]), frame + 1
+
+    @property
+    def rises(self) -> Array:
+        """How much the stored energy rises beyond that work in the step that ends at each frame (frames,), J."""
+        with np.errstate(invalid="ignore"):
+            rises = -np.diff(self.dissipated, prepend=self.dissipated[:1])
+        rises[np.isnan(rises)] = np.inf  # between two energies that are infinite
+        return np.asarray(rises)
+
+    @property
+    def excess(self) -> float:
+        """What the cloths have beyond that work, J: the sum of all rises."""
+        return float(self.rises.clip(0.0).sum())
 
     @property
     def own(self) -> tuple[Array, Array, Array]:
@@ -97,11 +117,11 @@ class Energy:
     @property
     def gain(self) -> tuple[float, int]:
         """The largest energy that the cloths have at a frame beyond the stored energy at the start and the work of the
-        wind, J, and that frame. What is in contacts counts only at the start: steps press vertices deep into spheres,
-        and the next ones take most of that away again.
+        wind and of what moves, J, and that frame. What is in contacts counts only at the start: steps press vertices
+        deep into spheres, and the next ones take most of that away again.
         """
         with np.errstate(invalid="ignore"):
-            gains = sum(self.own) - self.wind - self.total[0]
+            gains = sum(self.own) - self.wind - self.moved - self.total[0]
         gains[np.isnan(gains)] = np.inf
         frame = int(np.argmax(gains))
         return float(gains[frame]), frame
@@ -128,34 +148,81 @@ def energies(scene: Scene, motion: Motion) -> Energy:
             f"{motion.name}: energies need every vertex, and a frame after every step of {scene.delta:.4g} s; give a "
             "motion as `simulate` makes it"
         )
+    taken = motion.steps if motion.steps and motion.steps.of is motion.positions else unknown(scene, motion)
     motion, last = in_groups(in_world(motion, scene), scene), len(steps) - 1
     scene = answered(scene, last, scene.tolerance)
-    parts = [balances(build(scene, group[0], steps=last), motion.of(group[0])) for group in scene.groups]
+    parts = [
+        balances(build(scene, group[0], steps=last), motion.of(group[0]), euler)
+        for group, euler in zip(scene.groups, taken.euler, strict=True)
+    ]
     kinetic, elastic, gravity, contact, *given = np.sum(parts, axis=0).T
-    blown, damped, dragged = np.cumsum(given, axis=1)
-    return Energy(motion.times, kinetic, elastic, gravity - gravity[0], contact, blown, -damped, -dragged)
+    blown, damped, dragged, changed = np.cumsum(given, axis=1)
+    moved = np.cumsum(taken.work) + changed
+    return Energy(motion.times, kinetic, elastic, gravity - gravity[0], contact, blown, -damped, -dragged, moved)
 
 
-def balances(system: System, x: Array) -> Array:
-    """What is stored at each frame and given over the step before it, (F, 7) J, of one cloth's positions (F, n, 3)."""
+def faults(scene: Scene, motion: Motion, found: Energy | None = None) -> list[str]:
+    """What a user should know of the energy that steps of a simulated motion have added where cloths touch something:
+    in wind, in explicit steps, or where they are too long; `found` is the motion's energy, if it is known. What is in
+    the editor's spheres does not count, see `Energy.gain`.
+    """
+    if not (scene.obstacles or scene.self_contact) or len(motion.times) < 2 or sentences(scene):
+        return []  # what is let go gives energy as well
+    found = energies(scene, motion) if found is None else found
+    if not scene.spheres:
+        if not found.excess > MOST_EXCESS * found.scale:
+            return []
+        share, frame = 100 * found.excess / found.scale, found.largest_rise[1]
+        return [
+            f"{scene.name}: the steps have added {found.excess:.3g} J, {share:.2g} % of the largest energy in one "
+            f"place, most in the step before frame {frame}; try a smaller delta"
+        ]
+    gain, frame = found.gain
+    largest = max(np.abs(part).max(where=np.isfinite(part), initial=0.0) for part in found.own)
+    if gain <= MOST_GAIN * largest or not found.contact[: frame + 1].any():
+        return []
+    return [
+        f"{scene.name}: contacts have added energy: at frame {frame} the cloths have {gain:.3g} J more than at the "
+        f"start, and never more than {largest:.3g} J in one place; a cloth meets a sphere too fast for the time "
+        "step, so try a smaller delta"
+    ]
+
+
+def unknown(scene: Scene, motion: Motion) -> Steps:
+    """What is taken for the steps of a motion that was not simulated here: nothing does work, and of BDF2 only the
+    first step is an implicit one.
+    """
+    euler = np.tile(np.arange(len(motion.times)) < 2, (len(scene.groups), 1))
+    return Steps(motion.positions, np.zeros(len(motion.times)), euler)
+
+
+def balances(system: System, x: Array, euler: Flags | None = None) -> Array:
+    """What is stored at each frame and given over the step before it, (F, 8) J, of one cloth's positions (F, n, 3);
+    `euler` (F,): whether that step of a BDF2 motion is an implicit Euler step (default: the first).
+    """
+    euler = np.arange(len(x)) < 2 if euler is None else euler
     out = np.zeros((len(x), len(ENERGY_COLUMNS)))
     length = max(1, AT_ONCE // len(system.x0))
     for begin in range(0, len(x), length):
         end = min(begin + length, len(x))
-        v = velocities(system, x, begin, end)
+        v = velocities(system, x, begin, end, euler)
         states(system, np.ascontiguousarray(x[begin:end]), v, begin, out[begin:end])
         add_self_contact(system, x[begin:end], out[begin:end])
         first = max(begin, 1)
         if system.method == BDF2:
-            add_mean_works(system, x, first, end, out)
+            add_mean_works(system, x, first, end, euler, out)
             continue
         w = means(system, x, first, end)
-        u = velocities(system, x, first - 1, end - 1) if system.method == SYMPLECTIC else w
+        u = velocities(system, x, first - 1, end - 1, euler) if system.method == SYMPLECTIC else w
         late = system.method == IMPLICIT and system.newton_iterations > 1
         y = np.ascontiguousarray(x[first:end] if late else x[first - 1 : end - 1])
         works(system, y, u, w, first if system.inputs is None else first - 1 + system.inputs.lead, out[first:end])
         add_self_friction(system, y, u, w, out[first:end])
     out[:, WIND] += pushed(system, x)
+    if system.inputs is not None and len(system.inputs.gravity):
+        g, moments = system.inputs.gravity[: len(x)], np.einsum("i,tij->tj", system.vertex.mass, x - x[0])
+        out[:, GRAVITY] += g @ (system.vertex.mass @ x[0])
+        out[1:, WEIGHT] = -np.einsum("tj,tj->t", np.diff(g, axis=0), moments[:-1])
     return out
 
 
@@ -174,7 +241,7 @@ def pushed(system: System, x: Array) -> Array:
     return out
 
 
-def velocities(system: System, x: Array, begin: int, end: int) -> Array:
+def velocities(system: System, x: Array, begin: int, end: int, euler: Flags) -> Array:
     """Velocities (end − begin, n, 3) at some frames of positions x (F, n, 3), m/s."""
     if system.method == EXPLICIT:
         v = means(system, x, begin + 1, end + 1)
@@ -182,13 +249,14 @@ def velocities(system: System, x: Array, begin: int, end: int) -> Array:
     v = means(system, x, max(begin, 1), end)
     if system.method == BDF2 and end > 2:
         late = max(begin, 2)
-        v[late - end :] += 0.5 * (v[late - end :] - means(system, x, late - 1, end - 1))
+        more = 0.5 * (v[late - end :] - means(system, x, late - 1, end - 1))
+        v[late - end :] += np.where(euler[late:end, None, None], 0.0, more)
     return v if begin else np.concatenate([system.v0[None], v])[:end]
 
 
-def add_mean_works(system: System, x: Array, first: int, end: int, out: Array) -> None:
-    """Write the work of the BDF2 steps that end at some frames to the columns of out (F, 7)."""
-    v, ends = velocities(system, x, first - 1, end), np.zeros((end - first + 1, len(ENERGY_COLUMNS)))
+def add_mean_works(system: System, x: Array, first: int, end: int, euler: Flags, out: Array) -> None:
+    """Write the work of the BDF2 steps that end at some frames to the columns of out (F, 8)."""
+    v, ends = velocities(system, x, first - 1, end, euler), np.zeros((end - first + 1, len(ENERGY_COLUMNS)))
     works(system, np.ascontiguousarray(x[first - 1 : end]), v, v, first - 1, ends)
     add_self_friction(system, x[first - 1 : end], v, v, ends)
     given = [WIND, DAMPING, DRAG]
@@ -211,7 +279,7 @@ def last_velocity(system: System, x: Array) -> Array:
 
 
 def add_self_contact(system: System, x: Array, out: Array) -> None:
-    """Add what is stored in self-contact at positions x (F, n, 3) to the columns of out (F, 7)."""
+    """Add what is stored in self-contact at positions x (F, n, 3) to the columns of out (F, 8)."""
     if system.surface and meets_itself(system):
         for k, y in enumerate(np.ascontiguousarray(x)):
             out[k, CONTACT] += self_contact.energy(pairs.touching(system.surface, y), y)
@@ -228,7 +296,7 @@ def add_self_friction(system: System, x: Array, u: Array, w: Array, out: Array) 
 @kernel
 def states(system, x, v, first, out):
     """Write what is stored at positions x and velocities v (F, n, 3), from the frame `first` on, to the columns of
-    out (F, 7).
+    out (F, 8).
     """
     for k in range(len(x)):
         set_frame(system.inputs, system, first + k)
@@ -241,7 +309,7 @@ def states(system, x, v, first, out):
 @kernel
 def works(system, y, u, w, first, out):
     """Write the work of steps that move by h w, with forces at (y, u), (F, n, 3) each, and inputs from the frame
-    `first` on, to the columns of out (F, 7).
+    `first` on, to the columns of out (F, 8).
     """
     h = system.h
     for k in range(len(y)):

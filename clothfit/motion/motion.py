@@ -15,7 +15,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,14 @@ LONGEST_REASON = 150
 """Characters of a library's reason why it cannot read a file."""
 
 
+class Steps(NamedTuple):
+    """What positions do not show of the steps of a simulated motion."""
+
+    of: Array  # its positions: of others this says nothing
+    work: Array  # (F,), J, of what moves, in the step that ends at each frame
+    euler: Flags  # (G, F), of a BDF2 motion: whether that step is an implicit Euler step, for each group of cloths
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Positions of all vertices of a scene at some times, simulated or recorded."""
@@ -52,6 +60,7 @@ class Motion:
     observed: Flags | None = None  # (frames, vertices), which positions were seen; None: all
     name: str = "motion"  # for messages
     remedies: Fallbacks = NO_FALLBACKS  # how many of its steps were solved directly, clamped, shortened or taken anew
+    steps: Steps | None = None  # of a simulated motion, what positions do not show
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: all once
     unit: float = 1.0  # of the numbers in its file, m
     path: str | None = None  # of that file; what became of its positions since, this does not say

@@ -20,11 +20,12 @@ from clothfit.base.memory import check_memory
 from clothfit.base.notebook import belongs
 from clothfit.engine import rollout
 from clothfit.engine.fallbacks import NO_FALLBACKS
-from clothfit.engine.step import implicit
-from clothfit.engine.system import build
+from clothfit.engine.step import bdf2, implicit
+from clothfit.engine.system import BDF2, IMPLICIT, System, build
 from clothfit.engine.tape import Tape
+from clothfit.engine.work import explicit_power, power
 from clothfit.motion.divergence import Fault, last_states, of_object, outcome, with_bad
-from clothfit.motion.motion import Motion, in_groups, in_scene
+from clothfit.motion.motion import Motion, Steps, in_groups, in_scene
 from clothfit.scene.forces import Forces, Regulator
 from clothfit.scene.scene import Scene, check_is_scene
 
@@ -56,11 +57,16 @@ def simulate_cloths(
     scene = answered(scene, count - 1, accuracy)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     remedies, good, fault = NO_FALLBACKS, count - 1, None
+    work, euler = np.zeros(count), np.zeros((len(scene.groups), count), bool)
     groups = in_groups(motion, scene)
     for index in sorted({scene.together(cloth)[0] for cloth in cloths}):
-        tape, last = Tape(build(scene, index, steps=count - 1), count - 1, accuracy), None
+        system = build(scene, index, steps=count - 1)
+        tape, last, account = Tape(system, count - 1, accuracy), None, Account(system)
         for part in tape.forward():
             groups.of(index)[part.first : part.first + part.steps + 1] = part.x
+            after = slice(part.first + 1, part.first + part.steps + 1)
+            euler[scene.groups.index(scene.together(index)), after] = part.euler & (system.method == BDF2)
+            work[after] += account.of(part)
             last = last_states(part, last)
         remedies = remedies.together(tape.fallbacks)
         if tape.fault is not None and last is not None and tape.good < good:
@@ -70,10 +76,50 @@ def simulate_cloths(
     positions, times = positions[: good + 1], motion.times[: good + 1]
     motion = replace(motion, positions=positions, times=times, observed=observed, remedies=remedies)
     motion = in_scene(motion, scene)
+    motion = replace(motion, steps=Steps(motion.positions, work[: good + 1], euler[:, : good + 1]))
     belongs(motion, scene)
     if fault is not None:
         raise outcome(scene, motion, fault)
     return motion
+
+
+class Account:
+    """The work of what moves in the steps of one cloth, which come part by part."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self.taken, self.work, self.power = system, rollout.Taken(system), implicit.workspace(system), 0.0
+
+    @property
+    def needed(self) -> bool:
+        """Whether anything moves."""
+        own, touched = self.system.inputs, self.system.colliders
+        return own is not None and bool(
+            len(own.path) or len(own.centre) or len(own.poses.first) or (touched is not None and len(touched.begin))
+        )
+
+    def of(self, part: rollout.Rollout) -> Array:
+        """The work (T,), J, in each step of the next part."""
+        work = np.zeros(part.steps)
+        for t in range(part.steps if self.needed else 0):
+            own, room, one, k, zones = self.taken.at(part, t), self.work, part.bare(), t, None
+            if part.touches is not None:
+                from clothfit.engine import touching  # which few scenes need
+
+                own, room, one, zones = touching.taken(own, room, part, t)
+                k = 0
+            if own.method < IMPLICIT:
+                work[t] = own.h * explicit_power(own, one, k, room)
+                continue
+            euler, inner = bdf2.forms(own) if own.method == BDF2 else (own, own)
+            now = power(euler, inner, one, k, own.method == BDF2 and not part.euler[t], room)
+            if own.method == BDF2 and not part.euler[t]:
+                now = (2.0 * now + self.power) / 3.0
+            work[t], self.power = own.h * now, now
+            if zones is not None:
+                w, mass = part.w[t, part.used[t] - 1, zones.member], own.vertex.mass[zones.member]
+                free = own.vertex.free[zones.member]
+                work[t] += np.einsum("i,ij,ij", mass * free, w - zones.found, w)
+        return work
 
 
 def answered(scene: Scene, steps: int, tolerance: float) -> Scene:

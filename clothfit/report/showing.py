@@ -20,6 +20,7 @@ from clothfit.base.memory import check_memory
 from clothfit.evaluation import evaluate
 from clothfit.evaluation.evaluate import HORIZON, Distance, Evaluation
 from clothfit.evaluation.touches import Touching, touches
+from clothfit.motion import energy
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.times import TIME_SLACK
@@ -94,6 +95,7 @@ def shown(
         notes.append(f"the horizon ends after {length} frames, as more would make this page large (--steps)")
     goal, own, faults = motions(truth, fitted, target, length)
     notes += [f"{fault}; the frames before are shown" for fault in faults]
+    notes += energy.faults(fitted, own)
     evaluation = evaluate.judged(truth, fitted, own, goal, (truth.frames, length), faults[0] if faults else None)
     show = pictured(truth, fitted.delta, own, goal, evaluation, notes, bool(faults), most // (2 + len(others)))
     others_shown = [beside(name, scene, truth, goal, show, length) for name, scene in others]

@@ -94,7 +94,7 @@ def test_force_matrix_and_right_hand_side(name, at):
     outward = 700 * inside * n * (n * point.u).sum(axis=1, keepdims=True)
     np.testing.assert_allclose(later - b, h * h * outward, atol=1e-11)  # differences of numbers of some 10
     power = colliders.damping_power(made, point.y, point.u, point.w)
-    assert power == pytest.approx(-(gamma * slip * point.w).sum(), rel=1e-12)
+    assert power == pytest.approx(-(gamma * slip * (point.w - V)).sum(), rel=1e-12)
     assert colliders.energy(made, point.y) == pytest.approx(350 * (d * d).sum(), rel=1e-13)
 
 

@@ -99,7 +99,8 @@ def flagged(**fields):
 
 @pytest.mark.parametrize("method", [2, 3])
 def test_derivatives_through_layers(method):
-    assert_derivatives(flagged(integrationMethod=method), 1e-13, 1e-10)
+    # by BDF2 steps that would pass through each other are implicit ones, which switches within the long steps
+    assert_derivatives(flagged(integrationMethod=method), 1e-13, 1e-10, switches=method == 3)
 
 
 def test_values_of_objects_that_are_simulated_together_stand_one_after_the_other():

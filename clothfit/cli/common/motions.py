@@ -206,9 +206,6 @@ def without_times(motion: Motion) -> str:
 PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+): (.*)", re.DOTALL)
 """Where something is wrong, before what is."""
 
-MOST_GAIN = 0.25
-"""Energy that contacts may add without a warning, relative to the largest that is kinetic, elastic or of the weight."""
-
 OF_SCENES = "make it again with new --scale {}"
 """What to do with a scene that has another unit."""
 
@@ -306,28 +303,11 @@ def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
     console.warn(*sentences(scene), of=scene.name)
 
 
-def warn_of_contacts(scene: Scene, motion: Motion, console: Console, energy: Energy | None = None) -> None:
-    """Warn when contacts that begin within a step have given the cloths energy: in wind, or in explicit steps."""
-    if not scene.obstacles or scene.moves or len(motion.times) < 2:  # what moves gives energy as well
-        return
-    import numpy as np
+def warn_of_energy(scene: Scene, motion: Motion, console: Console, energy: Energy | None = None) -> None:
+    """Warn when steps have given cloths energy where they touch something."""
+    from clothfit.motion.energy import faults
 
-    from clothfit.engine.starts import sentences
-    from clothfit.motion.energy import energies
-
-    found = energies(scene, motion) if energy is None else energy
-    gain, frame = found.gain
-    largest = max(np.abs(part).max(where=np.isfinite(part), initial=0.0) for part in found.own)
-    if gain <= MOST_GAIN * largest or not found.contact[: frame + 1].any():
-        return
-    if sentences(scene):  # what is let go gives energy as well
-        return
-    obstacle = "sphere" if scene.spheres else "collider"
-    console.warn(
-        f"{scene.name}: contacts have added energy: at frame {frame} the cloths have {gain:.3g} J more than at the "
-        f"start, and never more than {largest:.3g} J in one place; a cloth meets a {obstacle} too fast for the time "
-        "step, so try a smaller delta"
-    )
+    console.warn(*faults(scene, motion, energy))
 
 
 def warn_of_stretch(scene: Scene, motion: Motion, console: Console) -> None:

@@ -24,6 +24,7 @@ from clothfit.engine.forces.touch import (
     contact,
     counts,
     held_change,
+    leaving,
     surface_change,
     surface_gradient,
     surface_velocity,
@@ -61,7 +62,28 @@ def damping_power(colliders, y, u, w):
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
             _, gamma, n, U = pressing(colliders, y, u, i, c)
-            total -= gamma * dot(across(n, U), load3(w, i))
+            total -= gamma * dot(across(n, U), add(U, sub(load3(w, i), load3(u, i))))  # past the collider
+    return total
+
+
+@kernel(empty=0.0, apart=0.0)
+def power(colliders, y, u, w, s, h, begin, f):
+    """What colliders that move do at the end of a step, W, by the forces of its model, which are added to f; `begin`
+    has when it begins and how long it is, s, h what its model takes for that.
+    """
+    total = 0.0
+    for c in range(len(colliders.rows)):
+        own = colliders.rows[c]
+        for i in range(len(y)):
+            depth, _, _, n, _, spot = contact(colliders, y, i, c)
+            way = fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))  # h u where the step begins at y, else 0
+            if counts(colliders, depth, n, c, i, load3(y, i), way):
+                V, kappa = surface_velocity(colliders, y, i, c, spot), own[LAW, STIFFNESS]
+                gamma = rubbing(kappa * depth, own[LAW, FRICTION], n, sub(load3(u, i), V))[1]
+                push = kappa * (depth - dot(n, load3(s, i)))
+                T = law.force(push, gamma, n, sub(load3(w, i), V))
+                add_along(f, i, 1.0, T)
+                total += dot(T, V) + push * leaving(colliders, c, i, begin[0], begin[1])
     return total
 
 

@@ -117,6 +117,12 @@ def let_go(colliders, time):
             colliders.rows[c, SHAPE, 2] = remaining(time, colliders.release[c])
 
 
+@kernel(absent=False)
+def lets_go(colliders):
+    """Whether something begins inside, and is let go."""
+    return len(colliders.begin) > 0
+
+
 @kernel
 def held(colliders, c, i):
     """How much deeper than the thickness says vertex i may be in collider c, m."""
@@ -295,6 +301,14 @@ def fill_spots(colliders, y, found):
             f, part, _, _ = contact(colliders, y, i, c)[5]
             if f >= 0:
                 found[c, i] = 7 * f + part
+
+
+@kernel
+def leaving(colliders, c, i, time, h):
+    """How fast a collider pushes out what it held of vertex i, in the step from a time, s, m/s."""
+    if len(colliders.begin) == 0:
+        return 0.0
+    return (remaining(time, colliders.release[c]) - colliders.rows[c, SHAPE, 2]) / h * colliders.begin[c, i, 0]
 
 
 @kernel

@@ -101,7 +101,7 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
     moves = scene.changes or cloth.pins
     return Inputs(
-        energetic=bool(moves or scene.colliders or scene.self_contact or (scene.forces and scene.forces.pulls)),
+        energetic=bool(moves or (scene.forces and scene.forces.pulls)),
         wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled, **own,
         wind_base=np.array(scene.wind, float), gravity_base=np.array(scene.gravity, float),
         drift=drift, counted=np.zeros(3),

@@ -17,14 +17,17 @@ them, as implicit springs from the surface on (`spheres.begins`): a convex energ
 the energy after that step becomes the budget, so that no later contact gives back what one took.
 
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
-wind, which brings energy, while air at rest only takes it away; where inputs change over time; at `colliders`, whose
-early contacts no step knows; and where the rise is below a thousandth.
+wind, which brings energy, while air at rest only takes it away; where inputs change over time, or a cloth is let go by
+what it began inside of; and where the rise is below a thousandth. Where a cloth touches itself `touching` does this,
+with what pairs store. At `colliders` that stay where they are a step ends with the contacts that it knows (`meeting`):
+what rises there are springs, as elsewhere.
 """
 
 from __future__ import annotations
 
 from clothfit.engine.forces import total
 from clothfit.engine.forces.spheres import contact
+from clothfit.engine.forces.touch import lets_go
 from clothfit.engine.inputs.tables import energetic, power
 from clothfit.engine.system import IMPLICIT
 from clothfit.kernels.kernel import kernel
@@ -53,7 +56,7 @@ def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if energetic(system.inputs):
+    if energetic(system.inputs) or lets_go(system.colliders):
         return False
     return system.guarded and system.method == IMPLICIT and (still or not faces.drag.any() or len(faces.corners) == 0)
 

@@ -132,6 +132,30 @@ def add_step(contact, y, u, h, ahead, A, b):
 
 
 @kernel
+def stopped(contact, mass, x, v):
+    """The kinetic energy, J, of the two of each pair towards each other, at x with velocities v (n, 3)."""
+    total = 0.0
+    for k in range(len(contact.kind)):
+        own, c, _, _, _, n, U = pressing(contact, x, v, k)
+        light, towards = 0.0, min(dot(n, U), 0.0)
+        for e in range(4):
+            light += c[e] * c[e] * contact.free[own[e]] / mass[own[e]]
+        total += 0.5 * towards * towards / light if light > 0.0 else 0.0
+    return total
+
+
+@kernel(absent=None)
+def add_model(contact, y, u, w, s, f):
+    """f += what pairs do in the model of a step, at its end y + s with the velocities w."""
+    for k in range(len(contact.kind)):
+        if not presses(contact, k):
+            continue
+        own, c, kappa, depth, gamma, n, _ = pressing(contact, y, u, k)
+        push = kappa * (depth - dot(n, mixed(c, own, s)))
+        spread(c, own, law.force(push, gamma, n, mixed(c, own, w)), f)
+
+
+@kernel
 def add_row(k, own, c, n, block, sign, A):
     """Add pair k with a block's push and rub to the matrix, or with a sign of −1 take it out."""
     on = 0.5 + 0.5 * sign
