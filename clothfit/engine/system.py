@@ -19,11 +19,14 @@ from clothfit.engine.inputs import fitted_paths, sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.kernels.kernel import record
 from clothfit.scene.cloth import SPHERE, Cloth, Collider, together
-from clothfit.scene.kinds import AIR
+from clothfit.scene.kinds import AIR, REST
 from clothfit.scene.scene import Scene
 
 EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
 """Values of the scene's `integrationMethod`."""
+
+ENDLESS = 1e8
+"""Time step, s, of a cloth at rest (`equilibrium`)."""
 
 record(Elements)  # of which every derivative takes a direction or a gradient
 
@@ -64,7 +67,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
     points = vertex.Vertex(
         np.array(cloth.mass), numbers(layers, "damping"), np.array(scene.gravity, float), ~cloth.fixed, own.vertex
     )
-    return System(
+    made = System(
         x0=x0,
         v0=at_start(cloth.velocity, cloth.fixed, inputs, scene.delta),
         h=scene.delta,
@@ -87,6 +90,31 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
         contact=surface and pairs.none(surface),
         applied=applied.build(*tables.pushed_and_pulled(inputs)) if inputs else None,
     )
+    return at_rest(scene, made) if scene.method == REST else made
+
+
+def at_rest(scene: Scene, system: System) -> System:
+    """The system whose steps end at rest. Raises InvalidScene where the scene has what moves."""
+    moving = {
+        "wind": bool(scene.wind.any()) or scene.mode("wind") != "n", "inputs over time": scene.moves,
+        "pins": any(cloth.pins for cloth in scene.cloths), "selfCollision": scene.self_contact is not None,
+        "forces": scene.forces is not None,
+    }  # fmt: skip
+    if found := [name for name, there in moving.items() if there]:
+        raise InvalidScene(f"{', '.join(found)}: a scene at rest (integrationMethod 4) has none; leave it out",
+                           scene.name)  # fmt: skip
+    point, links, face = system.vertex, system.springs, system.faces
+    return system._replace(
+        h=ENDLESS, method=IMPLICIT, newton_iterations=1, v0=np.zeros_like(system.v0),
+        vertex=point._replace(damping=np.zeros_like(point.damping)),
+        springs=links._replace(damping=np.zeros_like(links.damping)),
+        faces=face._replace(drag=np.zeros_like(face.drag)),
+    )  # fmt: skip
+
+
+def rests(system: System) -> bool:
+    """Whether the steps of a system end at rest."""
+    return system.h == ENDLESS
 
 
 class Owners(NamedTuple):
@@ -137,10 +165,10 @@ def of_the_world(
     """
     if not (whole or scene.changes or cloth.pins or scene.colliders or scene.self_contact or scene.forces):
         return None, None
-    return sampling.build(scene, cloth, steps), at_rest(scene, len(cloth.mass))
+    return sampling.build(scene, cloth, steps), colliders_of(scene, len(cloth.mass))
 
 
-def at_rest(scene: Scene, count: int) -> touch.Colliders:
+def colliders_of(scene: Scene, count: int) -> touch.Colliders:
     """The colliders of a scene, where they are at the start, for a cloth of so many vertices. Raises InvalidScene for a
     mesh that cannot be read or is not closed.
     """

@@ -21,13 +21,13 @@ from clothfit.base import memory
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import human
-from clothfit.engine import prescribed
+from clothfit.engine import equilibrium, prescribed
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, work_of
 from clothfit.engine.solve.guess import Past
 from clothfit.engine.step import implicit
-from clothfit.engine.system import BDF2, System
+from clothfit.engine.system import BDF2, System, rests
 from clothfit.kernels.work import counted
 
 SHORTEST_PART = 16
@@ -97,6 +97,12 @@ class Tape:
         x, v = system.x0, system.v0
         self._kept = {0: Snapshot(0, x, v, x, v, False, -np.inf, deepcopy(self._work.past))}
 
+    @property
+    def shape(self) -> Array:
+        """The positions (n, 3), m, after the last step of the part in memory."""
+        assert self._held is not None
+        return self._held.after.x
+
     def forward(self) -> Iterator[Rollout]:
         """All parts from the start; each is valid until the next is taken. Where the motion diverges, the last part
         ends before the step that is not good.
@@ -154,7 +160,9 @@ class Tape:
         part.x[0], part.budget[0] = at.x, at.budget
         self._held = None  # an interrupt may come
         work = self._work._replace(past=deepcopy(at.past))
-        if self.forms is None:
+        if rests(self.system):
+            good = equilibrium.fill(self.system, part)
+        elif self.forms is None:
             good = fill(self.system, self.tolerance, work, part)
         else:
             good = prescribed.fill(self.system, self.forms, self.tolerance, work, part)

@@ -19,7 +19,7 @@ from clothfit.derivative.adjoint import Observer
 from clothfit.engine.inputs.sampling import Axes, axes
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty, state_bytes
-from clothfit.engine.system import System, meets_itself, mobile, with_elements
+from clothfit.engine.system import System, meets_itself, mobile, rests, with_elements
 from clothfit.engine.tape import Plan, Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Comparison
@@ -130,6 +130,7 @@ class Recent:
         touching = any(meets_itself(run.system) for run in runs)  # what touches is not counted
         self._small = not touching and KEPT * sum(needed.values()) <= min(BYTES, SHARE * memory)
         self._kept: dict[tuple[int, int], dict[bytes, tuple[System, Tape]]] = {key: {} for key in needed}
+        self._shapes: dict[tuple[int, int], Array] = {}  # (n, 3) m, the last ones at rest, near which the next ones are
 
     def has(self, run: Run, p: Array) -> bool:
         """Whether the motion of p (P,) is kept."""
@@ -147,9 +148,13 @@ class Recent:
         kept, key = self._kept[run.cloth, run.experiment], key_of(p)
         if key not in kept:  # a tape that holds all states, and nothing yet
             system, steps = run.changed(p), max(run.steps, 1)
+            if rests(system):
+                system = system._replace(x0=self._shapes.get((run.cloth, run.experiment), system.x0))
             kept[key] = system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)), run.forms)
         system, tape = kept.pop(key)
         shown(run, tape, observers)
+        if rests(system):
+            self._shapes[run.cloth, run.experiment] = tape.shape
         kept[key] = system, tape
         while len(kept) > KEPT:
             del kept[next(iter(kept))]
