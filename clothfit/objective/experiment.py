@@ -91,10 +91,11 @@ def flagged_as(scene: Scene, main: Scene) -> Scene:
 
 def check_same_sizes(scene: Scene, main: Scene) -> None:
     """Raise InvalidInput unless the objects of both scenes have the same numbers of vertices and springs, and the
-    scenes as many of what is fitted of them.
+    scenes as many of what is fitted of them. Scenes at rest may have objects of other meshes.
     """
     own, wanted = ([(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main))
-    if own != wanted:
+    meshes = {scene.method, main.method} == {REST} and len(own) == len(wanted)  # shapes at rest of one fabric
+    if own != wanted and not meshes:
         raise InvalidInput(f"{scene.name}: its objects have {in_words(own)}, those of {main.name} {in_words(wanted)}")
     for block in (each for each in main.blocks if each.cloth is None or each.kind.of == "key"):
         values = np.shape(getattr(scene if block.cloth is None else scene.cloths[block.cloth], block.name))

@@ -40,7 +40,7 @@ from clothfit.objective.run import Recent, Run, at_rest, seen_in, still
 from clothfit.objective.running_cost import KeptStates, running_cost
 from clothfit.objective.target import first_step, target, without_start
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import acting, changes, check_shape, extra_kinds, fitted_cloths, parameters
+from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene, check_is_scene
 
@@ -346,7 +346,7 @@ class Objective:
         """
         solved = self.tolerance if tolerance is None else tolerance
         grad = adjoint.gradient(system, memory, by_position, solved, extra_kinds(self.scene, run.cloth))
-        for block, part in acting(self.scene, run.cloth):
+        for block, part in run.acting:
             gradient[block.part] += block.reduce(getattr(grad, block.name)[part], p)
 
     def remedies(self, p: Array) -> Fallbacks:
