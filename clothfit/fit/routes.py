@@ -39,8 +39,9 @@ from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Budget, Status, Stop
+from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import of_kinds, parameters, with_parameters
-from clothfit.scene.kinds import KIND
+from clothfit.scene.kinds import KIND, REST
 from clothfit.scene.scene import Scene
 from clothfit.strategy import auto, continuation, few_values, frame_blocks, ladder, step_choice
 from clothfit.strategy.continuation import with_substeps
@@ -56,6 +57,9 @@ from clothfit.strategy.trajectory_fit import (
     is_far,
     is_near,
 )
+
+TRIALS = (1.0, 0.25, 0.5, 2.0, 4.0)
+"""Factors on the bending of the start that are tried where shadows are compared."""
 
 CHOICE = 0.7
 """Share of the time of a fit that the choice of its model may take, with that of the step."""
@@ -527,6 +531,31 @@ def from_other_points(fit: Fitting) -> Status:
     return auto.ended(fit.search)
 
 
+def throws_shadow(objective: Objective) -> bool:
+    """Whether nothing but the shadows of cloths at rest is compared."""
+    return objective.scene.method == REST and set(objective.weights) <= {"outline", "coverage"}
+
+
+def by_shadow(fit: Fitting) -> Status:
+    """Gauss–Newton from the best of some bending stiffnesses: with those far from the truth a drape has other folds,
+    and its shadow says little of the way.
+    """
+    search = fit.search
+    bends = np.concatenate([shares_of_bending(block) for block in search.objective.blocks])
+    trials = [search.coordinates.clipped(search.start * factor**bends) for factor in TRIALS]
+    costs = [search.visit(p) for p in trials]
+    best = trials[int(np.argmin(costs))]
+    return by_gauss_newton(search, best, best, fit.tau)
+
+
+def shares_of_bending(block: Block) -> Array:
+    """Which factors (count,) of a block, 1 or 0, are on the stiffness of bending springs, or of all."""
+    if block.name != "stiffness" or block.factors is None:
+        return np.zeros(block.count)
+    own = [float(name == "all" or name.startswith("bending")) for name in block.factors.names]
+    return np.repeat(own, block.factors.modes)
+
+
 ROUTES = (
     Route("as it ended",
           lambda fit: fit.state is not None and fit.state.status in (Status.CONVERGED, Status.STALLED), as_it_ended),
@@ -535,6 +564,7 @@ ROUTES = (
     Route("SciPy", lambda fit: fit.options.method in METHODS, lambda fit: minimise(fit.search, fit.options.method)),
     Route("momentum alone", lambda fit: fit.options.method == "momentum", by_momentum_alone),
     Route("going on", was_descending, going_on),
+    Route("shadow", lambda fit: fit.options.method == "gauss-newton" and throws_shadow(fit.search.objective), by_shadow),
     Route("Gauss–Newton alone", lambda fit: fit.options.method == "gauss-newton",
           lambda fit: by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)),
     Route("models left", lambda fit: fit.wanted is not None or bool(fit.state and fit.state.rungs), by_models_left),
