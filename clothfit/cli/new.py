@@ -61,9 +61,10 @@ OF_MESHES = ("cloth", "collider", "pins_from", "scale", "up", "handedness", "wel
 class Asked:
     """The options as they are given; None or empty where one is not."""
 
-    size: str | None = given("--size W[xH]", "Size of the plane in m, of a strip length and width, of a drape the diameters of "
-        "the disc and of what holds it.  [default: 1, 0.15x0.025, 0.3x0.05, 0.3x0.18]", title="A plane or a specimen")
-    divisions: int | None = given("--divisions N", "Give the longer side N + 2 vertices.  [default: 10, of specimens 22]",
+    size: str | None = given("--size W[xH]", "Size of the plane in m; length and width of a strip; diameters of a disc "
+        "and of what holds it.  [default: 1; drape 0.3x0.18, cantilever 0.15x0.025, strip 0.3x0.05]",
+        title="A plane or a specimen")
+    divisions: int | None = given("--divisions N", "Give the longer side N + 2 vertices.  [default: 10 or 20]",
         click.IntRange(0))
     upright: bool = given("--upright", "Make the plane stand instead of lie.")
     cloth: tuple[str, ...] = given("--cloth NAME", "Mesh of the file that is the cloth; each is an object.  [default: "

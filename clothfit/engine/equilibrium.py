@@ -2,8 +2,8 @@
 
 A step of endless length that moves nothing ends at rest: with h → ∞ and v = 0 the implicit step (`step.implicit`) asks
 for f(x) = 0 alone, A/h² → −K, the tangent stiffness. So a cloth at rest is a motion whose steps stay where they are, of
-a system without damping and with the time step `system.ENDLESS`. The derivatives of an implicit step are then, by the implicit
-function theorem, those of the shape,
+a system without damping and with the time step `system.ENDLESS`. The derivatives of an implicit step are then, by the
+implicit function theorem, those of the shape,
 
     K dx/dp = −∂f/∂p,
 
@@ -12,8 +12,8 @@ not matter. M/h² is far below the rounding of K.
 
 The shape itself is found by Newton's method, with the same steps: (M/h² − K) d = f. The step h grows while the energy
 falls as it should and shrinks where it does not, as in pseudo-transient continuation (C. T. Kelley, D. E. Keyes,
-Convergence analysis of pseudo-transient continuation, SIAM J. Numer. Anal. 35, 1998). Where −K is not positive definite
-on the way, it is taken clamped (`forces.springs`). A shape that is no minimum is left along its lowest mode.
+Convergence analysis of pseudo-transient continuation, SIAM J. Numer. Anal. 35, 1998). A shape that is no minimum is
+left along its lowest mode. Cloths have many shapes at rest, and which one is found depends on where the search begins.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.engine.forces import total, vertex
 from clothfit.engine.rollout import DIRECT_WORK, Rollout
 from clothfit.engine.solve import linear, sparse
@@ -29,10 +29,12 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import ENDLESS, System
 from clothfit.kernels.kernel import kernel
 
-FIRST = 0.1
-"""The longest step, s, after one that failed."""
+FIRST, CLOSE = 0.03, 0.3
+"""The first step, s, and the longest one after one that failed; forces, relative to the weights, up to which the first
+one is endless.
+"""
 
-GROW, SHRINK = 2.0, 0.3
+GROW, SHRINK = 1.4, 0.3
 """Factors of the step after one that lowers the energy, and after one that does not."""
 
 MOST = 2000
@@ -43,6 +45,9 @@ DONE, NEAR = 1e-12, 1e-6
 
 ENOUGH, GOOD = 0.05, 0.8
 """Share of the energy that Newton's model promises which a step needs, and above which the next one is longer."""
+
+PULLS = (60.0, 25.0, 10.0)
+"""Frequencies, rad/s, of springs that hold the hem of a shape from which a search begins."""
 
 KICK, LOOKS = 0.02, 5
 """How far a shape that is no minimum is moved along its lowest mode, in lengths of springs; and how often, at most."""
@@ -72,11 +77,33 @@ def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:
     return search.x, False, search.solves
 
 
+def let_go(system: System, shape: Array) -> Array:
+    """A shape (n, 3), m, near the given one, which need not be at rest nor unstrained: its hem is held over where it
+    is, more and more weakly, so that its folds stay.
+    """
+    search = _Search(system, shape)
+    for pull in PULLS:
+        search.pull = pull
+        search.descend()
+    return search.x
+
+
+def hem(system: System) -> Flags:
+    """The vertices (n,) of sides of one triangle alone."""
+    sides = np.sort(system.faces.corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    each, count = np.unique(sides, axis=0, return_counts=True)
+    found = np.zeros(len(system.x0), bool)
+    found[each[count == 1]] = True
+    return found
+
+
 class _Search:
     """A search for a minimum of the energy."""
 
     def __init__(self, system: System, start: Array) -> None:
         self.system, self.work, self.x, self.solves = system, implicit.workspace(system), np.array(start), 0
+        self.pull, self.start = 0.0, np.array(start)
+        self.held = np.where(hem(system), system.vertex.mass, 0.0)
         self.rest, self.free = np.zeros_like(self.x), np.flatnonzero(system.vertex.free)
         weight = system.vertex.mass[self.free, None] * system.vertex.gravity
         pull = 1e-9 * system.springs.stiffness @ system.springs.rest / max(len(system.springs.rest), 1)
@@ -86,11 +113,17 @@ class _Search:
         """The forces on the free vertices (m, 3), N; A of that step is left in the workspace."""
         form = self.system._replace(h=h)
         implicit.assemble(form, x, self.rest, False, self.work.A, self.work.b)
+        if self.pull:
+            held = self.pull**2 * self.held
+            for axis, place in ((0, sparse.XX), (2, sparse.ZZ)):
+                self.work.A.diagonal[: len(held), place] += h * h * held
+                self.work.b[:, axis] -= h * held * (x - self.start)[:, axis]
         return np.asarray(self.work.b[self.free] / h)
 
     def energy(self, x: Array) -> float:
         """The energy of springs, colliders and weight, J."""
-        return float(stored(self.system, x))
+        held = 0.5 * self.pull**2 * self.held @ ((x - self.start)[:, [0, 2]] ** 2).sum(axis=1)
+        return float(stored(self.system, x) + held)
 
     def step(self, h: float) -> Array:
         """d (m, 3) of the assembled step; NaN where A is singular."""
@@ -105,7 +138,8 @@ class _Search:
 
     def descend(self) -> bool:
         """Go to where the forces are 0; whether they are."""
-        h, energy, f = ENDLESS, self.energy(self.x), self.force(self.x)
+        energy, f = self.energy(self.x), self.force(self.x)
+        h = ENDLESS if np.linalg.norm(f) < CLOSE * self.scale else FIRST
         for _ in range(MOST):
             size = float(np.linalg.norm(f))
             if not np.isfinite(size):
@@ -160,6 +194,6 @@ class _Search:
 
 
 @kernel
-def stored(system, x):
+def stored(system: System, x: Array) -> float:
     """The energy of springs, colliders and weight at x (n, 3), J."""
-    return total.stored_energy(system, x, x) + vertex.energy(system.vertex, x)
+    return float(total.stored_energy(system, x, x) + vertex.energy(system.vertex, x))

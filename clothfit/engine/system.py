@@ -79,8 +79,8 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
             np.array(cloth.springs), cloth.rest, cloth.stiffness, numbers(layers, "damping"), slot, own.spring
         ),
         faces=faces.build(
-            np.array(cloth.triangles), numbers(layers, "drag"), scene.wind, air or cloth.mode("drag") != "n" or scene.method == REST,
-            cloth.drag_law == AIR, own.face
+            np.array(cloth.triangles), numbers(layers, "drag"), scene.wind,
+            air or cloth.mode("drag") != "n" or scene.method == REST, cloth.drag_law == AIR, own.face
         ),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
         colliders=touched and touch.released(touched, points, x0),

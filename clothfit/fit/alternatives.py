@@ -159,7 +159,7 @@ class Alternatives:
 
 def alternatives(search: Search) -> Alternatives | None:
     """What else could explain the target at the best point of a search; None where positions are not what is compared,
-    axes move, the cloth is at rest, or values over time are fitted, where it would take long, and where the motion diverges.
+    axes move, the cloth is at rest, values over time are fitted, it would take long, or the motion diverges.
     """
     objective, given = search.objective, search.objective.experiments
     if objective.scene.method == REST:

@@ -267,7 +267,8 @@ def at_rest(options: FitOptions) -> FitOptions:
     given = {
         "substeps": options.substeps is not None, "windows": options.windows is not None, "fit_time": options.fit_time,
         "fit_placement": options.fit_placement, "fit_scale": options.fit_scale, "fit auto": options.auto,
-        "model auto": options.model == AUTO, "holdout of frames": bool(options.holdout) and options.holdout_of == HOLDOUTS[0],
+        "model auto": options.model == AUTO,
+        "holdout of frames": bool(options.holdout) and options.holdout_of == HOLDOUTS[0],
         "method momentum": options.method == "momentum",
     }  # fmt: skip
     for name in (name for name, is_given in given.items() if is_given):

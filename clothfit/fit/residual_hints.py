@@ -130,7 +130,8 @@ def with_residual_hints(found: Fit, objective: Objective) -> Fit:
     if found.verdict is None or not found.verdict.differs or list(objective.weights) != ["position"]:
         return found
     said, more = {hint.code for hint in found.hints}, list[Hint]()
-    framed = objective.scene.method == REST or any(each.scene.frame for each in objective.experiments)  # the others know axes that stand still
+    # the others know axes that stand still, and times
+    framed = objective.scene.method == REST or any(each.scene.frame for each in objective.experiments)
     looks: list[Callable[..., Iterable[Hint]]] = [from_exchange]
     if not framed and found.windows is None:
         looks.append(from_registration)

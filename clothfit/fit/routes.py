@@ -58,8 +58,11 @@ from clothfit.strategy.trajectory_fit import (
     is_near,
 )
 
-TRIALS = (1.0, 0.25, 0.5, 2.0, 4.0)
-"""Factors on the bending of the start that are tried where shadows are compared."""
+TRIALS = ((1.0, 0.25, 0.5, 2.0, 4.0), (0.7, 0.84, 1.19, 1.41), (0.95, 1.05))
+"""Factors on the bending of the start, then of the best of these, that are tried where shadows are compared."""
+
+FABRICS = 0.2
+"""Standard deviation of the logarithms of factors around those of a fabric, where a shadow alone shows them."""
 
 CHOICE = 0.7
 """Share of the time of a fit that the choice of its model may take, with that of the step."""
@@ -542,10 +545,13 @@ def by_shadow(fit: Fitting) -> Status:
     """
     search = fit.search
     bends = np.concatenate([shares_of_bending(block) for block in search.objective.blocks])
-    trials = [search.coordinates.clipped(search.start * factor**bends) for factor in TRIALS]
-    costs = [search.visit(p) for p in trials]
-    best = trials[int(np.argmin(costs))]
-    return by_gauss_newton(search, best, best, fit.tau)
+    best, least = search.start, np.inf
+    for factors in TRIALS:
+        trials = [search.coordinates.clipped(best * factor**bends) for factor in factors]
+        costs = [search.visit(p) for p in trials]
+        if min(costs) < least:
+            best, least = trials[int(np.argmin(costs))], min(costs)
+    return by_gauss_newton(search, best, best, FABRICS if fit.tau is None else fit.tau)
 
 
 def shares_of_bending(block: Block) -> Array:
@@ -564,7 +570,8 @@ ROUTES = (
     Route("SciPy", lambda fit: fit.options.method in METHODS, lambda fit: minimise(fit.search, fit.options.method)),
     Route("momentum alone", lambda fit: fit.options.method == "momentum", by_momentum_alone),
     Route("going on", was_descending, going_on),
-    Route("shadow", lambda fit: fit.options.method == "gauss-newton" and throws_shadow(fit.search.objective), by_shadow),
+    Route("shadow", lambda fit: fit.options.method == "gauss-newton" and throws_shadow(fit.search.objective),
+          by_shadow),
     Route("Gauss–Newton alone", lambda fit: fit.options.method == "gauss-newton",
           lambda fit: by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)),
     Route("models left", lambda fit: fit.wanted is not None or bool(fit.state and fit.state.rungs), by_models_left),

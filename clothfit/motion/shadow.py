@@ -38,12 +38,14 @@ def shadow_target(scene: Scene, outline: Array | None = None, coefficient: float
     else:
         radius = _radii(np.asarray(outline, float) - centre[[0, 2]], angle)
         if not (radius.min() > 0.5 * held and radius.max() < 1.05 * rim):
-            raise InvalidInput(f"the outline is {radius.min():.3g} to {radius.max():.3g} m from the middle of {scene.name}"
-                               f", which is held within {held:.3g} m and ends at {rim:.3g} m")  # fmt: skip
+            ends = f"{radius.min():.3g} to {radius.max():.3g} m"
+            raise InvalidInput(f"the outline is {ends} from the middle of {scene.name}, which is held within "
+                               f"{held:.3g} m and ends at {rim:.3g} m")  # fmt: skip
     beyond = np.maximum(away - held, 0.0)
     inward = np.clip((radius - held) / (rim - held), -0.99, 1.0)
+    share = (np.minimum(away, held) + inward * beyond) / np.maximum(away, 1e-300)
     shape = np.array(cloth.positions)
-    shape[:, [0, 2]] = centre[[0, 2]] + flat * ((np.minimum(away, held) + inward * beyond) / np.maximum(away, 1e-300))[:, None]
+    shape[:, [0, 2]] = centre[[0, 2]] + flat * share[:, None]
     shape[:, 1] -= beyond * np.sqrt(1.0 - inward**2)
     positions = np.stack([cloth.positions, shape])
     return Motion(positions, np.array([0.0, scene.delta]), scene.vertex_counts, np.zeros(positions.shape[:2], bool),

@@ -415,7 +415,7 @@ class Outline:
         """Jᵀ r (F, n, 3)."""
         out, (_, frame, vertex, by) = np.zeros_like(s), self._values(s)
         for k, axis in enumerate((0, 2)):
-            np.add.at(out, (frame, vertex, axis), r * by[..., k])
+            np.add.at(out[..., axis], (frame, vertex), r * by[..., k])
         return out
 
     def jacobian(self, s: Array) -> csr_array:

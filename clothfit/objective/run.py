@@ -16,6 +16,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.adjoint import Observer
+from clothfit.engine.equilibrium import let_go, shape_from
 from clothfit.engine.inputs.sampling import Axes, axes
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty, state_bytes
@@ -116,7 +117,7 @@ def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:
 KEPT = 2
 """Motions of each run: that of a trial and that of the point it is compared with."""
 
-ALIKE = 0.4
+ALIKE = 0.15
 """Relative difference of values up to which the shape at rest of the one is near that of the other."""
 
 BYTES, SHARE = 16_000_000, 0.05
@@ -172,7 +173,13 @@ class Recent:
         found = self._found[run.cloth, run.experiment]
         away = [float((np.abs(p - other) / np.maximum(np.abs(other), 1e-300)).max(initial=0.0)) for other, _ in found]
         least = int(np.argmin(away)) if found else 0
-        return found[least][1] if found and away[least] < ALIKE else self._first[run.cloth, run.experiment]
+        if found and away[least] < ALIKE:
+            return found[least][1]
+        first, system, goal = self._first[run.cloth, run.experiment], run.changed(p), run.comparison
+        if first is run.system.x0 or "position" in goal.scales:
+            return first
+        shapes = [shape_from(system, start)[0] for start in (system.x0, let_go(system, first))]
+        return min(shapes, key=lambda shape: goal.cost_of(np.tile(shape, (len(goal.goal.step), 1, 1))))
 
 
 def first_shape(run: Run) -> Array:
@@ -181,7 +188,9 @@ def first_shape(run: Run) -> Array:
     """
     x0, goal = run.system.x0, run.comparison.goal
     last = goal.positions[-1] if len(goal.positions) and list(run.comparison.scales) != ["coverage"] else x0
-    return np.where(run.system.vertex.free[:, None], last, x0) if np.isfinite(last).all() else x0
+    if last is x0 or not np.isfinite(last).all():
+        return x0
+    return np.where(run.system.vertex.free[:, None], last, x0)
 
 
 def key_of(p: Array) -> bytes:
