@@ -34,6 +34,7 @@ from clothfit.fit.options import AUTO, LONGEST, LONGEST_OVER_TIME, FitOptions
 from clothfit.fit.preparation import counts_of
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
+from clothfit.objective.target import sample
 from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.scipy_methods import METHODS, minimise
@@ -58,8 +59,10 @@ from clothfit.strategy.trajectory_fit import (
     is_near,
 )
 
-TRIALS = ((1.0, 0.25, 0.5, 2.0, 4.0), (0.7, 0.84, 1.19, 1.41), (0.95, 1.05))
-"""Factors on the bending of the start, then of the best of these, that are tried where shadows are compared."""
+SOFTEST, HALVINGS, AROUND = 0.1, 8, (1.0, 0.86, 0.9, 0.95, 1.05, 1.11, 1.16)
+"""Where shadows are compared: the least factor on the bending of the start, how often its range (and that of the
+inverse) is halved to find the size of the shadow, and factors on what is found that are tried against its outline.
+"""
 
 FABRICS = 0.2
 """Standard deviation of the logarithms of factors around those of a fabric, where a shadow alone shows them."""
@@ -540,17 +543,25 @@ def throws_shadow(objective: Objective) -> bool:
 
 
 def by_shadow(fit: Fitting) -> Status:
-    """Gauss–Newton from the best of some bending stiffnesses: with those far from the truth a drape has other folds,
-    and its shadow says little of the way.
+    """Gauss–Newton from the bending stiffness of which shadows are as large as those of the target, or from the best of
+    those around it: with one far from the truth a drape has other folds, and its outline says little of the way.
     """
-    search = fit.search
-    bends = np.concatenate([shares_of_bending(block) for block in search.objective.blocks])
-    best, least = search.start, np.inf
-    for factors in TRIALS:
-        trials = [search.coordinates.clipped(best * factor**bends) for factor in factors]
-        costs = [search.visit(p) for p in trials]
-        if min(costs) < least:
-            best, least = trials[int(np.argmin(costs))], min(costs)
+    search, objective = fit.search, fit.search.objective
+    bends = np.concatenate([shares_of_bending(block) for block in objective.blocks])
+    size = Objective(objective.scene, objective.experiments, objective.tolerance, objective="coverage")
+
+    def at(factor: float) -> Array:
+        return np.asarray(search.coordinates.clipped(search.start * factor**bends))
+
+    low, high = SOFTEST, 1.0 / SOFTEST
+    for _ in range(HALVINGS):
+        middle = np.sqrt(low * high)
+        larger = sum(run.comparison.residual_of(sample(run.comparison.goal, x)).sum()
+                     for run, x in zip(size.runs, size.positions(at(float(middle))), strict=True))  # fmt: skip
+        low, high = (low, middle) if larger > 0 else (middle, high)
+    around = AROUND if "outline" in objective.weights else (1.0,)
+    trials = [search.start, *(at(float(np.sqrt(low * high)) * factor) for factor in around)]
+    best = trials[int(np.argmin([search.visit(p) for p in trials]))]
     return by_gauss_newton(search, best, best, FABRICS if fit.tau is None else fit.tau)
 
 

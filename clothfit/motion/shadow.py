@@ -36,7 +36,7 @@ def shadow_target(scene: Scene, outline: Array | None = None, coefficient: float
             raise InvalidInput(f"the drape coefficient must be between 0 and 1; {coefficient:g} was given")
         radius = np.full(len(flat), np.sqrt(held**2 + coefficient * (rim**2 - held**2)))
     else:
-        radius = _radii(np.asarray(outline, float) - centre[[0, 2]], angle)
+        radius = _radii(np.asarray(outline, float), centre[[0, 2]], angle)
         if not (radius.min() > 0.5 * held and radius.max() < 1.05 * rim):
             ends = f"{radius.min():.3g} to {radius.max():.3g} m"
             raise InvalidInput(f"the outline is {ends} from the middle of {scene.name}, which is held within "
@@ -52,10 +52,12 @@ def shadow_target(scene: Scene, outline: Array | None = None, coefficient: float
                   "shadow")  # fmt: skip
 
 
-def _radii(points: Array, angle: Array) -> Array:
-    """How far a polygon (N, 2) around the origin is from it in the directions of some angles (n,)."""
+def _radii(points: Array, centre: Array, angle: Array) -> Array:
+    """How far a polygon (N, 2) around a centre is from it in the directions of some angles (n,). Raises InvalidInput.
+    """
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 8 or not np.isfinite(points).all():
         raise InvalidInput(f"an outline has at least 8 points (N, 2); one of shape {points.shape} was given")
+    points = points - centre
     own, far = np.arctan2(points[:, 1], points[:, 0]), np.hypot(*points.T)
     order = np.argsort(own)
     return np.asarray(np.interp(angle, own[order], far[order], period=2 * np.pi))
