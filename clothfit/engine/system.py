@@ -90,10 +90,10 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
         contact=surface and pairs.none(surface),
         applied=applied.build(*tables.pushed_and_pulled(inputs)) if inputs else None,
     )
-    return at_rest(scene, made) if scene.method == REST else made
+    return timeless(scene, made) if scene.method == REST else made
 
 
-def at_rest(scene: Scene, system: System) -> System:
+def timeless(scene: Scene, system: System) -> System:
     """The system whose steps end at rest. Raises InvalidScene where the scene has what moves."""
     moving = {
         "wind": bool(scene.wind.any()) or scene.mode("wind") != "n", "inputs over time": scene.moves,
@@ -165,10 +165,10 @@ def of_the_world(
     """
     if not (whole or scene.changes or cloth.pins or scene.colliders or scene.self_contact or scene.forces):
         return None, None
-    return sampling.build(scene, cloth, steps), colliders_of(scene, len(cloth.mass))
+    return sampling.build(scene, cloth, steps), at_rest(scene, len(cloth.mass))
 
 
-def colliders_of(scene: Scene, count: int) -> touch.Colliders:
+def at_rest(scene: Scene, count: int) -> touch.Colliders:
     """The colliders of a scene, where they are at the start, for a cloth of so many vertices. Raises InvalidScene for a
     mesh that cannot be read or is not closed.
     """
