@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array
 from clothfit.engine.forces import total, vertex
 from clothfit.engine.rollout import DIRECT_WORK, Rollout
 from clothfit.engine.solve import linear, sparse
@@ -45,9 +45,6 @@ DONE, NEAR = 1e-12, 1e-6
 
 ENOUGH, GOOD = 0.05, 0.8
 """Share of the energy that Newton's model promises which a step needs, and above which the next one is longer."""
-
-PULLS = (60.0, 25.0, 10.0)
-"""Frequencies, rad/s, of springs that hold the hem of a shape from which a search begins."""
 
 KICK, LOOKS = 0.02, 5
 """How far a shape that is no minimum is moved along its lowest mode, in lengths of springs; and how often, at most."""
@@ -77,33 +74,11 @@ def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:
     return search.x, False, search.solves
 
 
-def let_go(system: System, shape: Array) -> Array:
-    """A shape (n, 3), m, near the given one, which need not be at rest nor unstrained: its hem is held over where it
-    is, more and more weakly, so that its folds stay.
-    """
-    search = _Search(system, shape)
-    for pull in PULLS:
-        search.pull = pull
-        search.descend()
-    return search.x
-
-
-def hem(system: System) -> Flags:
-    """The vertices (n,) of sides of one triangle alone."""
-    sides = np.sort(system.faces.corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    each, count = np.unique(sides, axis=0, return_counts=True)
-    found = np.zeros(len(system.x0), bool)
-    found[each[count == 1]] = True
-    return found
-
-
 class _Search:
     """A search for a minimum of the energy."""
 
     def __init__(self, system: System, start: Array) -> None:
         self.system, self.work, self.x, self.solves = system, implicit.workspace(system), np.array(start), 0
-        self.pull, self.start = 0.0, np.array(start)
-        self.held = np.where(hem(system), system.vertex.mass, 0.0)
         self.rest, self.free = np.zeros_like(self.x), np.flatnonzero(system.vertex.free)
         weight = system.vertex.mass[self.free, None] * system.vertex.gravity
         pull = 1e-9 * system.springs.stiffness @ system.springs.rest / max(len(system.springs.rest), 1)
@@ -113,17 +88,11 @@ class _Search:
         """The forces on the free vertices (m, 3), N; A of that step is left in the workspace."""
         form = self.system._replace(h=h)
         implicit.assemble(form, x, self.rest, False, self.work.A, self.work.b)
-        if self.pull:
-            held = self.pull**2 * self.held
-            for axis, place in ((0, sparse.XX), (2, sparse.ZZ)):
-                self.work.A.diagonal[: len(held), place] += h * h * held
-                self.work.b[:, axis] -= h * held * (x - self.start)[:, axis]
         return np.asarray(self.work.b[self.free] / h)
 
     def energy(self, x: Array) -> float:
         """The energy of springs, colliders and weight, J."""
-        held = 0.5 * self.pull**2 * self.held @ ((x - self.start)[:, [0, 2]] ** 2).sum(axis=1)
-        return float(stored(self.system, x) + held)
+        return float(stored(self.system, x))
 
     def step(self, h: float) -> Array:
         """d (m, 3) of the assembled step; NaN where A is singular."""

@@ -59,9 +59,10 @@ from clothfit.strategy.trajectory_fit import (
     is_near,
 )
 
-SOFTEST, HALVINGS, AROUND = 0.1, 8, (1.0, 0.86, 0.9, 0.95, 1.05, 1.11, 1.16)
+SOFTEST, HALVINGS, AROUND = 0.1, 8, np.exp(np.linspace(-0.2, 0.2, 17)).tolist()
 """Where shadows are compared: the least factor on the bending of the start, how often its range (and that of the
-inverse) is halved to find the size of the shadow, and factors on what is found that are tried against its outline.
+inverse) is halved to find the size of the shadow, and factors on what is found that are tried against its outline: a
+few percent change the folds.
 """
 
 FABRICS = 0.2
@@ -559,7 +560,7 @@ def by_shadow(fit: Fitting) -> Status:
         larger = sum(run.comparison.residual_of(sample(run.comparison.goal, x)).sum()
                      for run, x in zip(size.runs, size.positions(at(float(middle))), strict=True))  # fmt: skip
         low, high = (low, middle) if larger > 0 else (middle, high)
-    around = AROUND if "outline" in objective.weights else (1.0,)
+    around = AROUND if "outline" in objective.weights else [1.0]
     trials = [search.start, *(at(float(np.sqrt(low * high)) * factor) for factor in around)]
     best = trials[int(np.argmin([search.visit(p) for p in trials]))]
     return by_gauss_newton(search, best, best, FABRICS if fit.tau is None else fit.tau)

@@ -16,7 +16,6 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.adjoint import Observer
-from clothfit.engine.equilibrium import let_go, shape_from
 from clothfit.engine.inputs.sampling import Axes, axes
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty, state_bytes
@@ -117,7 +116,7 @@ def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:
 KEPT = 2
 """Motions of each run: that of a trial and that of the point it is compared with."""
 
-ALIKE = 0.15
+ALIKE = 0.01
 """Relative difference of values up to which the shape at rest of the one is near that of the other."""
 
 BYTES, SHARE = 16_000_000, 0.05
@@ -175,19 +174,15 @@ class Recent:
         least = int(np.argmin(away)) if found else 0
         if found and away[least] < ALIKE:
             return found[least][1]
-        first, system, goal = self._first[run.cloth, run.experiment], run.changed(p), run.comparison
-        if first is run.system.x0 or "position" in goal.scales:
-            return first
-        shapes = [shape_from(system, start)[0] for start in (system.x0, let_go(system, first))]
-        return min(shapes, key=lambda shape: goal.cost_of(np.tile(shape, (len(goal.goal.step), 1, 1))))
+        return self._first[run.cloth, run.experiment]
 
 
 def first_shape(run: Run) -> Array:
-    """Where the search for the shape of a cloth at rest begins (n, 3), m: the target, where that has all vertices, so
+    """Where the search for the shape of a cloth at rest begins (n, 3), m: the target, where that shows all vertices, so
     that the folds are the same; else the start.
     """
     x0, goal = run.system.x0, run.comparison.goal
-    last = goal.positions[-1] if len(goal.positions) and list(run.comparison.scales) != ["coverage"] else x0
+    last = goal.positions[-1] if len(goal.positions) and "position" in run.comparison.scales else x0
     if last is x0 or not np.isfinite(last).all():
         return x0
     return np.where(run.system.vertex.free[:, None], last, x0)
