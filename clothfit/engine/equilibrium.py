@@ -23,7 +23,6 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import total, vertex
-from clothfit.engine.rollout import DIRECT_WORK, Rollout
 from clothfit.engine.solve import linear, sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import ENDLESS, System
@@ -48,16 +47,6 @@ ENOUGH, GOOD = 0.05, 0.8
 
 KICK, LOOKS = 0.02, 5
 """How far a shape that is no minimum is moved along its lowest mode, in lengths of springs; and how often, at most."""
-
-
-def fill(system: System, part: Rollout) -> int:
-    """Write the shape that is found from x[0] to all states of a part; returns how many of its steps are good."""
-    shape, found, solves = shape_from(system, part.x[0])
-    part.x[:] = shape
-    part.w[:] = 0.0
-    part.used[:], part.solves[:] = 1, [DIRECT_WORK * solves, 0]
-    part.theta[:], part.clamped[:], part.euler[:], part.early[:], part.hit[:] = 1.0, False, False, False, False
-    return part.steps if found else 0
 
 
 def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:

@@ -21,13 +21,13 @@ from clothfit.base import memory
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import human
-from clothfit.engine import equilibrium, prescribed
+from clothfit.engine import prescribed
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, work_of
 from clothfit.engine.solve.guess import Past
 from clothfit.engine.step import implicit
-from clothfit.engine.system import BDF2, System, rests
+from clothfit.engine.system import BDF2, System
 from clothfit.kernels.work import counted
 
 SHORTEST_PART = 16
@@ -160,9 +160,7 @@ class Tape:
         part.x[0], part.budget[0] = at.x, at.budget
         self._held = None  # an interrupt may come
         work = self._work._replace(past=deepcopy(at.past))
-        if rests(self.system):
-            good = equilibrium.fill(self.system, part)
-        elif self.forms is None:
+        if self.forms is None:
             good = fill(self.system, self.tolerance, work, part)
         else:
             good = prescribed.fill(self.system, self.forms, self.tolerance, work, part)

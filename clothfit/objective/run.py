@@ -166,7 +166,6 @@ class Recent:
             del kept[next(iter(kept))]
         return system, tape
 
-
     def near(self, run: Run, p: Array) -> Array:
         """Where the search for the shape at rest at p (P,) begins: that found for the nearest p, unless it is far."""
         found = self._found[run.cloth, run.experiment]
@@ -182,10 +181,9 @@ def first_shape(run: Run) -> Array:
     that the folds are the same; else the start.
     """
     x0, goal = run.system.x0, run.comparison.goal
-    last = goal.positions[-1] if len(goal.positions) and "position" in run.comparison.scales else x0
-    if last is x0 or not np.isfinite(last).all():
+    if "position" not in run.comparison.scales or not goal.observed[-1:].any() or not goal.observed[-1].all():
         return x0
-    return np.where(run.system.vertex.free[:, None], last, x0)
+    return np.where(run.system.vertex.free[:, None], goal.positions[-1], x0)
 
 
 def key_of(p: Array) -> bytes:
