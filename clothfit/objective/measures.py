@@ -381,6 +381,8 @@ class Outline:
         self.goal = self._values(goal.positions)[0]
         self.groups = len(self.goal)
         self.seen = marked(self.edges, len(held))
+        if len(goal.weights):
+            self.weights = np.repeat(goal.weights[self.frames].mean(axis=1), self.groups // max(len(self.frames), 1))
 
     def radii(self, x: Array) -> tuple[Array, Integers, Array]:
         """r (RAYS,) of a state x (n, 3), the ends of the edges that are cut (RAYS, 2), and ∂r by them (RAYS, 2, 2)."""
