@@ -59,7 +59,7 @@ from clothfit.strategy.trajectory_fit import (
     is_near,
 )
 
-SOFTEST, HALVINGS, AROUND = 0.1, 8, np.exp(np.linspace(-0.2, 0.2, 17)).tolist()
+SOFTEST, HALVINGS, AROUND = 0.1, 8, np.exp(np.linspace(-0.36, 0.36, 25)).tolist()
 """Where shadows are compared: the least factor on the bending of the start, how often its range (and that of the
 inverse) is halved to find the size of the shadow, and factors on what is found that are tried against its outline: a
 few percent change the folds.
