@@ -33,11 +33,14 @@ if TYPE_CHECKING:
 @standard_command("estimate")
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
 @section("What to fit to")
-@option("--target MOTION[@SCENE]", "Motion to match, and the scene it was recorded in; may be repeated.  [default: the "
-        "scene's own motion]", name="target_paths", multiple=True)
+@option("--target MOTION[@SCENE]", "Motion to match, and the scene it was recorded in; may be repeated. Of a drape "
+        "also outline=FILE, x and z of its shadow in each line, or coefficient=NUMBER.  [default: the scene's own "
+        "motion]",
+        name="target_paths", multiple=True)
 @motions.forces
-@option("--objective NAME[=WEIGHT]", "Quantity to compare: position, velocity, edge-length or spectrum; may be "
-        "repeated.  [default: position]", name="objectives", multiple=True)
+@option("--objective NAME[=WEIGHT]", "Quantity to compare: position, velocity, edge-length or spectrum; "
+        "of shadows outline or coverage; may be repeated.  [default: position, or what --target shows]",
+        name="objectives", multiple=True)
 @option("--loss NAME", "Loss of a distance: linear, soft_l1 or huber.  [default: linear]", default="linear")
 @option("--loss-scale METRES", "Distances above this count as outliers.  [default: 0.01]", float)
 @option("--fit-time", "Fit the rate and the offset of the target's clock too.")
@@ -140,7 +143,7 @@ def command(
     if tool.simulator:
         return estimate_files.fit_by_simulator(scene_paths, files, tool, substeps, as_given["model"], console)
     options = FitOptions(
-        objective=weights(objectives), intervals=not no_intervals, bounds=bounds_of(bounds),
+        objective=weights(objectives, files.target_paths), intervals=not no_intervals, bounds=bounds_of(bounds),
         substeps=substeps_of(substeps), budget=duration(time_budget, "--budget"), **asked_fit(fits), **as_given,
     )  # fmt: skip
     single = len(scene_paths) == 1 and effort.starts == 1 and effort.cluster is None

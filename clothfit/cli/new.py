@@ -18,7 +18,7 @@ from clothfit.cli.common.options import gathered, given, option, standard_comman
 from clothfit.cli.common.output import SCENE, STREAM, Output, output_for, print_json
 from clothfit.cli.parts import new_shot
 from clothfit.formats.axes import positive
-from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS, INTEGRATORS, LETTERED
+from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS, INTEGRATORS, LETTERED, REST
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Flags, Indices
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from clothfit.scene.cloth import Cloth as SceneCloth
     from clothfit.scene.scene import Scene
 
-UNLIMITED = ("implicit", "bdf2")
+UNLIMITED = ("implicit", "bdf2", "rest")
 """Integrators whose steps nothing limits."""
 
 MOST_NAMED = 12
@@ -50,6 +50,9 @@ CALM, UNKNOWN = 1.0, 5.0
 Corner = tuple[float, ...]
 """Three coordinates, m."""
 
+SPECIMENS = ("drape", "cantilever", "strip")
+"""Stand for the specimens of tests of fabrics (`meshes.specimens`)."""
+
 OF_PLANES = ("size", "divisions", "upright")
 OF_MESHES = ("cloth", "collider", "pins_from", "scale", "up", "handedness", "weld")
 
@@ -58,8 +61,10 @@ OF_MESHES = ("cloth", "collider", "pins_from", "scale", "up", "handedness", "wel
 class Asked:
     """The options as they are given; None or empty where one is not."""
 
-    size: str | None = given("--size W[xH]", "Size of the plane in m.  [default: 1]", title="A plane")
-    divisions: int | None = given("--divisions N", "Give the longer side of the plane N + 2 vertices.  [default: 10]",
+    size: str | None = given("--size W[xH]", "Size of the plane in m; length and width of a strip; diameters of a disc "
+        "and of what holds it.  [default: 1; drape 0.3x0.18, cantilever 0.15x0.025, strip 0.3x0.05]",
+        title="A plane or a specimen")
+    divisions: int | None = given("--divisions N", "Give the longer side N + 2 vertices.  [default: 10 or 20]",
         click.IntRange(0))
     upright: bool = given("--upright", "Make the plane stand instead of lie.")
     cloth: tuple[str, ...] = given("--cloth NAME", "Mesh of the file that is the cloth; each is an object.  [default: "
@@ -108,10 +113,11 @@ class Asked:
     fit: tuple[str, ...] = given("--fit LETTERS|NAME[=L]", "Parameters to fit. Two letters for masses and stiffnesses: "
         "n none, F one factor on what is there, R one per family and region, M a smooth map, G the same for all, L "
         "each its own; or mass, stiffness, damping, drag, velocity, rest, wind, gravity; or auto: the fit chooses.  "
-        "[default: nF]",
+        "[default: nF, of specimens nR]",
         multiple=True, title="Simulation and fit")
-    integrator: str = given("--integrator NAME", "Integrator: bdf2, of second order; or implicit, symplectic or "
-        "explicit, of first order, which the editor in Unity can play.  [default: bdf2]", default="bdf2")
+    integrator: str | None = given("--integrator NAME", "Integrator: bdf2, of second order; implicit, symplectic or "
+        "explicit, of first order, which the editor in Unity can play; or rest, the shape of the cloth at rest.  "
+        "[default: bdf2, of specimens rest]")
     delta: float | None = given("--delta SECONDS", "Time step in s.  [default: that of the file's frames, else 0.02]",
         float)
     fps: float | None = given("--fps F", "Time steps per second, instead of --delta.", float)
@@ -121,12 +127,15 @@ class Asked:
         default=1e-08)
     title: str | None = given("--title TEXT", "Name of the scene.  [default: the file's]", title="What is written")
 
-    def check(self, is_plane: bool) -> None:
-        """Raise UsageError where options do not go together, InvalidInput where a text is none of its option."""
-        for name in OF_MESHES if is_plane else OF_PLANES:
+    def check(self, made: str) -> None:
+        """Raise UsageError where options do not go together, InvalidInput where a text is none of its option; `made` of
+        a plane, a specimen or a mesh.
+        """
+        special = made in SPECIMENS
+        for name in (*OF_MESHES, *(("upright",) if special else ())) if special or made == PLANE else OF_PLANES:
             value = getattr(self, name)
             if value is not None and value is not False and value != ():
-                owners = "meshes from files" if is_plane else "planes"
+                owners = "planes" if name in OF_PLANES else "meshes from files"
                 raise click.UsageError(f"--{name.replace('_', '-')} is for {owners}; leave it out")
         if self.delta is not None and self.fps:
             raise click.UsageError("--delta and --fps say the same; give one of them")
@@ -154,6 +163,13 @@ class Asked:
         from clothfit.fabric.presets import preset
 
         return None if self.fabric is None else preset(self.fabric)
+
+    def of_specimen(self) -> Asked:
+        """The options with the defaults of specimens, which are at rest, in the directions of the fabric."""
+        rests = self.integrator in (None, INTEGRATORS[REST])
+        return replace(self, integrator=self.integrator or INTEGRATORS[REST], fit=self.fit or ("nR",),
+                       frames=self.frames or (2 if rests else None),
+                       divisions=20 if self.divisions is None else self.divisions)  # fmt: skip
 
     def timing(self, times: Array | None) -> tuple[float, int]:
         """The time step, s, and the number of frames, by the times (F,) of a file's frames where it has some."""
@@ -226,7 +242,7 @@ def understood(path: str | None, asked: Asked) -> tuple[str, Asked]:
 
     Raises MissingParameter.
     """
-    path = PLANE if path is not None and path.lower() == PLANE else path
+    path = path.lower() if path is not None and path.lower() in (PLANE, *SPECIMENS) else path
     if path is None and asked.weld and not is_number(asked.weld):
         return asked.weld, replace(asked, weld="")
     if path is None:
@@ -280,15 +296,17 @@ def refuse_text(option: str, text: str, example: str) -> NoReturn:
 
 
 @standard_command("new")
-@click.argument("cloth_path", metavar="plane|MESH", required=False)
+@click.argument("cloth_path", metavar="plane|drape|cantilever|strip|MESH", required=False)
 @gathered("asked", Asked)
 @option("-o --output SCENE", "Scene file.  [default: <stem>.json]", name="path")
 def command(cloth_path: str | None, path: str | None, asked: Asked, console: Console) -> None:
     """Make a scene of a cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …), at the first frame of its
-    motion; other meshes of the file may be what it touches.
+    motion; other meshes of the file may be what it touches. Or of a specimen whose shape at rest shows the fabric: a
+    disc that hangs from a smaller one (drape), a strip that bends over an edge (cantilever) or hangs (strip).
 
     \b
     clothfit new plane --size 7 --fix-side front
+    clothfit new drape --fabric denim
     clothfit new shirt.obj --weld --fix-vertices 0,11,20-30 --fit GG
     clothfit new shot.usdc --cloth Skirt --collider Body --collider Table --fit auto
     clothfit new flag.glb --up z --scale 0.01 --fix-side left --wind 8,0,2 --drag air -o flag.json
@@ -296,11 +314,16 @@ def command(cloth_path: str | None, path: str | None, asked: Asked, console: Con
     --fix-box, --fix-side, --sphere and --fit may be repeated. Coordinates are in the scene's axes: y up, z forward.
     """
     mesh_path, asked = understood(cloth_path, asked)
-    is_plane = mesh_path == PLANE
-    asked.check(is_plane)
+    is_plane = mesh_path in (PLANE, *SPECIMENS)
+    asked.check(mesh_path)
     out = output(mesh_path, path, is_plane)
-    cloths, bodies = [plane(asked)], list[new_shot.Solid]()
-    if not is_plane:
+    cloths, bodies = list[Cloth](), list[new_shot.Solid]()
+    if mesh_path in SPECIMENS:
+        asked = asked.of_specimen()
+        cloths = [specimen(mesh_path, asked)]
+    elif is_plane:
+        cloths = [plane(asked)]
+    else:
         wanted, others = new_shot.meshes(mesh_path, asked.cloth, asked.collider, console)
         cloths = [mesh(mesh_path, name, asked, console) for name in wanted]
         times = cloths[0].shape.times if cloths[0].shape else None
@@ -337,9 +360,9 @@ def made_of(cloth: Cloth, asked: Asked, bodies: list[dict[str, Any]], mesh_path:
         bending=not asked.no_bending if asked.bending is None else asked.bending, damping=asked.damping,
         drag=asked.drag_of(cloth.mesh), drag_law=asked.drag_law, fit=asked.letters, fits=asked.kinds,
         spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere], colliders=bodies,
-        wind=asked.blows, integrator=asked.integrator, delta=delta, frames=frames, tolerance=asked.tolerance,
+        wind=asked.blows, integrator=asked.integrator or "bdf2", delta=delta, frames=frames, tolerance=asked.tolerance,
         title=asked.title or stem_of(mesh_path), numbering=cloth.numbering, name=cloth.name or None,
-        warp=None if asked.warp is None else tuple(float(axis == asked.warp) for axis in "xyz"),
+        warp=cloth.warp if asked.warp is None else tuple(float(axis == asked.warp) for axis in "xyz"),
         regions=regions(cloth, asked), fabric=asked.preset,
     )  # fmt: skip
 
@@ -353,7 +376,7 @@ def rounded_step(step: float) -> float:
 def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:
     """Where the scene goes. Raises InvalidInput."""
     if is_plane:
-        return output_for(path or f"{PLANE}.json", STREAM, "", (), text=SCENE)
+        return output_for(path or f"{mesh_path}.json", STREAM, "", (), text=SCENE)
     if mesh_path == STREAM:
         raise InvalidInput("a mesh is not read from standard input; name a file")
     check_there(*([] if "*" in mesh_path else [mesh_path]))
@@ -476,6 +499,8 @@ class Cloth(NamedTuple):
     problems: list[Problem]  # that are left
     name: str = ""  # of the mesh in a file with several
     shape: Shape | None = None  # what the file has
+    fixed: Flags | None = None  # (n,), what of a specimen does not move
+    warp: tuple[float, float, float] | None = None  # of a specimen
 
 
 def plane(asked: Asked) -> Cloth:
@@ -484,6 +509,16 @@ def plane(asked: Asked) -> Cloth:
 
     divisions = 10 if asked.divisions is None else asked.divisions
     return Cloth(made(divisions, *asked.extent, upright=asked.upright), None, [])
+
+
+def specimen(kind: str, asked: Asked) -> Cloth:
+    """A specimen. Raises InvalidInput."""
+    from clothfit.meshes.specimens import SIZES
+    from clothfit.meshes.specimens import specimen as made
+
+    size = numbers("--size", asked.size.replace("x", ","), 2, "0.3x0.18") if asked.size else SIZES[kind]
+    found = made(kind, asked.divisions or 0, (size[0], size[1]))
+    return Cloth(found.mesh, None, [], fixed=found.fixed, warp=found.warp)
 
 
 def mesh(path: str, wanted: str, asked: Asked, console: Console) -> Cloth:
@@ -538,7 +573,7 @@ def held(cloth: Cloth, asked: Asked, console: Console) -> Flags:
     from clothfit.meshes.new_scene import at_side, in_box
 
     positions = cloth.mesh.positions
-    fixed = np.zeros(len(positions), bool)
+    fixed = np.zeros(len(positions), bool) if cloth.fixed is None else cloth.fixed.copy()
     for text in asked.fix_box:
         fixed |= in_box(positions, *box("--fix-box", text))
     for text in asked.fix_side:

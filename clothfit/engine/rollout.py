@@ -15,11 +15,11 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.memory import check_memory
-from clothfit.engine import march
+from clothfit.engine import equilibrium, march
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.solve import linear
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, early, meets_itself
+from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, early, meets_itself, rests
 from clothfit.kernels.kernel import record
 
 STRETCH = 20_000
@@ -172,6 +172,8 @@ def fill(
     """Compute the steps of a part whose x[0], v and first are set; returns how many are good. `look` is called now and
     then, and may raise.
     """
+    if rests(system):
+        return fill_at_rest(system, part)
     taken = Taken(system)
     if meets_itself(system):
         from clothfit.engine import touching  # which few scenes need
@@ -191,6 +193,16 @@ def fill(
                 if ended == march.FAILED:
                     return int(done)
     return part.steps
+
+
+def fill_at_rest(system: System, part: Rollout) -> int:
+    """Write the shape at rest that is found from x[0] to all states of a part; returns how many steps are good."""
+    part.x[:], found, solves = equilibrium.shape_from(system, part.x[0])
+    part.w[:] = 0.0
+    part.used[:], part.solves[:], part.theta[:] = 1, [DIRECT_WORK * solves, 0], 1.0
+    for flags in (part.clamped, part.euler, part.early, part.hit):
+        flags[:] = False
+    return part.steps if found else 0
 
 
 def advance(

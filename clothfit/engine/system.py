@@ -19,11 +19,14 @@ from clothfit.engine.inputs import fitted_paths, sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.kernels.kernel import record
 from clothfit.scene.cloth import SPHERE, Cloth, Collider, together
-from clothfit.scene.kinds import AIR
+from clothfit.scene.kinds import AIR, REST
 from clothfit.scene.scene import Scene
 
 EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
 """Values of the scene's `integrationMethod`."""
+
+ENDLESS = 1e8
+"""Time step, s, of a cloth at rest (`equilibrium`)."""
 
 record(Elements)  # of which every derivative takes a direction or a gradient
 
@@ -64,7 +67,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
     points = vertex.Vertex(
         np.array(cloth.mass), numbers(layers, "damping"), np.array(scene.gravity, float), ~cloth.fixed, own.vertex
     )
-    return System(
+    made = System(
         x0=x0,
         v0=at_start(cloth.velocity, cloth.fixed, inputs, scene.delta),
         h=scene.delta,
@@ -76,8 +79,8 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
             np.array(cloth.springs), cloth.rest, cloth.stiffness, numbers(layers, "damping"), slot, own.spring
         ),
         faces=faces.build(
-            np.array(cloth.triangles), numbers(layers, "drag"), scene.wind, air or cloth.mode("drag") != "n",
-            cloth.drag_law == AIR, own.face
+            np.array(cloth.triangles), numbers(layers, "drag"), scene.wind,
+            air or cloth.mode("drag") != "n" or scene.method == REST, cloth.drag_law == AIR, own.face
         ),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
         colliders=touched and touch.released(touched, points, x0),
@@ -87,6 +90,31 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
         contact=surface and pairs.none(surface),
         applied=applied.build(*tables.pushed_and_pulled(inputs)) if inputs else None,
     )
+    return timeless(scene, made) if scene.method == REST else made
+
+
+def timeless(scene: Scene, system: System) -> System:
+    """The system whose steps end at rest. Raises InvalidScene where the scene has what moves."""
+    moving = {
+        "wind": bool(scene.wind.any()) or scene.mode("wind") != "n", "inputs over time": scene.moves,
+        "pins": any(cloth.pins for cloth in scene.cloths), "selfCollision": scene.self_contact is not None,
+        "forces": scene.forces is not None,
+    }  # fmt: skip
+    if found := [name for name, there in moving.items() if there]:
+        raise InvalidScene(f"{', '.join(found)}: a scene at rest (integrationMethod 4) has none; leave it out",
+                           scene.name)  # fmt: skip
+    point, links, face = system.vertex, system.springs, system.faces
+    return system._replace(
+        h=ENDLESS, method=IMPLICIT, newton_iterations=1, v0=np.zeros_like(system.v0),
+        vertex=point._replace(damping=np.zeros_like(point.damping)),
+        springs=links._replace(damping=np.zeros_like(links.damping)),
+        faces=face._replace(drag=np.zeros_like(face.drag)),
+    )  # fmt: skip
+
+
+def rests(system: System) -> bool:
+    """Whether the steps of a system end at rest."""
+    return system.h == ENDLESS
 
 
 class Owners(NamedTuple):

@@ -97,6 +97,12 @@ class Tape:
         x, v = system.x0, system.v0
         self._kept = {0: Snapshot(0, x, v, x, v, False, -np.inf, deepcopy(self._work.past))}
 
+    @property
+    def shape(self) -> Array:
+        """The positions (n, 3), m, after the last step of the part in memory."""
+        assert self._held is not None
+        return self._held.after.x
+
     def forward(self) -> Iterator[Rollout]:
         """All parts from the start; each is valid until the next is taken. Where the motion diverges, the last part
         ends before the step that is not good.

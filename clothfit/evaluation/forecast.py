@@ -19,7 +19,7 @@ from clothfit.engine.stability import UNLIMITED, frequency, limit
 from clothfit.engine.system import build
 from clothfit.objective import memory_needs as storage
 from clothfit.scene.fit_vector import fitted_cloths
-from clothfit.scene.kinds import INTEGRATORS
+from clothfit.scene.kinds import INTEGRATORS, REST
 from clothfit.scene.scene import Scene
 
 
@@ -43,7 +43,7 @@ class Forecast:
 
 def forecast(scene: Scene) -> Forecast:
     """Predict stable steps and memory of a scene."""
-    least, state = dict.fromkeys(range(len(INTEGRATORS)), inf), []
+    least, state = dict.fromkeys(range(REST), inf), []
     for index in range(len(scene.cloths)):
         system = build(scene, index)
         state.append(state_bytes(system))
@@ -51,7 +51,7 @@ def forecast(scene: Scene) -> Forecast:
             omega = frequency(system)
         for method in set(least) - set(UNLIMITED):
             least[method] = min(least[method], limit(system._replace(method=method), omega).step)
-    steps = tuple(Steps(name, least[i], scene.delta <= least[i]) for i, name in enumerate(INTEGRATORS))
+    steps = tuple(Steps(name, least[i], scene.delta <= least[i]) for i, name in enumerate(INTEGRATORS[:REST]))
     return Forecast(steps, motion_bytes(scene), fit_bytes(scene, state))
 
 

@@ -41,7 +41,7 @@ from clothfit.optimise.trajectory import Trajectory
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Unknowns
 from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.kinds import CLOTH_KINDS, KIND, SCENE_KINDS, Kind
+from clothfit.scene.kinds import CLOTH_KINDS, KIND, REST, SCENE_KINDS, Kind
 from clothfit.scene.scene import Scene
 
 DOUBTS = {"wind": 0.2, "gravity": 0.05, "velocity": 0.05}
@@ -159,9 +159,11 @@ class Alternatives:
 
 def alternatives(search: Search) -> Alternatives | None:
     """What else could explain the target at the best point of a search; None where positions are not what is compared,
-    axes move, or values over time are fitted, where it would take long, and where the motion diverges.
+    axes move, the cloth is at rest, values over time are fitted, it would take long, or the motion diverges.
     """
     objective, given = search.objective, search.objective.experiments
+    if objective.scene.method == REST:
+        return None
     free = freed(with_parameters(objective.scene, search.best.p))
     problem, start = Trajectory(search, objective), parameters(free)
     more = (len(start) + THETA) / max(problem.size, 1)

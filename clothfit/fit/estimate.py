@@ -56,6 +56,7 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
+from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene, check_is_scene, load
 from clothfit.strategy import step_choice
 
@@ -287,7 +288,8 @@ def one_fit(
     scene = flagged(scene, options.model)
     objective, kept_out = objectives(scene, target, options)
     options = options.within(objective.rounding)
-    hints = [] if hidden or objective.own else early_hints(objective.experiments)
+    timeless = hidden or objective.own or scene.method == REST
+    hints = [] if timeless else early_hints(objective.experiments)
     same = {}
     if options.checkpoint:  # digests of all arrays
         same = identity(scene, None if hidden else objective.experiments, start, **options.identity)

@@ -18,6 +18,7 @@ from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance, duration
 from clothfit.base.messages import meant
+from clothfit.scene.kinds import REST
 
 if TYPE_CHECKING:
     from clothfit.fit.hints import Hint
@@ -240,6 +241,8 @@ def settled(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[
     """The target and the options of a fit; those of one by a cost of one's own (`objective.own_cost`) as the other
     parts of a fit know them. Raises InvalidInput where an option does not go with that.
     """
+    if scene.method == REST:
+        options = at_rest(options)
     if not callable(options.objective):
         return target, options
     from clothfit.objective.own_cost import Residuals, unseen
@@ -257,6 +260,21 @@ def settled(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[
     keep_step = options.substeps is None
     found = replace(options, method=method, intervals=options.intervals and linear, keep_step=keep_step)
     return unseen(scene) if target is None else target, found
+
+
+def at_rest(options: FitOptions) -> FitOptions:
+    """Those of a fit to shapes at rest, which have no time. Raises InvalidInput where an option asks for one."""
+    given = {
+        "substeps": options.substeps is not None, "windows": options.windows is not None, "fit_time": options.fit_time,
+        "fit_placement": options.fit_placement, "fit_scale": options.fit_scale, "fit auto": options.auto,
+        "model auto": options.model == AUTO,
+        "holdout of frames": bool(options.holdout) and options.holdout_of == HOLDOUTS[0],
+        "method momentum": options.method == "momentum",
+    }  # fmt: skip
+    for name in (name for name, is_given in given.items() if is_given):
+        raise InvalidInput(f"{name}: is for motions; this scene is at rest (integrationMethod 4)")
+    method = "gauss-newton" if options.method == AUTO else options.method
+    return replace(options, method=method, keep_step=True, keep_markers=True, hold=True)
 
 
 def refuse(options: FitOptions) -> None:

@@ -48,6 +48,7 @@ from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, descended, weighted
 from clothfit.scene.fit_vector import bounds, parameters
+from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
 
 STEPS = 5
@@ -129,7 +130,8 @@ def with_residual_hints(found: Fit, objective: Objective) -> Fit:
     if found.verdict is None or not found.verdict.differs or list(objective.weights) != ["position"]:
         return found
     said, more = {hint.code for hint in found.hints}, list[Hint]()
-    framed = any(each.scene.frame for each in objective.experiments)  # the others know axes that stand still
+    # the others know axes that stand still, and times
+    framed = objective.scene.method == REST or any(each.scene.frame for each in objective.experiments)
     looks: list[Callable[..., Iterable[Hint]]] = [from_exchange]
     if not framed and found.windows is None:
         looks.append(from_registration)
@@ -311,7 +313,8 @@ def with_still(found: Fit, objective: Objective) -> Fit:
     """The fit beside the best still picture, where positions are compared. Over whole motions, where the model differs,
     a fit that is not nearer fails.
     """
-    if objective.own or not objective.observations or "position" not in objective.weights:
+    own = objective.own or objective.scene.method == REST
+    if own or not objective.observations or "position" not in objective.weights:
         return found
     found = replace(found, baselines=Baselines(still(objective)))
     nearer = not found.rmse >= still_of(found)

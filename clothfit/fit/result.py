@@ -282,10 +282,11 @@ def reproduced(objective: Objective, cost: float, tolerance: float, trial: bool)
 
 
 def position_rmse(search: Search, p: Array, cost: float) -> float:
-    """Root mean square distance, m, of the observed positions at p (P,) of that cost; inf where they diverge, NaN where
-    a request or the time leaves no moment to look.
+    """Root mean square distance, m, of the observed positions at p (P,) of that cost, or of what else is compared where
+    none is observed; inf where they diverge, NaN where a request or the time leaves no moment to look.
     """
-    if search.objective.plain or not np.isfinite(cost):
+    unseen = not (search.objective.own or search.objective.observations)
+    if search.objective.plain or unseen or not np.isfinite(cost):
         return search.objective.rmse(cost)
     moment = MOMENT if interrupts.requested() else None
     try:

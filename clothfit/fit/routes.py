@@ -34,13 +34,15 @@ from clothfit.fit.options import AUTO, LONGEST, LONGEST_OVER_TIME, FitOptions
 from clothfit.fit.preparation import counts_of
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
+from clothfit.objective.target import sample
 from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Budget, Status, Stop
+from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import of_kinds, parameters, with_parameters
-from clothfit.scene.kinds import KIND
+from clothfit.scene.kinds import KIND, REST
 from clothfit.scene.scene import Scene
 from clothfit.strategy import auto, continuation, few_values, frame_blocks, ladder, step_choice
 from clothfit.strategy.continuation import with_substeps
@@ -56,6 +58,15 @@ from clothfit.strategy.trajectory_fit import (
     is_far,
     is_near,
 )
+
+SOFTEST, HALVINGS, AROUND = 0.1, 8, np.exp(np.linspace(-0.36, 0.36, 25)).tolist()
+"""Where shadows are compared: the least factor on the bending of the start, how often its range (and that of the
+inverse) is halved to find the size of the shadow, and factors on what is found that are tried against its outline: a
+few percent change the folds.
+"""
+
+FABRICS = 0.2
+"""Standard deviation of the logarithms of factors around those of a fabric, where a shadow alone shows them."""
 
 CHOICE = 0.7
 """Share of the time of a fit that the choice of its model may take, with that of the step."""
@@ -527,6 +538,42 @@ def from_other_points(fit: Fitting) -> Status:
     return auto.ended(fit.search)
 
 
+def throws_shadow(objective: Objective) -> bool:
+    """Whether nothing but the shadows of cloths at rest is compared."""
+    return objective.scene.method == REST and set(objective.weights) <= {"outline", "coverage"}
+
+
+def by_shadow(fit: Fitting) -> Status:
+    """Gauss–Newton from the bending stiffness of which shadows are as large as those of the target, or from the best of
+    those around it: with one far from the truth a drape has other folds, and its outline says little of the way.
+    """
+    search, objective = fit.search, fit.search.objective
+    bends = np.concatenate([shares_of_bending(block) for block in objective.blocks])
+    size = Objective(objective.scene, objective.experiments, objective.tolerance, objective="coverage")
+
+    def at(factor: float) -> Array:
+        return np.asarray(search.coordinates.clipped(search.start * factor**bends))
+
+    low, high = SOFTEST, 1.0 / SOFTEST
+    for _ in range(HALVINGS):
+        middle = np.sqrt(low * high)
+        larger = sum(run.comparison.residual_of(sample(run.comparison.goal, x)).sum()
+                     for run, x in zip(size.runs, size.positions(at(float(middle))), strict=True))  # fmt: skip
+        low, high = (low, middle) if larger > 0 else (middle, high)
+    around = AROUND if "outline" in objective.weights else [1.0]
+    trials = [search.start, *(at(float(np.sqrt(low * high)) * factor) for factor in around)]
+    best = trials[int(np.argmin([search.visit(p) for p in trials]))]
+    return by_gauss_newton(search, best, best, FABRICS if fit.tau is None else fit.tau)
+
+
+def shares_of_bending(block: Block) -> Array:
+    """Which factors (count,) of a block, 1 or 0, are on the stiffness of bending springs, or of all."""
+    if block.name != "stiffness" or block.factors is None:
+        return np.zeros(block.count)
+    own = [float(name == "all" or name.startswith("bending")) for name in block.factors.names]
+    return np.repeat(own, block.factors.modes)
+
+
 ROUTES = (
     Route("as it ended",
           lambda fit: fit.state is not None and fit.state.status in (Status.CONVERGED, Status.STALLED), as_it_ended),
@@ -535,6 +582,8 @@ ROUTES = (
     Route("SciPy", lambda fit: fit.options.method in METHODS, lambda fit: minimise(fit.search, fit.options.method)),
     Route("momentum alone", lambda fit: fit.options.method == "momentum", by_momentum_alone),
     Route("going on", was_descending, going_on),
+    Route("shadow", lambda fit: fit.options.method == "gauss-newton" and throws_shadow(fit.search.objective),
+          by_shadow),
     Route("Gauss–Newton alone", lambda fit: fit.options.method == "gauss-newton",
           lambda fit: by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)),
     Route("models left", lambda fit: fit.wanted is not None or bool(fit.state and fit.state.rungs), by_models_left),

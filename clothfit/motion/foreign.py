@@ -43,6 +43,7 @@ from clothfit.motion.motion import (
     unseen_in,
 )
 from clothfit.scene.keys import SAID
+from clothfit.scene.kinds import REST
 from clothfit.scene.mesh_numbering import mesh_counts, mesh_names, picks
 from clothfit.scene.scene import Scene
 
@@ -275,7 +276,7 @@ def _as_asked(found: Loaded, scene: Scene | None, reading: Reading) -> Loaded:
             raise InvalidMotion(f"{taken.file}: has {frames}, none of which is in --frames {reading.frames}")
         motion = at_frames(motion, kept)
     start = None
-    if scene is not None and motion.times[0] == 0:
+    if scene is not None and motion.times[0] == 0 and scene.method != REST:
         start = alignment(motion.positions[0], motion.seen()[0], initial(scene), taken.axes)
     seconds = float(motion.times[-1] - motion.times[0])
     taken = replace(taken, frames=len(motion.times), seconds=seconds, start=start)

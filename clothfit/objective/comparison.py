@@ -33,7 +33,18 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import meant
 from clothfit.engine.system import System
 from clothfit.motion.times import interpolation
-from clothfit.objective.measures import EdgeLength, Maker, Measure, OnSurface, Position, Spectrum, Surface, Velocity
+from clothfit.objective.measures import (
+    Coverage,
+    EdgeLength,
+    Maker,
+    Measure,
+    OnSurface,
+    Outline,
+    Position,
+    Spectrum,
+    Surface,
+    Velocity,
+)
 from clothfit.objective.target import Target
 
 if TYPE_CHECKING:
@@ -100,6 +111,8 @@ OBJECTIVES: dict[str, Maker] = {
     "velocity": Velocity,
     "edge-length": EdgeLength,
     "spectrum": Spectrum,
+    "outline": Outline,
+    "coverage": Coverage,
 }
 
 

@@ -17,6 +17,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.motion.motion import Motion, as_motion, checked_motion
+from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
 
 Recorded: TypeAlias = Motion | Array | str | os.PathLike[str]
@@ -61,7 +62,14 @@ def experiment(main: Scene, motion: Recorded, scene: Scene) -> Experiment:
 
 
 def motion_of(motion: Recorded, scene: Scene) -> Motion:
-    """A motion of a scene, however it is given, checked. Raises what `load_motion` does."""
+    """A motion of a scene, however it is given, checked; a shape alone is one at rest. Raises what `load_motion` does.
+    """
+    found = _motion_of(motion, scene)
+    alone = scene.method == REST and len(found.times) == 1
+    return replace(found, times=np.array([scene.delta])) if alone else found
+
+
+def _motion_of(motion: Recorded, scene: Scene) -> Motion:
     if isinstance(motion, (str, os.PathLike)):
         from clothfit.motion.files import load_motion  # its formats are loaded for those who use them
 
@@ -83,10 +91,11 @@ def flagged_as(scene: Scene, main: Scene) -> Scene:
 
 def check_same_sizes(scene: Scene, main: Scene) -> None:
     """Raise InvalidInput unless the objects of both scenes have the same numbers of vertices and springs, and the
-    scenes as many of what is fitted of them.
+    scenes as many of what is fitted of them. Scenes at rest may have objects of other meshes.
     """
     own, wanted = ([(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main))
-    if own != wanted:
+    meshes = {scene.method, main.method} == {REST} and len(own) == len(wanted)  # shapes at rest of one fabric
+    if own != wanted and not meshes:
         raise InvalidInput(f"{scene.name}: its objects have {in_words(own)}, those of {main.name} {in_words(wanted)}")
     for block in (each for each in main.blocks if each.cloth is None or each.kind.of == "key"):
         values = np.shape(getattr(scene if block.cloth is None else scene.cloths[block.cloth], block.name))

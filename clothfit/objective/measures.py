@@ -351,3 +351,101 @@ def check_grid(goal: Target, name: str) -> None:
         raise InvalidMotion(
             f"{name}: times[{int(np.argmax(wrong)) + 1}]: the spectrum needs frames at equal distances in time"
         )
+
+
+RAYS = 360
+"""Directions in which an outline is compared."""
+
+
+class Outline:
+    """Differences of the radii of shadows in directions; R = RAYS × frames after the start, c = 1.
+
+    The shadow is that of light from above, along y, about the centre of what is fixed. In the direction e the radius is
+    that of the outermost edge, from a to b: r = n·a / n·e with n across b − a, so ∂r/∂a = (1 − t) n / n·e and
+    ∂r/∂b = t n / n·e, where the edge is cut at t.
+    """
+
+    linear = False
+    reach = 2
+    weights: Array | None = None
+
+    def __init__(self, goal: Target, system: System, name: str) -> None:
+        self.edges = sides_of(np.asarray(system.faces.corners))
+        if not len(self.edges):
+            raise InvalidMotion(f"{name}: a shadow is compared with that of a cloth that has faces")
+        held = ~system.vertex.free
+        self.centre = system.x0[held if held.any() else slice(None)].mean(axis=0)[[0, 2]]
+        self.frames = np.flatnonzero(goal.places > 0)
+        if not np.isfinite(goal.positions[self.frames]).all():
+            raise InvalidMotion(f"{name}: the shadow is that of all vertices, and some are not observed")
+        self.goal = self._values(goal.positions)[0]
+        self.groups = len(self.goal)
+        self.seen = marked(self.edges, len(held))
+        if len(goal.weights):
+            self.weights = np.repeat(goal.weights[self.frames].mean(axis=1), self.groups // max(len(self.frames), 1))
+
+    def radii(self, x: Array) -> tuple[Array, Integers, Array]:
+        """r (RAYS,) of a state x (n, 3), the ends of the edges that are cut (RAYS, 2), and ∂r by them (RAYS, 2, 2)."""
+        flat = x[:, [0, 2]] - self.centre
+        a, b = flat[self.edges[:, 0]], flat[self.edges[:, 1]]
+        angle = 2 * np.pi * np.arange(RAYS) / RAYS
+        e = np.stack([np.cos(angle), np.sin(angle)])  # (2, RAYS)
+        sine_a, sine_b = a[:, 1:] * e[0] - a[:, :1] * e[1], b[:, 1:] * e[0] - b[:, :1] * e[1]
+        cut = (sine_a > 0) != (sine_b > 0)
+        t = np.where(cut, sine_a / np.where(cut, sine_a - sine_b, 1.0), 0.0)
+        along = np.where(cut, (1 - t) * (a @ e) + t * (b @ e), -np.inf)
+        edge, ray = along.argmax(axis=0), np.arange(RAYS)
+        t, r = t[edge, ray][:, None], np.maximum(along[edge, ray], 0.0)
+        n = (b - a)[edge][:, ::-1] * np.array([1.0, -1.0])
+        n = n / (n * e.T).sum(axis=1, keepdims=True) * (r > 0)[:, None]
+        return r, self.edges[edge], np.stack([(1 - t) * n, t * n], axis=1)
+
+    def _values(self, s: Array) -> tuple[Array, Integers, Integers, Array]:
+        """What is compared (R, 1) of states s (F, n, 3); frames and vertices (R, k) that it depends on, and its
+        derivative (R, k, 2) by their places in the plane.
+        """
+        found = [self.radii(s[frame]) for frame in self.frames]
+        ends, by = (np.concatenate([each[i] for each in found]) for i in (1, 2))
+        frame = np.repeat(self.frames, RAYS)[:, None]
+        return np.concatenate([each[0] for each in found])[:, None], np.broadcast_to(frame, ends.shape), ends, by
+
+    def residual(self, s: Array) -> Array:
+        """Differences (R, 1), m."""
+        return self._values(s)[0] - self.goal
+
+    def pullback(self, s: Array, r: Array) -> Array:
+        """Jᵀ r (F, n, 3)."""
+        out, (_, frame, vertex, by) = np.zeros_like(s), self._values(s)
+        for k, axis in enumerate((0, 2)):
+            np.add.at(out[..., axis], (frame, vertex), r * by[..., k])
+        return out
+
+    def jacobian(self, s: Array) -> csr_array:
+        """J (R, 3 F n)."""
+        _, frame, vertex, by = self._values(s)
+        columns = coordinates(frame.ravel(), vertex.ravel(), s.shape[1]).reshape(*vertex.shape, 3)[..., [0, 2]]
+        rows = np.arange(len(by))[:, None, None]
+        return matrix(rows, columns, by, (len(by), s.size))
+
+
+class Coverage(Outline):
+    """Differences of the radii of circles that cover as much as shadows do, √(A/π) = √(mean of r²); R = frames after
+    the start, c = 1.
+    """
+
+    reach = 2 * RAYS
+
+    def _values(self, s: Array) -> tuple[Array, Integers, Integers, Array]:
+        """The same of a whole shadow."""
+        r, frame, ends, by = super()._values(s)
+        r = r.reshape(len(self.frames), RAYS)
+        mean = np.sqrt((r * r).mean(axis=1, keepdims=True))
+        share = r / (RAYS * np.maximum(mean, 1e-300))
+        by = share[:, :, None, None] * by.reshape(len(r), RAYS, 2, 2)
+        return mean, frame.reshape(len(r), -1), ends.reshape(len(r), -1), by.reshape(len(r), -1, 2)
+
+
+def sides_of(triangles: Integers) -> Integers:
+    """The edges (E, 2) of triangles (T, 3), each once."""
+    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    return np.unique(np.sort(sides, axis=1), axis=0)

@@ -40,7 +40,8 @@ from clothfit.objective.run import Recent, Run, at_rest, seen_in, still
 from clothfit.objective.running_cost import KeptStates, running_cost
 from clothfit.objective.target import first_step, target, without_start
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import acting, changes, check_shape, extra_kinds, fitted_cloths, parameters
+from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters
+from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene, check_is_scene
 
 TIGHT = 1e-14
@@ -100,9 +101,11 @@ class Objective:
         goal = target(there, cloth, scene.delta, None if frames is None else frames - 1)
         shifted = scene.cloths[cloth].mode("shift") != "n"  # of a cloth that touches no other
         surface = surface_of(there, cloth)
-        surface = surface and surface.within(goal, start=not shifted)
+        surface = surface and surface.within(goal, start=not shifted and scene.method != REST)
         if shifted:
             goal = without_start(goal, np.concatenate([pin.vertices for pin in scene.cloths[cloth].pins]))
+        if scene.method == REST:  # of which every frame is the same
+            goal = without_start(goal, np.arange(goal.observed.shape[1], dtype=np.int32))
         system = build(scene, cloth, steps=goal.last_step)
         if self.own:
             if scene.frame:
@@ -343,7 +346,7 @@ class Objective:
         """
         solved = self.tolerance if tolerance is None else tolerance
         grad = adjoint.gradient(system, memory, by_position, solved, extra_kinds(self.scene, run.cloth))
-        for block, part in acting(self.scene, run.cloth):
+        for block, part in run.acting:
             gradient[block.part] += block.reduce(getattr(grad, block.name)[part], p)
 
     def remedies(self, p: Array) -> Fallbacks:

@@ -19,7 +19,7 @@ from clothfit.derivative.adjoint import Observer
 from clothfit.engine.inputs.sampling import Axes, axes
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty, state_bytes
-from clothfit.engine.system import System, meets_itself, mobile, with_elements
+from clothfit.engine.system import System, meets_itself, mobile, rests, with_elements
 from clothfit.engine.tape import Plan, Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Comparison
@@ -116,6 +116,9 @@ def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:
 KEPT = 2
 """Motions of each run: that of a trial and that of the point it is compared with."""
 
+ALIKE = 0.01
+"""Relative difference of values up to which the shape at rest of the one is near that of the other."""
+
 BYTES, SHARE = 16_000_000, 0.05
 """Of all states that are kept, at most, and of the memory that the objective may use."""
 
@@ -130,6 +133,10 @@ class Recent:
         touching = any(meets_itself(run.system) for run in runs)  # what touches is not counted
         self._small = not touching and KEPT * sum(needed.values()) <= min(BYTES, SHARE * memory)
         self._kept: dict[tuple[int, int], dict[bytes, tuple[System, Tape]]] = {key: {} for key in needed}
+        # of cloths at rest (n, 3) m, where a search begins: the first, and where shadows are compared those that are
+        # found, with their p
+        self._first = {(run.cloth, run.experiment): first_shape(run) for run in runs if rests(run.system)}
+        self._found: dict[tuple[int, int], list[tuple[Array, Array]]] = {key: [] for key in self._first}
 
     def has(self, run: Run, p: Array) -> bool:
         """Whether the motion of p (P,) is kept."""
@@ -147,13 +154,36 @@ class Recent:
         kept, key = self._kept[run.cloth, run.experiment], key_of(p)
         if key not in kept:  # a tape that holds all states, and nothing yet
             system, steps = run.changed(p), max(run.steps, 1)
+            if rests(system):
+                system = system._replace(x0=self.near(run, p))
             kept[key] = system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)), run.forms)
         system, tape = kept.pop(key)
         shown(run, tape, observers)
+        if rests(system) and "position" not in run.comparison.scales:
+            self._found[run.cloth, run.experiment].append((np.array(p), tape.shape))
         kept[key] = system, tape
         while len(kept) > KEPT:
             del kept[next(iter(kept))]
         return system, tape
+
+    def near(self, run: Run, p: Array) -> Array:
+        """Where the search for the shape at rest at p (P,) begins: that found for the nearest p, unless it is far."""
+        found = self._found[run.cloth, run.experiment]
+        away = [float((np.abs(p - other) / np.maximum(np.abs(other), 1e-300)).max(initial=0.0)) for other, _ in found]
+        least = int(np.argmin(away)) if found else 0
+        if found and away[least] < ALIKE:
+            return found[least][1]
+        return self._first[run.cloth, run.experiment]
+
+
+def first_shape(run: Run) -> Array:
+    """Where the search for the shape of a cloth at rest begins (n, 3), m: the target, where that shows all vertices, so
+    that the folds are the same; else the start.
+    """
+    x0, goal = run.system.x0, run.comparison.goal
+    if "position" not in run.comparison.scales or not goal.observed[-1:].any() or not goal.observed[-1].all():
+        return x0
+    return np.where(run.system.vertex.free[:, None], goal.positions[-1], x0)
 
 
 def key_of(p: Array) -> bytes:

@@ -31,7 +31,6 @@ from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import gauss_newton
 from clothfit.optimise.prior import Prior, first, patterns
 from clothfit.optimise.search import Search
-from clothfit.scene.fit_vector import acting
 
 CHUNK = 3_000_000
 """Numbers of the sensitivity that are kept at a time."""
@@ -323,7 +322,7 @@ def run_model(
     count = int(column.max(initial=-1)) + 1
     if not count:
         return np.zeros((0, 0)), np.zeros(0), cost.value
-    wanted = columns(system, acting(objective.scene, run.cloth), p, column, factor, count)
+    wanted = columns(system, run.acting, p, column, factor, count)
     residuals = cost.residuals(mobile(system))
     steps = carried(system, tape, wanted, tolerance, residuals.update)
     H, g = accumulate(residuals, steps, at_start(system, wanted), scores)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from clothfit.base.arrays import NO_NUMBERS, Array, Flags
+from clothfit.base.errors import InvalidInput
 from clothfit.scene import bounds
 from clothfit.scene.bounds import NO_BOUNDS, Bounds, End
 from clothfit.scene.cloth import Cloth
@@ -185,10 +186,12 @@ def _of_cloth(block: Block, cloth: Cloth, asked: tuple[End, End], base: Block | 
     """A block of a cloth with its unit or factors and its bounds; the factors of `base` where that is given."""
     kind = block.kind
     if block.mode in FACTOR_MODES:
-        if base is not None:
-            return replace(block, factors=base.factors, ends=base.ends)
         values = getattr(cloth, kind.name)
+        if base is not None and base.shape == np.shape(values):
+            return replace(block, factors=base.factors, ends=base.ends)
         ends = bounds.of_values(kind, values, asked)
+        if base is not None:
+            return replace(block, factors=_like(base, cloth, kind, block.mode), ends=ends)
         return replace(block, factors=_factors(cloth, kind, block.mode, ends), ends=ends)
     if kind.name == "rest" and block.mode == "G":
         ends = kind.lower, kind.upper
@@ -200,6 +203,20 @@ def _of_cloth(block: Block, cloth: Cloth, asked: tuple[End, End], base: Block | 
     if kind.name == "drag":
         values = np.append(values, cloth.air_drag)
     return replace(block, unit=unit, ends=bounds.of_values(kind, values, asked))
+
+
+def _like(base: Block, cloth: Cloth, kind: Kind, mode: str) -> Factors:
+    """The factors of another mesh in the order of `base`: of groups by their names. Raises InvalidInput."""
+    values, names = getattr(cloth, kind.name), base.factors.names if base.factors else ()
+    if mode == "F":
+        return one_factor(values)
+    groups = vertex_groups(cloth) if kind.of == "vertex" else spring_groups(cloth)
+    if mode != "R" or (unknown := [name for name in groups.names if name not in names]):
+        what = f"mode {mode}" if mode != "R" else f"the group {unknown[0]!r}, which the main scene has not"
+        raise InvalidInput(f"{kind.title}: {what}: cloths of several meshes are fitted by one factor (F) or by groups "
+                           "of the same names (R)")  # fmt: skip
+    place = np.array([names.index(name) for name in groups.names], np.int32)
+    return factors_of(values, place[groups.of], names)
 
 
 def _factors(cloth: Cloth, kind: Kind, mode: str, ends: tuple[float, float]) -> Factors:

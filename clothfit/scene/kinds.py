@@ -84,8 +84,11 @@ PLATE = 1.2
 DRAG_IN_AIR = replace(KIND["drag"], unit="", upper=100.0, neutral=(PLATE,))
 """The kind "drag" of an object with that law."""
 
-INTEGRATORS = ("explicit", "symplectic", "implicit", "bdf2")
+INTEGRATORS = ("explicit", "symplectic", "implicit", "bdf2", "rest")
 """Names of the values of integrationMethod."""
+
+REST = len(INTEGRATORS) - 1
+"""The last: every frame is the shape at rest."""
 
 OF_THE_EDITOR = INTEGRATORS[:3]
 """Those that the editor has."""

@@ -48,7 +48,7 @@ class Scene(checks.ReadOnly):
     """A valid scene, immutable; `load` and `new_scene` make one. Units are those of SI, axes y up and left-handed."""
 
     title: str  # for people
-    method: int  # 0 explicit, 1 symplectic, 2 implicit Euler, 3 BDF2
+    method: int  # 0 explicit, 1 symplectic, 2 implicit Euler, 3 BDF2, 4 at rest
     delta: float  # time step, s
     tolerance: float  # of the linear solver, relative to the right-hand side
     frames: int  # that a fit compares, the initial one included

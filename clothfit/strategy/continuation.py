@@ -52,6 +52,7 @@ from clothfit.scene.cloth import wind_of
 from clothfit.scene.fit_vector import bounds, of_kinds
 from clothfit.scene.forces import STRONGEST, Forces
 from clothfit.scene.kinds import AIR as BY_AREA
+from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
 
 PULLS, WEAKER = (0.5, 0.3, 0.2, 0.1, 0.05, 0.0), (0.2, 0.05, 0.0)
@@ -187,8 +188,10 @@ class Even(Trajectory):
 
 
 def can_nudge(objective: Objective) -> bool:
-    """Whether motions can be nudged: by positions, in scenes without forces of their own."""
-    return list(objective.weights) == ["position"] and all(scene.forces is None for _, scene in objective.experiments)
+    """Whether motions can be nudged: by positions, in scenes that move and have no forces of their own."""
+    scenes = [scene for _, scene in objective.experiments]
+    free = all(scene.forces is None and scene.method != REST for scene in scenes)
+    return list(objective.weights) == ["position"] and free
 
 
 def nudged(objective: Objective, pull: float) -> Objective:

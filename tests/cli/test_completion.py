@@ -72,7 +72,7 @@ def test_files_complete_by_their_suffixes(line, found):
     [
         ("estimate a.json --target b.npz --hold", ["--hold", "--holdout", "--holdout-of"]),
         ("estimate a.json --method g", ["gauss-newton"]),
-        ("estimate a.json --objective ", ["position", "velocity", "edge-length", "spectrum"]),
+        ("estimate a.json --objective ", ["position", "velocity", "edge-length", "spectrum", "outline", "coverage"]),
         ("estimate a.json --loss h", ["huber"]),
         ("estimate a.json --model a", ["auto"]),
         ("estimate a.json --bounds st", ["stiffness="]),

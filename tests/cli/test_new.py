@@ -246,3 +246,25 @@ def test_layers_touch_themselves_and_each_other(here, said, option, thickness):
     assert said(f"new plane {option} -o layers.json")[0] == 0
     law = load("layers.json").self_contact
     assert (law.thickness, law.between) == (thickness, True)
+
+
+@pytest.mark.parametrize(("kind", "held"), [("drape", 61), ("cantilever", 9), ("strip", 3)])
+def test_specimens_are_at_rest_and_show_their_fabric(kind, held, capsys):
+    """A specimen is held as in its test, and a fit of a shape of its own finds what it was made with."""
+    own = made(f"{kind} --fabric denim --divisions 12", f"{kind}.json")
+    assert (own.method, own.frames, int(own.cloths[0].fixed.sum())) == (4, 2, held)
+    assert run(["target", f"{kind}.json", "-o", f"{kind}.target.npz", "-q"]) == 0
+    assert run(["estimate", f"{kind}.json", "--target", f"{kind}.target.npz", "-q"]) == 0
+    assert load(f"{kind}.fitted.json").cloths[0].stiffness == pytest.approx(own.cloths[0].stiffness, rel=1e-6)
+
+
+def test_shadows_of_a_drape_are_targets(capsys):
+    made("drape --fabric denim --divisions 8", "drape.json")
+    Path("round.csv").write_text("".join(f"{0.12 * np.cos(a)},{0.12 * np.sin(a)}\n" for a in np.arange(0, 6.28, 0.1)))
+    for target, error in (("coefficient=250%", "between 0 and 1"), ("coefficient=much", "is a number"),
+                          ("outline=drape.json", "is no outline")):  # fmt: skip
+        assert run(["estimate", "drape.json", "--target", target]) == 3
+        assert error in capsys.readouterr().err
+    assert run(["estimate", "drape.json", "--target", "coefficient=50%", "--target", "outline=round.csv"]) == 3
+    assert run(["estimate", "drape.json", "--target", "coefficient=50%", "-q"]) in (0, 5)
+    assert run(["estimate", "drape.json", "--target", "outline=round.csv", "--max-evaluations", "3", "-q"]) in (0, 5)

@@ -105,7 +105,8 @@ def test_only_squared_distances_need_no_states(cost):
 
 
 def test_every_objective_is_tried():
-    assert {name for objective, _ in COSTS.values() for name in objective} == set(OBJECTIVES)
+    shadows = {"outline", "coverage"}  # of whole cloths at rest, in tests/engine/test_equilibrium.py
+    assert {name for objective, _ in COSTS.values() for name in objective} == set(OBJECTIVES) - shadows
 
 
 @pytest.mark.parametrize("times", TIMES)

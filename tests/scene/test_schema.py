@@ -97,7 +97,7 @@ def test_every_broken_rule_gives_one_problem_with_its_place():
 BOUNDS = {
     "delta": {"exclusiveMinimum": 0}, "tolerance": {"exclusiveMinimum": 0, "exclusiveMaximum": 1},
     "optimizationIterations": {"minimum": 2}, "forwardSubSteps": {"minimum": 1}, "objects": {"minItems": 1},
-    "integrationMethod": {"enum": [0, 1, 2, 3]},
+    "integrationMethod": {"enum": [0, 1, 2, 3, 4]},
     "object": {"required": ["vertPos", "vertIsFixed", "vertMass", "springs", "springStiffness"]},
     "dragCoefficient": {"minimum": 0}, "damping": {"minimum": 0}, "optimizationSettings": {"maxLength": 2},
     "collider": {"required": ["type", "pos", "scale"]}, "type": {"enum": [0, 1, 2, 3, 4]},

@@ -333,7 +333,7 @@ VALUES = {
         "auto", "momentum", "gauss-newton", "l-bfgs-b", "tnc", "slsqp", "trust-constr", "bfgs", "cg", "nelder-mead",
         "powell", "cobyla",
     ),
-    "--objective": ("position", "velocity", "edge-length", "spectrum"),
+    "--objective": ("position", "velocity", "edge-length", "spectrum", "outline", "coverage"),
     "--loss": ("linear", "soft_l1", "huber"),
     "--model": ("auto", "F", "G", "R", "M", "L"),
     "--holdout-of": ("frames", "vertices"),
@@ -341,7 +341,7 @@ VALUES = {
     "--substeps": ("auto",),
     "--bounds": tuple(f"{kind}=" for kind in KINDS),
     "--fix-side": SIDES,
-    "--integrator": ("explicit", "symplectic", "implicit", "bdf2"),
+    "--integrator": ("explicit", "symplectic", "implicit", "bdf2", "rest"),
     "--drag": ("air",),
     "--fit": (
         *(f"n{letter}" for letter in LETTERS), *(f"{letter}n" for letter in LETTERS[1:]), "GG", "LL",

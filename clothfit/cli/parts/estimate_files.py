@@ -27,7 +27,7 @@ from clothfit.base.limits import is_number
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.motions import one_stream, read_scene
+from clothfit.cli.common.motions import check_there, one_stream, read_scene
 from clothfit.cli.common.options import check_least, gathered, given, refuse
 from clothfit.cli.common.output import SCENE, STREAM, Output, beside, output_for, print_json, write_into
 from clothfit.formats.axes import Axes, Convention, Reading
@@ -83,7 +83,9 @@ class Files:
     def inputs(self) -> tuple[str | None, ...]:
         """What is read besides the scene."""
         start = None if self.start is None or is_number(self.start) else self.start
-        return (*(path for pair in self.pairs for path in pair), start, self.markers, self.forces_path)
+        paths = [path for pair in self.pairs for path in pair if not (path or "").startswith(SHADOWS)]
+        paths += [each.partition("=")[2] for each in self.target_paths if each.startswith(SHADOWS[0])]
+        return (*paths, start, self.markers, self.forces_path)
 
     def check(self, scene_path: str) -> None:
         """Raise InvalidInput where the options do not go together."""
@@ -142,21 +144,52 @@ def motion_and_scene(path: str) -> tuple[str, str | None]:
     return motion, scene
 
 
+SHADOWS = ("outline=", "coefficient=")
+"""Beginnings of targets that are the shadow of a drape."""
+
+
 def read_target(
     paths: tuple[str, str | None], scene: Scene, reading: Reading, console: Console, readings: list[dict[str, Any]]
 ) -> Motion | tuple[Motion, Scene]:
     """What a --target names; of other programs' files, what was assumed is added to `readings`."""
     motion, own = paths
+    if motion.startswith(SHADOWS):
+        other = scene if own is None else read_scene(own, console)
+        return shadow(motion, other) if own is None else (shadow(motion, other), other)
     if own is None:
         return motions.read(motion, scene, reading, console, readings)
     other = read_scene(own, console)
     return motions.read(motion, other, reading, console, readings), other
 
 
-def weights(objectives: tuple[str, ...]) -> dict[str, float]:
-    """The weight of each --objective, 1 where it has none."""
-    found = {}
-    for text in objectives or ("position",):
+def shadow(text: str, scene: Scene) -> Motion:
+    """The target outline=FILE or coefficient=NUMBER. Raises InvalidInput."""
+    from clothfit.motion.shadow import shadow_target
+
+    kind, _, value = text.partition("=")
+    if kind == "coefficient":
+        share = value.removesuffix("%")
+        if not is_number(share):
+            raise InvalidInput(f"--target {text}: the drape coefficient is a number, as in coefficient=62%")
+        return shadow_target(scene, coefficient=float(share) / (100.0 if value.endswith("%") else 1.0))
+    check_there(value)
+    import numpy as np
+
+    try:
+        points = np.loadtxt(value, delimiter="," if "," in Path(value).read_text("utf-8") else None, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"{value}: is no outline, which has x and z in m in each line: {error}") from None
+    return shadow_target(scene, outline=points)
+
+
+def weights(objectives: tuple[str, ...], targets: tuple[str, ...] = ()) -> dict[str, float]:
+    """The weight of each --objective, 1 where it has none; without any, what the targets show. Raises InvalidInput."""
+    shown = {target.partition("=")[0] + "=" if target.startswith(SHADOWS) else "" for target in targets}
+    if not objectives and len(shown) > 1:
+        raise InvalidInput("--target: an outline, a coefficient and other targets show different things; fit each by "
+                           "itself, or name what all of them are compared by with --objective")  # fmt: skip
+    found, usual = {}, {"outline=": "outline", "coefficient=": "coverage"}
+    for text in objectives or tuple(usual.get(each, "position") for each in shown) or ("position",):
         name, equals, weight = text.partition("=")
         if name in found:
             raise InvalidInput(f"--objective: {name} is given twice")

@@ -1,0 +1,157 @@
+"""The shape of a cloth at rest: where the forces on all free vertices are 0 and the energy has a minimum.
+
+A step of endless length that moves nothing ends at rest: with h → ∞ and v = 0 the implicit step (`step.implicit`) asks
+for f(x) = 0 alone, A/h² → −K, the tangent stiffness. So a cloth at rest is a motion whose steps stay where they are, of
+a system without damping and with the time step `system.ENDLESS`. The derivatives of an implicit step are then, by the
+implicit function theorem, those of the shape,
+
+    K dx/dp = −∂f/∂p,
+
+one linear solve backwards for a gradient, and one for each column of the sensitivity; what the shape was before does
+not matter. M/h² is far below the rounding of K.
+
+The shape itself is found by Newton's method, with the same steps: (M/h² − K) d = f. The step h grows while the energy
+falls as it should and shrinks where it does not, as in pseudo-transient continuation (C. T. Kelley, D. E. Keyes,
+Convergence analysis of pseudo-transient continuation, SIAM J. Numer. Anal. 35, 1998). A shape that is no minimum is
+left along its lowest mode. Cloths have many shapes at rest, and which one is found depends on where the search begins.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array
+from clothfit.engine.forces import total, vertex
+from clothfit.engine.solve import linear, sparse
+from clothfit.engine.step import implicit
+from clothfit.engine.system import ENDLESS, System
+from clothfit.kernels.kernel import kernel
+
+FIRST, CLOSE = 0.03, 0.3
+"""The first step, s, and the longest one after one that failed; forces, relative to the weights, up to which the first
+one is endless.
+"""
+
+GROW, SHRINK = 1.4, 0.3
+"""Factors of the step after one that lowers the energy, and after one that does not."""
+
+MOST = 2000
+"""Steps before a search is given up."""
+
+DONE, NEAR = 1e-12, 1e-6
+"""Forces that are left, relative to the weights, where the search ends; and where it ends if rounding leaves more."""
+
+ENOUGH, GOOD = 0.05, 0.8
+"""Share of the energy that Newton's model promises which a step needs, and above which the next one is longer."""
+
+KICK, LOOKS = 0.02, 5
+"""How far a shape that is no minimum is moved along its lowest mode, in lengths of springs; and how often, at most."""
+
+
+def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:
+    """The shape at rest (n, 3), m, that is found from `start`; whether it is one; and the direct solves it took."""
+    search = _Search(system, start)
+    for look in range(LOOKS):
+        if not search.descend():
+            return search.x, False, search.solves
+        mode = search.lowest()
+        if mode is None:
+            return search.x, True, search.solves
+        reach = KICK * float(np.median(system.springs.rest)) / np.abs(mode).max()
+        search.x = search.x + (-1) ** look * reach * mode
+    return search.x, False, search.solves
+
+
+class _Search:
+    """A search for a minimum of the energy."""
+
+    def __init__(self, system: System, start: Array) -> None:
+        self.system, self.work, self.x, self.solves = system, implicit.workspace(system), np.array(start), 0
+        self.rest, self.free = np.zeros_like(self.x), np.flatnonzero(system.vertex.free)
+        weight = system.vertex.mass[self.free, None] * system.vertex.gravity
+        pull = 1e-9 * system.springs.stiffness @ system.springs.rest / max(len(system.springs.rest), 1)
+        self.scale = max(float(np.linalg.norm(weight)), float(pull))
+
+    def force(self, x: Array, h: float = ENDLESS) -> Array:
+        """The forces on the free vertices (m, 3), N; A of that step is left in the workspace."""
+        form = self.system._replace(h=h)
+        implicit.assemble(form, x, self.rest, False, self.work.A, self.work.b)
+        return np.asarray(self.work.b[self.free] / h)
+
+    def energy(self, x: Array) -> float:
+        """The energy of springs, colliders and weight, J."""
+        return float(stored(self.system, x))
+
+    def step(self, h: float) -> Array:
+        """d (m, 3) of the assembled step; NaN where A is singular."""
+        from scipy.sparse.linalg import splu
+
+        self.solves += 1
+        try:
+            factors = splu(sparse.to_scipy(*self.work.A), **linear.SYMMETRIC)
+        except RuntimeError:  # exactly singular
+            return np.full((len(self.free), 3), np.nan)
+        return h * factors.solve(self.work.b[self.free].reshape(-1)).reshape(-1, 3)
+
+    def descend(self) -> bool:
+        """Go to where the forces are 0; whether they are."""
+        energy, f = self.energy(self.x), self.force(self.x)
+        h = ENDLESS if np.linalg.norm(f) < CLOSE * self.scale else FIRST
+        for _ in range(MOST):
+            size = float(np.linalg.norm(f))
+            if not np.isfinite(size):
+                return False
+            if size <= DONE * self.scale:
+                return True
+            interrupts.check()
+            f = self.force(self.x, h)
+            d = self.step(h)
+            slope, trial = float((f * d).sum()), self.x.copy()
+            trial[self.free] += d
+            after = self.energy(trial) if slope > 0.0 else np.inf
+            g = self.force(trial) if np.isfinite(after) else f
+            small = slope <= 1e-13 * abs(energy) + 1e-300  # nothing of the energy but rounding
+            gain = (energy - after) / (0.5 * slope) if slope > 0.0 else -np.inf
+            if gain >= ENOUGH or (small and np.linalg.norm(g) < 0.5 * size):
+                self.x, energy, f = trial, after, g
+                h = min(h * (GROW if gain > GOOD else 1.0), ENDLESS)
+            elif small and size <= NEAR * self.scale:
+                if h == ENDLESS:
+                    return True
+                h = ENDLESS
+            else:
+                h = min(h * SHRINK, FIRST)
+                if h < 1e-9:
+                    return False
+        return False
+
+    def lowest(self) -> Array | None:
+        """The lowest mode (n, 3) of −K where it is negative; None where the shape is a minimum."""
+        from scipy.sparse.linalg import splu
+
+        if not len(self.free):
+            return None
+        self.force(self.x)
+        A = sparse.to_scipy(*self.work.A)
+        try:
+            factors = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        except RuntimeError:
+            return None
+        if (factors.U.diagonal() > 0.0).all():
+            return None
+        mode = np.random.default_rng(0).standard_normal(A.shape[0])
+        for _ in range(30):
+            mode = factors.solve(mode / np.linalg.norm(mode))
+        mode /= np.linalg.norm(mode)
+        if not mode @ (A @ mode) < 0.0:
+            return None
+        whole = np.zeros_like(self.x)
+        whole[self.free] = mode.reshape(-1, 3)
+        return whole
+
+
+@kernel
+def stored(system: System, x: Array) -> float:
+    """The energy of springs, colliders and weight at x (n, 3), J."""
+    return float(total.stored_energy(system, x, x) + vertex.energy(system.vertex, x))

@@ -1,0 +1,156 @@
+"""Cloths at rest: against closed forms, on several meshes, and the derivatives of the shape against differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+
+import clothfit
+from clothfit.base.errors import InvalidScene
+from clothfit.engine.system import build
+from clothfit.fabric.presets import preset
+from clothfit.meshes.new_scene import new_scene
+from clothfit.meshes.specimens import CANTILEVER, DRAPE, SIZES, STRIP, specimen
+from clothfit.motion.shadow import shadow_target
+from clothfit.objective.objective import Objective
+
+GRAVITY = 9.81
+DENSITY, STRETCH, BENDING = 0.2, 400.0, 2e-5
+STUFF = replace(preset("denim"), density=DENSITY, stretch=(STRETCH,) * 3, bending=(BENDING,) * 3)
+
+
+def hung(kind, divisions, size=None, stuff=STUFF, **options):
+    """A specimen of a fabric, at rest."""
+    made = specimen(kind, divisions, size)
+    given = {"fabric": stuff, "integrator": "rest", "warp": made.warp, "frames": 2, "fit": "nR"}
+    return new_scene(made.mesh, made.fixed, **given | options)
+
+
+def shape(scene):
+    """Its shape at rest (n, 3)."""
+    return clothfit.simulate(scene).positions[-1]
+
+
+def elastica(length):
+    """Where a heavy strip ends that leaves a table level, (x, y): B θ'' = ρ g (L − s) cos θ (F. T. Peirce 1930)."""
+
+    def slope(s, y):
+        return np.stack([y[1], DENSITY * GRAVITY / BENDING * (length - s) * np.cos(y[0])])
+
+    s = np.linspace(0, length, 200)
+    found = solve_bvp(slope, lambda a, b: np.array([a[0], b[1]]), s, np.stack([-s / length, 0 * s - 1 / length]))
+    theta = found.sol(s)[0]
+    return np.trapezoid(np.cos(theta), s), np.trapezoid(np.sin(theta), s)
+
+
+@pytest.mark.parametrize(("divisions", "close"), [(10, 6e-3), (40, 1e-3)])
+def test_a_cantilever_bends_as_the_heavy_elastica(divisions, close):
+    """On coarse and fine meshes, far from straight; the cells are chords of the curve."""
+    length = 0.06
+    scene = hung(CANTILEVER, divisions, (length, 0.03))
+    start = scene.cloths[0].positions[:, 0]
+    end = shape(scene)[start > start.max() - 1e-9].mean(axis=0)
+    assert end[:2] == pytest.approx(elastica(length), abs=close * length)
+
+
+@pytest.mark.parametrize("divisions", [8, 24])
+def test_a_strip_is_longer_by_its_own_weight(divisions):
+    """ρ g L²/2S, within what its clamp keeps from becoming narrower and the strain, 0.2 %, of second order."""
+    length = 0.4
+    scene = hung(STRIP, divisions, (length, 0.04))
+    longer = float(np.ptp(shape(scene)[:, 1])) - length
+    assert longer == pytest.approx(DENSITY * GRAVITY * length**2 / (2 * STRETCH), rel=0.05)
+
+
+def test_forces_of_a_shape_balance_and_it_is_a_minimum():
+    """A drape, whose flat start is far away: no force on a free vertex, and each small change costs energy."""
+    scene = hung(DRAPE, 10)
+    system, x = build(scene, 0), shape(scene)
+    from clothfit.engine.equilibrium import _Search, stored
+
+    search, change = _Search(system, x), np.random.default_rng(0).standard_normal((5, *x.shape))
+    assert np.linalg.norm(search.force(x)) < 1e-8 * search.scale  # rounding of springs against weights
+    for each in np.where(system.vertex.free[:, None], 1e-4 * change, 0.0):
+        assert stored(system, x + each) > stored(system, x)
+
+
+SPHERE = (0.0, -0.05, 0.0, 0.045)
+
+
+@pytest.mark.parametrize("spheres", [(), (SPHERE,)], ids=["free", "on a ball"])
+def test_derivatives_of_a_shape_are_exact(spheres):
+    """Gradient and tangent against central differences, and against each other; with and without contact."""
+    scene = hung(DRAPE, 8, (0.3, 0.05), spheres=spheres)
+    true = np.exp(0.3 * np.random.default_rng(1).standard_normal(len(clothfit.parameters(scene))))
+    objective = Objective(scene, clothfit.simulate(clothfit.with_parameters(scene, true)))
+    p, along = np.ones(len(true)), np.random.default_rng(2).standard_normal(len(true))
+    _, gradient = objective.cost_and_gradient(p)
+    step = 1e-5
+    ahead, behind = (objective.positions(p + sign * step * along)[0][1] for sign in (1, -1))
+    change = objective.tangent(p, along)[0][1]
+    assert change == pytest.approx((ahead - behind) / (2 * step), abs=1e-6 * np.abs(change).max())
+    weight = 2 * (objective.positions(p)[0] - objective.experiments[0].motion.positions)
+    weight[0] = 0.0  # what is before the shape does not count
+    assert gradient @ along == pytest.approx((weight[1] * change).sum(), rel=1e-8)
+
+
+def test_shapes_of_several_meshes_show_one_fabric():
+    """A cantilever and a strip of other meshes, by their shapes alone, show how each family stretches and bends."""
+    factors = np.array([1.3, 0.8, 1.2, 1.5, 0.7, 1.3])
+    bent, hanging = hung(CANTILEVER, 14, (0.15, 0.05)), hung(STRIP, 10, (0.3, 0.06))
+    targets = [(replace(clothfit.simulate(clothfit.with_parameters(each, factors)), name=each.name), each)
+               for each in (bent, hanging)]  # fmt: skip
+    alone = [(replace(motion, positions=motion.positions[1:], times=np.zeros(1)), each) for motion, each in targets]
+    fit = clothfit.estimate(bent, alone)
+    assert clothfit.parameters(fit.scene, bent) == pytest.approx(factors, rel=1e-4)  # residuals are 1e-8 m
+    assert fit.verdict.model == "adequate"
+
+
+@pytest.fixture(scope="module")
+def draped():
+    """A drape of twice the bending: the scene without that, its shape, and the target of its drape coefficient."""
+    scene = hung(DRAPE, 10)
+    stiff = clothfit.with_parameters(scene, np.where(np.arange(6) < 3, 1.0, 2.0))
+    motion = clothfit.simulate(stiff)
+    measure = Objective(scene, motion, objective="outline").runs[0].comparison.measures["outline"]
+    share = ((measure.goal**2).mean() - HELD**2) / (RIM**2 - HELD**2)
+    return scene, motion, shadow_target(scene, coefficient=float(share))
+
+
+HELD, RIM = (0.5 * each for each in reversed(SIZES[DRAPE]))
+
+
+@pytest.mark.parametrize("what", ["outline", "coverage"])
+def test_derivatives_of_shadows_are_exact(draped, what):
+    scene, motion, _ = draped
+    objective, p = Objective(scene, motion, objective=what), np.full(6, 1.05)
+    along, step = np.random.default_rng(2).standard_normal(6), 1e-6
+    _, gradient = objective.cost_and_gradient(p)
+    difference = (objective.cost(p + step * along) - objective.cost(p - step * along)) / (2 * step)
+    assert gradient @ along == pytest.approx(difference, rel=1e-6)
+
+
+def test_the_shape_and_the_drape_coefficient_show_the_bending(draped):
+    """The shape exactly; the coefficient, which folds make uncertain, within 15 %."""
+    scene, motion, coefficient = draped
+    fit = clothfit.estimate(scene, motion)
+    assert clothfit.parameters(fit.scene, scene)[3:] == pytest.approx(np.full(3, 2.0), rel=1e-4)
+    fit = clothfit.estimate(scene, coefficient, objective="coverage")
+    assert clothfit.parameters(fit.scene, scene)[3:] == pytest.approx(np.full(3, 2.0), rel=0.15)
+
+
+def test_what_is_no_shadow_is_refused(draped):
+    scene = draped[0]
+    for given in ({"coefficient": 1.5}, {"outline": np.ones((9, 3))}, {"outline": np.ones((9, 2))}, {}):
+        with pytest.raises(clothfit.InvalidInput):
+            shadow_target(scene, **given)
+
+
+def test_what_moves_cannot_be_at_rest():
+    with pytest.raises(InvalidScene, match="wind: a scene at rest"):
+        clothfit.simulate(hung(STRIP, 4, wind=(1.0, 0.0, 0.0)))
+    with pytest.raises(clothfit.InvalidInput, match="windows: is for motions"):
+        clothfit.estimate(hung(STRIP, 4), clothfit.simulate(hung(STRIP, 4)), windows=2)
