@@ -166,7 +166,7 @@ def found_with(
     wrong = quick is None and differs
     known = replace(known, blocks=blocks_of(kept, known.local.scale) if wrong else None)
     width, reach = reaches(known, quick is not None, None if wrong else others)
-    stiff = unlimited(known, reach) if not wrong else np.zeros(problem.size, bool)
+    stiff = np.zeros(problem.size, bool) if wrong or quick else unlimited(known, reach)
     hidden = not_shown(known, not wrong, stiff)
     p, cost = set_back(known, hidden, noise, search.start)
     rank, spread = problem.size - hidden.directions.shape[1], float(np.sqrt(noise))
@@ -329,11 +329,10 @@ def unlimited(known: Posterior, reach: Array) -> Flags:
     return found & inextensible.hardly_stretching(search.objective)[search.fitted] if found.any() else found
 
 
-def from_below(
-    found: Confidence, problem: Trajectory, known: Posterior, stiff: Flags, width: Array
-) -> Confidence:  # fmt: skip
+def from_below(found: Confidence, problem: Trajectory, known: Posterior, stiff: Flags, width: Array) -> Confidence:
     """What the data say with lower bounds of the parameters that are `stiff` (Q,), which are then kept so stiff that
-    nobody sees it, where that costs as good as nothing. Raises Diverged, Stop.
+    nobody sees it, where that costs as good as nothing. For many values the model at the best point says the bounds.
+    Raises Diverged, Stop.
     """
     search, local, at = problem.search, known.local, np.flatnonzero(problem.fitted)[stiff]
     low, high, ratio = found.low.copy(), found.high.copy(), np.full(len(stiff), np.nan)
@@ -341,14 +340,14 @@ def from_below(
     curvature = np.diag(local.information).copy()
     curvature[known.free] = 1.0 / np.diag(known.K)
     rises = (inextensible.SURE_BOUND * width) ** 2 * curvature
-    if stiff.sum() <= inextensible.MOST_BOUNDS:
+    if problem.size <= MOST_VALUES:
         for j in np.flatnonzero(stiff):
             exact = inextensible.lower_bound(problem, known, int(j), rises[j])
             ratio[j] = ratio[j] if np.isnan(exact) else exact
     ends = np.flatnonzero(problem.fitted)[np.intersect1d(known.free, np.flatnonzero(stiff))]  # others end at a bound
     least = np.full(len(low), np.nan)
     low[ends], high[ends], least[at] = np.nan, np.nan, search.best.p[at] * ratio[stiff]
-    p, best, objective = inextensible.played(known, ratio), search.best.cost, search.objective
+    p, best, objective = inextensible.played(known, ratio, found.p), search.best.cost, search.objective
     cost, most = objective.cost_or_infinity(p), best + inextensible.UNSEEN * rises[stiff].min()
     if not cost <= max(min(most, objective.cost_or_infinity(search.start)), best):
         p, cost = found.p, found.cost

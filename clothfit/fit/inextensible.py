@@ -47,9 +47,6 @@ still save there of the rise.
 FARTHEST = 2.0
 """Change of the logarithm from one of these points to the next at most."""
 
-MOST_BOUNDS = 12
-"""Values whose bounds are found so; of more the quadratic model says them."""
-
 PLAYED = 10.0
 """Times its bound that a stiffness is kept at: nobody sees it, and no step is the harder for it."""
 
@@ -61,7 +58,6 @@ SURE_BOUND = 1.68
 
 DOUBT = 5.0
 """By how much the tensions of a model that differs may be too large."""
-
 
 SURE = 4.0
 """Standard errors of what noise adds to mean squares of strains, that are taken for strains."""
@@ -208,14 +204,14 @@ def lower_bound(problem: Trajectory, known: Posterior, j: int, rise: float) -> f
     return np.nan
 
 
-def played(known: Posterior, ratio: Array) -> Array:
-    """The parameters (P,) where the stiffnesses with a lower bound, relative to the best point, `ratio` (Q,; else NaN)
-    are `PLAYED` times that, and the others follow.
+def played(known: Posterior, ratio: Array, p: Array) -> Array:
+    """The parameters p (P,) with stiffnesses of `PLAYED` times their lower bounds, which are `ratio` (Q,; else NaN)
+    relative to the best point, and with the others as they then fit best.
     """
     local, open_ = known.local, np.isfinite(ratio)
     change = np.log(PLAYED * ratio[open_])
     A, scale, o = local.prior.matrix(known.sigma2), local.scale, np.flatnonzero(~open_)
-    H, y = (local.model.H + A) * np.outer(scale, scale), local.search.y
+    H, y = (local.model.H + A) * np.outer(scale, scale), local.search.coordinates.y(p)[local.search.fitted]
     K = inverse_beside(H[np.ix_(o, o)], np.zeros((len(o), 0)))
     y[open_] += scale[open_] * change
     y[o] += scale[o] * (K @ (H[np.ix_(o, np.flatnonzero(open_))] @ np.expm1(-change)))

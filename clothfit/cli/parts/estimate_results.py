@@ -219,7 +219,7 @@ def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None, di
 
 
 def lower_bounds(block: FittedBlock) -> str:
-    """The stiffnesses of which a motion shows how large they are at least; of many the least and the median."""
+    """The stiffnesses of which a motion shows how large they are at least; of many the lowest and the highest."""
     known = [(name, least) for name, least in zip(names_of(block), block.least, strict=False) if least is not None]
     if len(known) > SHOWN:
         values = sorted(least for _, least in known)
