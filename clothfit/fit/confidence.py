@@ -317,9 +317,12 @@ def intervals(known: Posterior, hidden: Hidden, reach: Array) -> tuple[Array, Ar
 
 def unlimited(known: Posterior, reach: Array) -> Flags:
     """The parameters (Q,) that are stiffnesses of edges which hardly stretch, and whose 1/k has an interval, which
-    reaches so far (Q,), that contains 0; those that the motion does not show at all have none.
+    reaches so far (Q,), that contains 0; those that the motion does not show at all have none, nor is there any away
+    from a minimum.
     """
     search, found = known.local.search, np.zeros(len(reach), bool)
+    if not known.at_minimum:
+        return found
     shown = np.linalg.norm(known.null, axis=1) <= HIDDEN_SHARE
     found[known.free] = (reach[known.free] >= 1.0) & shown
     held = np.setdiff1d(np.arange(len(found)), known.free)
