@@ -335,7 +335,7 @@ def unlimited(known: Posterior, reach: Array) -> Flags:
 def from_below(found: Confidence, problem: Trajectory, known: Posterior, stiff: Flags, width: Array) -> Confidence:
     """What the data say with lower bounds of the parameters that are `stiff` (Q,), which are then kept so stiff that
     nobody sees it, where that costs as good as nothing. For many values the model at the best point says the bounds.
-    Raises Diverged, Stop.
+    Raises Diverged.
     """
     search, local, at = problem.search, known.local, np.flatnonzero(problem.fitted)[stiff]
     low, high, ratio = found.low.copy(), found.high.copy(), np.full(len(stiff), np.nan)

@@ -31,6 +31,7 @@ from clothfit.fit.hints import edges_of
 from clothfit.fit.posterior import Posterior, inverse_beside
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
+from clothfit.optimise.status import Stop
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.block import Block
 from clothfit.scene.cloth import Cloth
@@ -177,7 +178,7 @@ class Profile(NamedTuple):
 
 def lower_bound(problem: Trajectory, known: Posterior, j: int, rise: float) -> float:
     """The stiffness below which φ is more than `rise` above its least value, relative to that of the best point; NaN
-    where it was not found. Raises Stop.
+    where it was not found within the budget.
     """
     local, scale, y = known.local, known.local.scale, problem.search.y
     A, centre, o = local.prior.matrix(known.sigma2), local.prior.centre, np.arange(len(y)) != j
@@ -199,7 +200,7 @@ def lower_bound(problem: Trajectory, known: Posterior, j: int, rise: float) -> f
             y[j] -= scale[j] * change
             y[o] += scale[o] * (profile.along * np.expm1(change) - profile.away)
             model = problem.model(y)
-    except Diverged:
+    except (Diverged, Stop):
         pass
     return np.nan
 
