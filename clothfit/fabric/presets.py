@@ -78,8 +78,10 @@ def mean(values: Values) -> float | None:
     return exp((log(warp) + log(weft)) / 2) if warp and weft and min(warp, weft) > 0 else None
 
 
-def standing(own: Fabric, bends: bool = True, stretches: bool = True) -> list[str]:
-    """Where a cloth stands among real fabrics: parts of a sentence, of those properties that are to be told."""
+def standing(own: Fabric, bends: bool = True, stretches: bool = True, sure: float | None = None) -> list[str]:
+    """Where a cloth stands among real fabrics: parts of a sentence, of those properties that are to be told. Of a
+    stretch whose stiffness is only known to be more than the share `sure` of what it is, only that it is so little.
+    """
     usual, told = _file()["usual"], []
     low, high = usual["density"]
     if not low <= own.density <= high:
@@ -96,7 +98,9 @@ def standing(own: Fabric, bends: bool = True, stretches: bool = True) -> list[st
         woven = [value for kind, value in known if kind == WOVEN and value]
         every = [value for _, value in known if value]
         near = _nearest("stretch", stretch)
-        if stretch < min(every) / LIKE:
+        if sure is not None:
+            told += ["stretches at most as woven cloth does"] * (sure * stretch >= min(woven) / LIKE)
+        elif stretch < min(every) / LIKE:
             told.append("stretches more than any fabric that is listed")
         elif stretch > max(every) * LIKE:
             told.append("stretches less than any fabric that is listed")
@@ -113,9 +117,9 @@ def _nearest(name: str, value: float) -> Preset:
     return min(((each, own) for each, own in known if own), key=lambda pair: abs(log(pair[1] / value)))[0]
 
 
-def sentence(own: Fabric, bends: bool = True, stretches: bool = True) -> str | None:
+def sentence(own: Fabric, bends: bool = True, stretches: bool = True, sure: float | None = None) -> str | None:
     """The same as a sentence; None where there is nothing to tell."""
-    told = standing(own, bends, stretches)
+    told = standing(own, bends, stretches, sure)
     return f"as a fabric it {_joined(told)}" if told else None
 
 

@@ -42,6 +42,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
 from clothfit.engine.system import mobile
+from clothfit.fit import inextensible
 from clothfit.fit.alternatives import Alternatives
 from clothfit.fit.posterior import CHAOS, MOST_VALUES, Local, Posterior, blocks_of, half_width, learned_prior, posterior
 from clothfit.motion.divergence import Diverged
@@ -54,7 +55,7 @@ from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.matrix_free import Products, Sampling
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Kept, Trajectory
-from clothfit.scene.fit_vector import at_lower, at_upper, bounds
+from clothfit.scene.fit_vector import at_lower, at_upper, bounds, of_kinds
 
 HIDDEN_SHARE = 1e-4
 """Part of a parameter in the directions that are not shown, from which on it counts as not determined."""
@@ -121,6 +122,7 @@ class Confidence:
     warning: str | None = None  # why there are no intervals
     correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
     samples: Samples | None = None  # that the intervals are by; None: by the matrix
+    least: Array | None = None  # (P,): lower bounds of what has no upper end; NaN where there is none
 
 
 @dataclass(frozen=True)
@@ -163,11 +165,14 @@ def found_with(
         return without_intervals(known, noise, CHAOTIC.format(kept.growth, search.objective.steps + 1))
     wrong = quick is None and differs
     known = replace(known, blocks=blocks_of(kept, known.local.scale) if wrong else None)
-    hidden = not_shown(known, not wrong)
+    width, reach = reaches(known, quick is not None, None if wrong else others)
+    stiff = np.zeros(problem.size, bool) if wrong or quick else unlimited(known, reach)
+    hidden = not_shown(known, not wrong, stiff)
     p, cost = set_back(known, hidden, noise, search.start)
     rank, spread = problem.size - hidden.directions.shape[1], float(np.sqrt(noise))
-    low, high = intervals(known, hidden, quick is not None, None if wrong else others)
+    low, high = intervals(known, hidden, reach)
     found = Confidence(p, cost, low, high, known.whole(hidden.flags), rank, spread)
+    found = from_below(found, problem, known, stiff, width) if stiff.any() else found
     if wrong and known.blocks is None:
         nothing = np.full(len(p), np.nan)
         return replace(found, low=nothing, high=nothing, warning=UNTRUSTED)
@@ -258,13 +263,14 @@ def balances(search: Search) -> tuple[Model, float, int] | None:
     return Model(y, squares, H, g), squares, count
 
 
-def not_shown(known: Posterior, is_noise: bool) -> Hidden:
+def not_shown(known: Posterior, is_noise: bool, stiff: Flags | None = None) -> Hidden:
     """The free parameters that are not determined, and the directions that the motion does not show; what a wrong model
-    leaves, not `is_noise`, does not hide a parameter.
+    leaves, not `is_noise`, does not hide a parameter, nor are those (Q,) hidden of which it shows a lower bound.
     """
     width = known.local.width[known.free]
     flags = np.linalg.norm(known.null, axis=1) > HIDDEN_SHARE
-    wide = np.flatnonzero((known.deviation > width) & known.at_minimum & ~flags & is_noise)
+    bounded = False if stiff is None else stiff[known.free]
+    wide = np.flatnonzero((known.deviation > width) & known.at_minimum & ~flags & is_noise & ~bounded)
     found = eigen(known.sigma2 * known.K[np.ix_(wide, wide)] / np.outer(width[wide], width[wide]))
     values, vectors = (np.full(len(wide), np.inf), np.eye(len(wide))) if found is None else found
     more = np.zeros((len(known.free), int((values > 1.0).sum())))
@@ -273,34 +279,82 @@ def not_shown(known: Posterior, is_noise: bool) -> Hidden:
     return Hidden(flags, np.linalg.qr(np.concatenate([known.null, more], axis=1))[0])
 
 
-def intervals(
-    known: Posterior, hidden: Hidden, exact: bool, others: Alternatives | None = None
-) -> tuple[Array, Array]:
-    """Both ends (P,) of the intervals; NaN where there is none. `exact`: what is left is no noise; `others` may be
-    there unnoticed.
+def reaches(known: Posterior, exact: bool, others: Alternatives | None = None) -> tuple[Array, Array]:
+    """How far (Q,) noise lets half the intervals reach in z, and how far they reach, as the result may be off a
+    minimum. `exact`: what is left is no noise; `others` may be there unnoticed.
     """
     local, search, t = known.local, known.local.search, known.t
-    moved, more = np.zeros((2, len(local.scale)))
+    width, moved, more = np.zeros((3, len(local.scale)))
     if others is not None:
         A = local.prior.matrix(known.sigma2) * np.outer(local.scale, local.scale)
         moved, more = others.widening(residual_variance(search), A)
     more = half_width(np.inf) ** 2 * more[known.free]
     if exact:  # |K Cᵀ r| ≤ sqrt(K_jj) |r|, whatever the r of a linear solver's tolerance are like
         t = max(t, float(np.sqrt(local.count)))
-    reach = np.sqrt((t * known.deviation) ** 2 + more) + np.abs(known.K @ known.derivative) + moved[known.free]
+    held = np.setdiff1d(np.arange(len(width)), known.free)
+    width[known.free], width[held] = np.sqrt((t * known.deviation) ** 2 + more), t * known.alone(held)
+    reach = width.copy()
+    reach[known.free] += np.abs(known.K @ known.derivative) + moved[known.free]
+    return width, reach
+
+
+def intervals(known: Posterior, hidden: Hidden, reach: Array) -> tuple[Array, Array]:
+    """Both ends (P,) of the intervals that reach so far (Q,) in z; NaN where there is none."""
+    local, search = known.local, known.local.search
     down = np.zeros(len(local.scale))
-    down[known.free] = np.where(hidden.flags, np.nan, reach)
+    down[known.free] = np.where(hidden.flags, np.nan, reach[known.free])
     up = down.copy()
     held = np.setdiff1d(np.arange(len(down)), known.free)
     # the effect of a mass or stiffness at its lower bound grows in proportion to it; at the upper bound, to 1 / p
-    reach = t * known.alone(held)
-    reach = np.where(search.coordinates.log[search.fitted][held], np.log1p(reach), reach)
-    down[held], up[held] = inwards(search, held, reach)
+    beyond = np.where(search.coordinates.log[search.fitted][held], np.log1p(reach[held]), reach[held])
+    down[held], up[held] = inwards(search, held, beyond)
     ends = ends_of(search, local.scale * down, local.scale * up)
     if known.blocks is not None:  # from bound to bound: nothing is known
         lower, upper = bounds(search.objective.scene)
         ends[:, (at_lower(ends[0], lower) & at_upper(ends[1], upper)) | ~np.isfinite(ends).all(axis=0)] = np.nan
     return ends[0], ends[1]
+
+
+def unlimited(known: Posterior, reach: Array) -> Flags:
+    """The parameters (Q,) that are stiffnesses of edges which hardly stretch, and whose 1/k has an interval, which
+    reaches so far (Q,), that contains 0; those that the motion does not show at all have none, nor is there any away
+    from a minimum.
+    """
+    search, found = known.local.search, np.zeros(len(reach), bool)
+    if not known.at_minimum:
+        return found
+    shown = np.linalg.norm(known.null, axis=1) <= HIDDEN_SHARE
+    found[known.free] = (reach[known.free] >= 1.0) & shown
+    held = np.setdiff1d(np.arange(len(found)), known.free)
+    step = known.local.derivative(known.sigma2)[held] / np.maximum(np.diag(known.local.information)[held], 1e-300)
+    found[held] = reach[held] - step >= 1.0  # −step ≥ 0 at an upper bound
+    found &= of_kinds(search.objective.scene, ("stiffness",))[search.fitted]
+    return found & inextensible.hardly_stretching(search.objective)[search.fitted] if found.any() else found
+
+
+def from_below(found: Confidence, problem: Trajectory, known: Posterior, stiff: Flags, width: Array) -> Confidence:
+    """What the data say with lower bounds of the parameters that are `stiff` (Q,), which are then kept so stiff that
+    nobody sees it, where that costs as good as nothing. For many values the model at the best point says the bounds.
+    Raises Diverged.
+    """
+    search, local, at = problem.search, known.local, np.flatnonzero(problem.fitted)[stiff]
+    low, high, ratio = found.low.copy(), found.high.copy(), np.full(len(stiff), np.nan)
+    ratio[stiff] = 1.0 / (1.0 + inextensible.SURE_BOUND * width[stiff])
+    curvature = np.diag(local.information).copy()
+    curvature[known.free] = 1.0 / np.diag(known.K)
+    rises = (inextensible.SURE_BOUND * width) ** 2 * curvature
+    if problem.size <= MOST_VALUES:
+        for j in np.flatnonzero(stiff):
+            exact = inextensible.lower_bound(problem, known, int(j), rises[j])
+            ratio[j] = ratio[j] if np.isnan(exact) else exact
+    ends = np.flatnonzero(problem.fitted)[np.intersect1d(known.free, np.flatnonzero(stiff))]  # others end at a bound
+    least = np.full(len(low), np.nan)
+    low[ends], high[ends], least[at] = np.nan, np.nan, search.best.p[at] * ratio[stiff]
+    p, best, objective = inextensible.played(known, ratio, found.p), search.best.cost, search.objective
+    cost, most = objective.cost_or_infinity(p), best + inextensible.UNSEEN * rises[stiff].min()
+    if not cost <= max(min(most, objective.cost_or_infinity(search.start)), best):
+        p, cost = found.p, found.cost
+    return replace(found, p=p, cost=cost, low=low, high=high, least=least)
 
 
 def ends_of(search: Search, down: Array, up: Array) -> Array:

@@ -38,6 +38,7 @@ from clothfit.fit.result import (
     judgement,
     result,
     with_fallbacks,
+    with_lower_bounds,
     with_verdict,
     without_intervals,
 )
@@ -329,6 +330,8 @@ def assessed(found: Fit, fit: Fitting, whole: Objective | None) -> Fit:
     kept_out, whole = fit.like(fit.kept_out), fit.like(whole)
     found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
     found = looked_at(found, with_verdict, objective, options.enough, fit.hidden, options=options)
+    if options.intervals:
+        found = looked_at(found, with_lower_bounds, objective, options=options)
     found = with_still(replace(found, windows=options.windows), whole or objective)
     found = looked_at(found, with_residual_hints, objective, options=options)
     if whole is not None:

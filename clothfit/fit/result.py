@@ -24,6 +24,7 @@ from clothfit.fit.alternatives import Alternatives, alternatives, in_words
 from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence, residual_variance
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut, Judged
+from clothfit.fit.inextensible import by_strains, hardly_stretching, levels
 from clothfit.motion.correspondence import Correspondence
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.identifiability import Correlation
@@ -35,6 +36,7 @@ from clothfit.optimise.status import Status
 from clothfit.registration.record import Markers, Registration
 from clothfit.scene.block import Block
 from clothfit.scene.bounds import wider
+from clothfit.scene.factors import geometric_mean
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy.step_choice import Step
@@ -46,6 +48,9 @@ NEGLIGIBLE = 1e-4
 
 MOMENT = 0.5
 """Seconds for the error of positions where the fit was asked to end."""
+
+WIDE = float(np.exp(2.0))
+"""Ratio of the ends of an interval of a stiffness from which on it has no upper end."""
 
 UNMOVED = 1e-9
 """Relative change up to which a parameter counts as not having moved: beyond the rounding of exp and log."""
@@ -63,6 +68,8 @@ class FittedBlock:
     unidentifiable: list[int]  # values that the motion does not determine; those that it does not show keep their start
     unmoved: list[int]  # of the others, those that ended where they started
     interval: list[tuple[float, float] | None]  # of 95 %, one per value, in its unit; None where there is none
+    at_least: bool = False  # whether there are stiffnesses of which the motion shows only how large they are at least
+    least: list[float | None] = field(default_factory=list)  # that, N/m, of each value; of others None
     groups: list[str] | None = None  # in modes F, R and M: the names of the groups
     modes: list[int] | None = None  # in mode M: the values of each group, one for each mode of its map
     values: list[float] | None = None  # in modes F, R and M: the factors
@@ -209,6 +216,35 @@ def result(
     )
 
 
+def with_lower_bounds(found: Fit, objective: Objective) -> Fit:
+    """The fit with lower bounds, by the strains, of stiffnesses of edges that hardly stretch where the model differs or
+    nothing else is known of them: they have no interval, or one that 1/k = 0 is as near to as their best value.
+    """
+    blocks, p = list(found.parameters), parameters(found.scene, objective.scene)
+    if found.verdict is None or found.verdict.fails or not any(block.name == "stiffness" for block in blocks):
+        return found
+    stiff = hardly_stretching(objective)
+    for i, (block, own) in enumerate(zip(objective.blocks, blocks, strict=True)):
+        lost = {*own.unidentifiable, *(j for j, ends in enumerate(own.interval) if ends and ends[1] < WIDE * ends[0])}
+        open_ = stiff[block.part] & ~np.isin(np.arange(block.count), list(lost))
+        if open_.any() and not own.at_least:
+            low = p[block.part] * by_strains(objective, block, p)
+            blocks[i] = at_least(own, block, np.where(open_, low, np.nan))
+    return replace(found, parameters=blocks)
+
+
+def at_least(found: FittedBlock, block: Block, low: Array) -> FittedBlock:
+    """A block with lower bounds (count,) of its values, as they are meant; NaN where there is none."""
+    if np.isnan(low).all():
+        return found
+    sizes = np.ones(block.count)
+    if block.factors is not None:
+        of = levels(block)
+        sizes = np.array([geometric_mean(block.factors.base[of == j]) for j in range(block.count)])
+    least = [None if np.isnan(each) else float(each) for each in low * sizes]
+    return replace(found, at_least=True, least=least)
+
+
 def fitted_scene(search: Search, p: Array, started: bool) -> Scene:
     """The scene with the values p (P,) of a search; the user gave its start where `started`."""
     scene, kept = search.objective.scene, search.objective.identifiable
@@ -315,7 +351,7 @@ def with_verdict(found: Fit, objective: Objective, tolerance: float, trial: bool
 
 def without_intervals(found: Fit) -> Fit:
     """The fit without what its values' intervals say."""
-    blocks = [replace(block, interval=[None] * block.count) for block in found.parameters]
+    blocks = [replace(block, interval=[None] * block.count, at_least=False, least=[]) for block in found.parameters]
     return replace(found, parameters=blocks, rank=None, sigma=None, correlations=(), samples=None)
 
 
@@ -339,6 +375,8 @@ def fitted_block(search: Search, block: Block, p: Array, known: Confidence | Non
         block.cloth, block.name, block.mode, block.count, at_bound, hidden, unmoved, interval,
         bounds=reached.tolist(), start=began[0] if len(set(began)) == 1 else began,
     )  # fmt: skip
+    if known is not None and known.least is not None:
+        found = at_least(found, block, known.least[part])
     if block.factors is None:
         return found
     modes = list(block.factors.modes) if block.mode == "M" else None

@@ -129,6 +129,10 @@ def blocks(summary: Mapping[str, Any]) -> Iterator[str]:
             found = block.get(key)
             if isinstance(found, list) and found:
                 yield f"{name}: {counted(len(found), 'value is', 'values are')} {text}"
+        least = [number(each) for each in block.get("least") or []] if block.get("at_least") is True else []
+        if known := sorted(each for each in least if each is not None):
+            ends = dict.fromkeys(written(each, 3) for each in (known[0], known[-1]))
+            yield f"{name}: at least {' to '.join(ends)} N/m where edges hardly stretch"
 
 
 Cell: TypeAlias = str | list[Any]

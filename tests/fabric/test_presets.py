@@ -58,6 +58,8 @@ def test_what_a_motion_or_a_mesh_does_not_show_is_not_told():
     assert "bend" not in sentence(of(), bends=False)
     assert "bend" not in sentence(of(curvature=2.0))
     assert sentence(of(), bends=False, stretches=False) is None
+    assert sentence(of(stretch=9e4), bends=False, sure=0.1).endswith("stretches at most as woven cloth does")
+    assert sentence(of(stretch=9e4), bends=False, sure=1e-4) is None
 
 
 def test_an_unknown_name_is_answered_with_one_that_is_near():

@@ -38,6 +38,9 @@ FAILED = "fails"
 OF_UNITS = ("scale", "placement", "rest_lengths", "bounds")
 """The codes of hints that follow from another unit, or other axes."""
 
+SHOWN = 12
+"""Lower bounds that are listed one by one."""
+
 WORTH_A_WORD = 1e-5
 """Error relative to the distance travelled below which its percentage says nothing."""
 
@@ -109,14 +112,19 @@ def describe(found: Fit, out: Output, console: Console, named: bool = False) -> 
             console.warn(f"{place}: {at_bound(block, kind)}")
         if times := factors(block):
             console.say(f"{place}: {times}")
+        if bounded := lower_bounds(block):
+            console.say(f"{place}: {bounded}; where edges hardly stretch, nobody sees how much stiffer they are")
         if known := certainty(block, kind, found.samples, found.verdict is not None and found.verdict.differs):
             console.say(f"{place}: {known}")
 
 
 def describe_fabrics(found: Fit, console: Console) -> None:
     """Say where fitted cloths stand among real fabrics, as far as the motion shows it."""
+    from numpy import median
+
     from clothfit.fabric.fabric import fabric_of
     from clothfit.fabric.presets import sentence
+    from clothfit.fit.hints import edges_of
 
     for block in found.parameters:
         if block.object is None or block.name != "stiffness" or len(block.unidentifiable) == block.count:
@@ -124,7 +132,11 @@ def describe_fabrics(found: Fit, console: Console) -> None:
         own = fabric_of(found.scene.cloths[block.object])
         hidden = [(block.groups or [])[i] for i in block.unidentifiable] if block.groups and not block.modes else []
         shown = [all(not name.startswith(part) for name in hidden) for part in ("bending", "edges")]
-        if own is not None and (told := sentence(own, *shown)):
+        sure = None
+        if known := [each for each in block.least if each is not None]:
+            cloth = found.scene.cloths[block.object]
+            sure = min(min(known) / float(median(cloth.stiffness[edges_of(cloth)])), 1.0)
+        if own is not None and (told := sentence(own, shown[0], shown[1], sure)):
             console.say(f"{owned(block.object, 'stiffness')}: {told}")
 
 
@@ -204,6 +216,23 @@ def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None, di
     if block.unmoved:
         parts.append(f"{len(block.unmoved)} did not move: {indices(block.unmoved)}")
     return ", ".join(parts) if len(parts) > 1 else ""
+
+
+def lower_bounds(block: FittedBlock) -> str:
+    """The stiffnesses of which a motion shows how large they are at least; of many the lowest and the highest."""
+    known = [(name, least) for name, least in zip(names_of(block), block.least, strict=False) if least is not None]
+    if len(known) > SHOWN:
+        values = sorted(least for _, least in known)
+        return f"{len(known)} values at least {values[0]:.3g} to {values[-1]:.3g} N/m each"
+    return ", ".join(f"{name} at least {least:.3g} N/m".strip() for name, least in known)
+
+
+def names_of(block: FittedBlock) -> list[str]:
+    """A name for each value of a block: of a map, for its levels."""
+    if block.groups is None:
+        return [""] * block.count if block.count == 1 else [f"[{i}]" for i in range(block.count)]
+    return [name for name, count in zip(block.groups, block.modes or [1] * len(block.groups), strict=True)
+            for name in [name] * count]  # fmt: skip
 
 
 def accuracy(block: FittedBlock, kind: Kind) -> str:
