@@ -288,6 +288,7 @@ def still(objective: Objective) -> float:
         motion = in_groups(objective.experiments[run.experiment].motion, run.scene)  # in the scene's axes
         x = motion.of(run.cloth)[: len(goal.step)]
         if isinstance(run.comparison.surface, Cloud):
+            x = np.where(np.isfinite(x), x, run.system.x0)  # there was no time to track it
             squares += run.comparison.cost_of(np.broadcast_to(x.mean(axis=0), x.shape))
             continue
         x, seen = run.comparison.shown(x), run.comparison.observed[..., None]

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import metres, percent
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import FitOptions
+from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
 from clothfit.motion.correspondence import SCANNED, Correspondence
 from clothfit.motion.divergence import Diverged
@@ -37,6 +39,8 @@ from clothfit.strategy.continuation import Even, some_steps
 from clothfit.strategy.start import start_of
 from clothfit.strategy.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
 
+Start: TypeAlias = float | Array | Scene | None
+
 STEPS, SAVING = 8, 0.01
 """Of Gauss–Newton in each window, and the share of the cost that a step must save."""
 
@@ -48,11 +52,21 @@ MOST = 0.95
 
 
 def with_scans(
-    scene: Scene, given: list[Experiment], start: float | Array | Scene | None, options: FitOptions
-) -> tuple[list[Experiment], float | Array | Scene | None]:
-    """The targets with their scans tracked, and where a fit to them starts."""
+    scene: Scene, given: list[Experiment], start: Start, options: FitOptions
+) -> tuple[list[Experiment], Start]:
+    """The targets with their scans tracked, and where a fit to them starts; as they are where half of its time is too
+    short for that.
+    """
     if not any(each.motion.correspondence.mesh for each in given):
         return given, start
+    seconds = None if options.budget is None else 0.5 * options.budget
+    return in_time(partial(tracked_by_values, scene, given, start, options), (given, start), seconds)
+
+
+def tracked_by_values(
+    scene: Scene, given: list[Experiment], start: Start, options: FitOptions
+) -> tuple[list[Experiment], Start]:
+    """The same, however long it takes."""
     first = with_parameters(scene, start_of(scene, start))
     few = ladder.as_model(first, ladder.models(first)[0])
     longest = max(len(each.motion.times) for each in given)

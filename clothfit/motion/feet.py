@@ -67,7 +67,7 @@ class Faces(NamedTuple):
 
         found = np.array(faces, np.int32)
         if (lost := found < 0).any():
-            found[lost] = KDTree(x[self.triangles].mean(axis=1)).query(points[lost])[1]
+            found[lost] = KDTree(np.nan_to_num(x[self.triangles].mean(axis=1))).query(points[lost])[1]
         weights, normals = np.empty((2, len(found), 3))
         made = Feet(found, weights, normals, np.empty(len(found)), np.empty(len(found), bool))
         find(np.ascontiguousarray(points), np.ascontiguousarray(x), *self, *made)
