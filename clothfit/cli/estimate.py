@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 @section("The file of the target")
 @motions.reads
 @option("--bind HOW", "What its points are: order, the vertices of SCENE in order; surface, places on it, as the first "
-        "frame shows; or auto, whichever fits.  [default: auto]")
+        "frame shows; scan, others in each frame; or auto, whichever fits.  [default: auto]")
 @section("How to fit")
 @option("--model MODEL", "How to fit the masses, stiffnesses and rest lengths that SCENE flags: F, one factor on their "
         "values; R, a factor for each family and region; M, smooth maps; G, one value; L, each by itself; or auto: the "

@@ -18,10 +18,12 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.motion.times import MOST_STEPS, TIME_SLACK, frame_places, interpolated, snapped
-from clothfit.objective.experiment import Recorded, check_same_sizes, motion_of
+from clothfit.objective.experiment import Experiment, Recorded, check_same_sizes, motion_of
 from clothfit.objective.identifiability import identifiable
+from clothfit.objective.measures import Cloud, surface_of
 from clothfit.objective.target import sample
 from clothfit.objective.target import target as target_of
+from clothfit.registration.tracking import tracked
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene, check_is_scene
 
@@ -86,7 +88,7 @@ def evaluate(
         check_memory(length, sum(truth.vertex_counts), 1)  # two motions; else the second would be refused late
         goal, fault = finite_part(truth, compared, length, near)
     else:
-        goal, fault = motion_of(target, truth), None
+        goal, fault = tracked(Experiment(motion_of(target, truth), fitted)).motion, None
     fitted_end, end = (place_of(each, truth, fitted) for each in (near, horizon))
     length = states(min(max(fitted_end, end), last_place(goal, fitted.delta)))
     own, own_fault = finite_part(fitted, compared, length, min(states(fitted_end), length))
@@ -145,7 +147,11 @@ def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int],
     count = 0
     for cloth in compared:
         wanted = target_of(goal, cloth, delta, min(end, len(own.positions) - 1) + TIME_SLACK)
-        gaps.append((sample(wanted, own.of(cloth)) - wanted.positions)[wanted.observed])
+        shows, x = surface_of(goal, cloth), sample(wanted, own.of(cloth))
+        if isinstance(shows, Cloud):
+            gaps.append(shows.within(wanted, start=True).measure(wanted).residual(x))
+        else:
+            gaps.append((x - wanted.positions)[wanted.observed])
         count = len(wanted.step)
     squares = (np.concatenate(gaps) ** 2).sum(axis=1)
     if not squares.size:

@@ -43,18 +43,21 @@ from clothfit.fit.result import (
     without_intervals,
 )
 from clothfit.fit.routes import Fitting, by_routes, in_words
+from clothfit.fit.tracked_fit import with_figures, with_scans
 from clothfit.motion.correspondence import Correspondence
 from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
-from clothfit.objective.experiment import Targets, experiments
+from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.memory_needs import Needs, check_own
 from clothfit.objective.objective import Compared, Objective
 from clothfit.optimise.checkpoint import Checkpoint, identity, opened
 from clothfit.optimise.progress import Progress, bar
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
+from clothfit.registration.record import Registration
+from clothfit.registration.tracking import placed
 from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.kinds import REST
@@ -211,7 +214,12 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
             what = "the clock and the place of a target"
             raise InvalidInput(f"{what} can be found only where one is given; give a target")
         return one_fit(scene, None, start, options, began)
-    given, markers, hints = experiments(scene, target), None, list[Hint]()
+    raw, markers, hints = experiments(scene, target), None, list[Hint]()
+    moved = next((placed(each) for each in raw if each.scene is scene), scene)
+    raw = [Experiment(motion, moved if own is scene else own) for motion, own in raw] if moved is not scene else raw
+    scene = moved
+    given, start = with_scans(scene, raw, start, options)
+    tracks = [motion for motion, _ in given] if given is not raw else None
     if not (options.keep_markers or callable(options.objective)):
         given, markers, hints = put_right(scene, given, options)
         say(hints, options)
@@ -225,7 +233,12 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
         found = replace(one_fit(scene, given, start, options, began), registration=starts)
         hints = [*hints, *late]
     corresponds = Correspondence(*given[0].motion.correspondence[:2])
-    return replace(found, hints=[*hints, *found.hints], markers=markers, correspondence=corresponds)
+    found = replace(found, hints=[*hints, *found.hints], markers=markers, correspondence=corresponds, tracks=tracks)
+    if tracks is None or raw[0].scene is not scene:
+        return found
+    known = found.registration[0] if found.registration else Registration()
+    shown = (known.applied(each, scene.delta) for each in (raw[0].motion, tracks[0]))
+    return looked_at(found, with_figures, *shown, options=options)
 
 
 def registered_fit(look: Look, start: float | Array | Scene | None, options: FitOptions, began: float) -> Fit:

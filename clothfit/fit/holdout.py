@@ -106,12 +106,16 @@ def split_vertices(experiment: Experiment, chosen: Flags) -> tuple[Experiment, E
 
 def showing(motion: Motion, part: Flags) -> Motion:
     """The motion with only a part of what counts in it, (frames, vertices) or (vertices,), and of points inside
-    triangles those that are nearest to these vertices.
+    triangles, or of a scan, those that are near these vertices.
     """
     bound = motion.correspondence
     if bound.weights is not None:
         nearest = np.asarray(bound.weights.argmax(axis=1)).ravel()
         bound = bound._replace(seen=bound.seen & part[..., nearest])
+    elif bound.mesh is not None:
+        frames = np.arange(len(bound.seen))[:, None]
+        corner = bound.mesh.triangles[bound.faces, 0]
+        bound = bound._replace(seen=bound.seen & np.broadcast_to(part, motion.positions.shape[:2])[frames, corner])
     return replace(motion, observed=seen(motion) & part, correspondence=bound)
 
 

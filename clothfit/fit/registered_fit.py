@@ -81,7 +81,7 @@ def put_right(
     """
     shown = given if options.holdout is None else split(scene, given, options.holdout, options.holdout_of)[0]
     known = [
-        Markers() if motion.correspondence.weights is not None else mistaken(own, motion, late=options.fit_time)
+        Markers() if len(motion.correspondence.seen) else mistaken(own, motion, late=options.fit_time)
         for motion, own in shown
     ]
     hints = [

@@ -38,6 +38,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import in_groups
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
+from clothfit.objective.measures import Cloud
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, shown
 from clothfit.objective.target import Frames, sample
@@ -288,6 +289,10 @@ def still(objective: Objective) -> float:
         goal = run.comparison.goal
         motion = in_groups(objective.experiments[run.experiment].motion, run.scene)  # in the scene's axes
         x = motion.of(run.cloth)[: len(goal.step)]
+        if isinstance(run.comparison.surface, Cloud):
+            x = np.where(np.isfinite(x), x, run.system.x0)  # there was no time to track it
+            squares += run.comparison.cost_of(np.broadcast_to(x.mean(axis=0), x.shape))
+            continue
         x, seen = run.comparison.shown(x), run.comparison.observed[..., None]
         mean = x.sum(axis=0, where=seen) / np.maximum(seen.sum(axis=0), 1)
         squares += sum(float(((each - mean) ** 2).sum(where=here)) for each, here in zip(x, seen, strict=True))

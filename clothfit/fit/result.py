@@ -27,6 +27,7 @@ from clothfit.fit.holdout import HeldOut, Judged
 from clothfit.fit.inextensible import by_strains, hardly_stretching, levels
 from clothfit.motion.correspondence import Correspondence
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion
 from clothfit.objective.identifiability import Correlation
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
@@ -143,6 +144,7 @@ class Fit:
     registration: list[Registration] | None = None  # of each target; None: none was looked for
     followed: int = 0  # held vertices that follow the targets
     correspondence: Correspondence | None = None  # of the points of the first target; None: there is none
+    tracks: list[Motion] | None = None  # the targets, where a scan is among them, as they were tracked
     markers: list[Markers] | None = None  # of each target, those that were mistaken; None: none was
     start: Scene | None = None  # where the fit began
     stage: str = ""  # of the search, the last one: a method, or what prepares it

@@ -69,6 +69,30 @@ class Animation:
     parts: Parts = ()  # of a mesh, as the file names them
     pins: Indices | None = None  # vertices that the file marks as held, rising; None: it marks none
     spacing: float = 1.0  # frames of the file's own counting between two of these, where it has no times
+    normals: Array | None = None  # (frames, points, 3) of a scan, whose points are others in each frame; 0 unknown
+
+
+class OtherPoints(InvalidMotion):
+    """The frames of a sequence have other points."""
+
+
+def of_scan(frames: Sequence[tuple[Array, Indices | None]], axes: Axes) -> Animation:
+    """A scan of frames of points (n, 3), another n for each, with their triangles (T, 3); none was not seen."""
+    most = max(len(points) for points, _ in frames)
+    positions, normals = np.full((len(frames), most, 3), np.nan), np.zeros((len(frames), most, 3))
+    for frame, (points, triangles) in enumerate(frames):
+        positions[frame, : len(points)] = points
+        if triangles is not None and len(triangles):
+            normals[frame, : len(points)] = normals_at(points, triangles)
+    return Animation(positions, axes, normals=normals)
+
+
+def normals_at(points: Array, triangles: Indices) -> Array:
+    """Unit normals (n, 3) at points (n, 3) of triangles (T, 3), each counted by its area; 0 at points without any."""
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    found = np.zeros_like(points)
+    np.add.at(found, triangles.T, np.cross(b - a, c - a)[None])
+    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300))
 
 
 def increasing(times: Array) -> bool:

@@ -105,8 +105,10 @@ class Convention:
         return default._replace(**{name: value for name, value in said.items() if value is not None})
 
 
-AUTO, ORDER, SURFACE = BINDINGS = ("auto", "order", "surface")
-"""What the points of a file may be: the scene's vertices in order, places on its surface, or whichever fits."""
+AUTO, ORDER, SURFACE, SCAN = BINDINGS = ("auto", "order", "surface", "scan")
+"""What the points of a file may be: the scene's vertices in order, places on its surface, or whichever fits; or a scan,
+whose points are others in each frame.
+"""
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,6 @@ class Reading(Convention):
     def __post_init__(self) -> None:
         super().__post_init__()
         positive("fps", self.fps)
-        if self.bind == "scan":
-            raise InvalidInput("bind: scans, whose points differ from frame to frame, cannot be compared yet")
         if self.bind not in (None, *BINDINGS):
             raise InvalidInput(f"bind must be {', '.join(BINDINGS[:-1])} or {BINDINGS[-1]}; {self.bind!r} was given")
         self.chosen()

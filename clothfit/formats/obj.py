@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import re
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain, pairwise
@@ -26,7 +26,7 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted, unreadable
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation, Parts, fans, known, parts_of
+from clothfit.formats.animation import Animation, OtherPoints, Parts, fans, known, of_scan, parts_of
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
 
@@ -69,6 +69,20 @@ def read(path: str | os.PathLike[str]) -> Animation:
     return replace(read, positions=positions, notes=(*read.notes, note))
 
 
+def scan(path: str | os.PathLike[str]) -> Animation:
+    """A sequence whose frames have other points. Raises InvalidMotion."""
+    return of_scan([*scanned(path, lambda each: ((text := _Text(each)).points(), text.triangles()))], RIGHT)
+
+
+def scanned(
+    path: str | os.PathLike[str], read: Callable[[str], tuple[Array, Indices | None]]
+) -> Iterator[tuple[Array, Indices | None]]:
+    """The points and triangles of the frames of a sequence as they are `read`; none of those that are missing."""
+    places = frames_at(path)
+    for frame in range(max(places) + 1):
+        yield read(places[frame]) if frame in places else (np.zeros((0, 3)), None)
+
+
 def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation:
     """The files of a sequence, in their order; `path` names it in messages. Raises InvalidMotion."""
     first = _Text(paths[0])
@@ -81,7 +95,7 @@ def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation
         points = later.points()
         if points.shape != positions.shape[1:]:
             first_has = f"{name_of(paths[0])} has {positions.shape[1]}"
-            raise InvalidMotion(f"{name_of(each)}: has {len(points)} vertices, {first_has}, as all frames need")
+            raise OtherPoints(f"{name_of(each)}: has {len(points)} vertices, {first_has}, as all frames need")
         if later.faces() not in (0, first.faces()):
             raise InvalidMotion(f"{name_of(each)}: has other faces than {name_of(paths[0])}; is it of another mesh?")
         positions[frame] = points

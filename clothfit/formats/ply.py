@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,9 +18,10 @@ import numpy as np
 from clothfit.base import memory
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats.animation import Animation, check_finite, fans, known
+from clothfit.formats.animation import Animation, OtherPoints, check_finite, fans, known, of_scan
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
+from clothfit.formats.obj import frames_of, scanned
 
 NUMBER_DTYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -59,7 +61,24 @@ class Element(NamedTuple):
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
-    """Read a mesh, its vertices in the file's order, as an animation of one frame. Raises InvalidMotion."""
+    """Read a mesh, its vertices in the file's order, as an animation of one frame, or a sequence, as of OBJ files.
+    Raises InvalidMotion.
+    """
+    files = frames_of(path)
+    if len(files) == 1:
+        return _mesh(files[0])
+    found = scan(path)
+    if np.isnan(found.positions).any():
+        raise OtherPoints(f"{name_of(path)}: its frames have different numbers of vertices, or one is missing")
+    return replace(found, normals=None, triangles=_mesh(files[0]).triangles)
+
+
+def scan(path: str | os.PathLike[str]) -> Animation:
+    """A sequence whose frames have other points. Raises InvalidMotion."""
+    return of_scan([*scanned(path, lambda each: ((mesh := _mesh(each)).positions[0], mesh.triangles))], RIGHT)
+
+
+def _mesh(path: str | os.PathLike[str]) -> Animation:
     data = content(path)
     check_room(PLY_COPIES * len(data), path)
     try:

@@ -3,6 +3,7 @@
 The module of a format has
 
     read(path[, wanted]) -> Animation            raises InvalidMotion, naming the file and what is wrong with it
+    scan(path) -> Animation                      of a sequence whose frames have other points
     paths(path) -> list                          of all meshes, where files have names of them to be `wanted`
     encoded(path, animation) -> {path: data}     the files to write, in the animation's axes; for a sequence many
 
@@ -187,16 +188,17 @@ def paths(found: Format | None, path: str | os.PathLike[str]) -> list[str]:
     return every
 
 
-def read(found: Format, path: str | os.PathLike[str], wanted: str = "") -> Animation:
-    """Read a file of a format, of several meshes those that are `wanted`, names with commas between. Raises
-    InvalidMotion, where the content is not that of the suffix with what it is, and InvalidInput when the library that
-    reads it is missing.
+def read(found: Format, path: str | os.PathLike[str], wanted: str = "", scan: bool = False) -> Animation:
+    """Read a file of a format, of several meshes those that are `wanted`, names with commas between, or as a `scan`.
+    Raises InvalidMotion, where the content is not that of the suffix with what it is, and InvalidInput when the library
+    that reads it is missing.
     """
     module = module_of(found)
     if wanted and not hasattr(module, "paths"):
         raise InvalidInput(f"{name_of(path)}: {found.name} has no names of meshes; leave the name out")
     try:
-        content: Animation = module.read(path, wanted) if wanted else module.read(path)
+        way = module.scan if scan and hasattr(module, "scan") else module.read
+        content: Animation = way(path, wanted) if wanted else way(path)
     except InvalidMotion as error:
         what = mistaken(path, suffix_of(path))
         raise error if what is None else InvalidMotion(f"{name_of(path)}: {what}") from None
@@ -238,7 +240,7 @@ def _packed(first: bytes, names: list[str]) -> Content:
 def kind_of(path: str) -> str | None:
     """One of the kinds; None for what is not known, and for what is no file, such as a pipe."""
     suffix, seen = suffix_of(path), beginning(path)
-    if "*" in path and suffix == ".obj":
+    if "*" in path and suffix in (".obj", ".ply"):
         return EITHER  # a sequence, or the mesh of its first frame
     if seen is None:
         return None

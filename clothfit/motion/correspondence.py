@@ -24,13 +24,14 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import counted, metres
 from clothfit.formats.axes import AUTO, ORDER, SURFACE
+from clothfit.motion.feet import Faces
 from clothfit.scene.mesh_numbering import triangles_of
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-SAME, PERMUTED, ON_SURFACE, MARKERS = "same", "permuted", "surface", "markers"
+SAME, PERMUTED, ON_SURFACE, MARKERS, SCANNED = "same", "permuted", "surface", "markers", "scan"
 
 ELSEWHERE, MISTAKEN = 0.25, 0.25
 """How much farther than the nearest one, in median edges, the vertex of its number is from a point that is another's;
@@ -67,17 +68,25 @@ class Correspondence(NamedTuple):
     kind: str = SAME
     share: float = 1.0  # of the points that are used
     weights: csr_array | None = None  # B (m, N) of points inside triangles; None: the points are vertices
-    points: Array = np.zeros((0, 0, 3))  # y − d n, (frames, m, 3), m
+    points: Array = np.zeros((0, 0, 3))  # y − d n, (frames, m, 3), m; of a scan y, in no order
     seen: Flags = np.zeros((0, 0), bool)  # (frames, m)
+    faces: Indices = np.zeros((0, 0), np.int32)  # (frames, m), triangles of `mesh` that points of a scan are near to
+    mesh: Faces | None = None  # of a scan, all objects of the scene; None: it is none
+    normals: Array | None = None  # (frames, m, 3), of the surface at points of a scan; None: not known
+    figures: dict[str, Any] | None = None  # of a scan: one-sided distances, m, and the share of vertices never seen
 
     def summary(self) -> dict[str, Any]:
         """As --json gives it."""
-        return {"kind": self.kind, "share": self.share}
+        return {"kind": self.kind, "share": self.share, **(self.figures or {})}
 
     def at(self, frames: slice) -> Correspondence:
         """The same at some frames only."""
-        own = self.weights is not None
-        return self._replace(points=self.points[frames], seen=self.seen[frames]) if own else self
+        if not len(self.seen):
+            return self
+        normals = None if self.normals is None else self.normals[frames]
+        return self._replace(
+            points=self.points[frames], seen=self.seen[frames], faces=self.faces[frames], normals=normals
+        )
 
 
 IN_ORDER = Correspondence()
@@ -215,10 +224,15 @@ def carried(x: Array, scene: Scene, points: Array, name: str) -> Array:
 
 def weights_of(found: Places, vertices: int) -> csr_array:
     """B (m, N)."""
+    return weights_of_corners(found.corners, found.weights, vertices)
+
+
+def weights_of_corners(corners: Indices, weights: Array, vertices: int) -> csr_array:
+    """B (m, N) of points with weights (m, 3) of corners (m, 3)."""
     from scipy.sparse import csr_array
 
-    rows = np.repeat(np.arange(len(found.corners)), 3)
-    return csr_array((found.weights.ravel(), (rows, found.corners.ravel())), shape=(len(found.corners), vertices))
+    rows = np.repeat(np.arange(len(corners)), 3)
+    return csr_array((weights.ravel(), (rows, corners.ravel())), shape=(len(corners), vertices))
 
 
 def places(points: Array, start: Array, triangles: Indices) -> Places:

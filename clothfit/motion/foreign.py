@@ -24,12 +24,26 @@ from clothfit.base import npz
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted, metres
-from clothfit.formats.animation import ASSUMED_RATE, Animation, short
-from clothfit.formats.axes import AUTO, HANDS, ORDER, SCENE, SURFACE, UPS, Axes, Reading, facing, from_scene, to_scene
-from clothfit.formats.files import name_of
+from clothfit.formats.animation import ASSUMED_RATE, Animation, OtherPoints, normals_at, of_scan, short
+from clothfit.formats.axes import (
+    AUTO,
+    HANDS,
+    ORDER,
+    SCAN,
+    SCENE,
+    SURFACE,
+    UPS,
+    Axes,
+    Reading,
+    facing,
+    from_scene,
+    to_scene,
+)
+from clothfit.formats.files import check_room, name_of
 from clothfit.formats.markers import METRES_PER_UNIT
 from clothfit.formats.registry import NATIVE, Format, foreign, format_of, paths, read, suffix_of
-from clothfit.motion.correspondence import MARKERS, SAME, Bound, Correspondence, TooFar, bind
+from clothfit.motion.correspondence import MARKERS, SAME, SCANNED, Bound, Correspondence, TooFar, bind
+from clothfit.motion.feet import UNKNOWN, Faces
 from clothfit.motion.markers import Matches, initial, matched
 from clothfit.motion.motion import (
     Motion,
@@ -39,12 +53,13 @@ from clothfit.motion.motion import (
     opened,
     path_of,
     read_motion,
+    require,
     rms,
     unseen_in,
 )
 from clothfit.scene.keys import SAID
 from clothfit.scene.kinds import REST
-from clothfit.scene.mesh_numbering import mesh_counts, mesh_names, picks
+from clothfit.scene.mesh_numbering import mesh_counts, mesh_names, picks, triangles_of
 from clothfit.scene.scene import Scene
 
 DOUBTFUL_DISTANCE = 0.05
@@ -58,6 +73,9 @@ MOST_TRIED = 50
 
 NEAR_BY = 0.1
 """The distance of points from vertices, relative to the scene's size, up to which they are on one surface."""
+
+MOST_POINTS = 5000
+"""Points of a frame of a scan that are used, drawn at random: more of them say little more of some hundred vertices."""
 
 MUCH_NEARER = 0.2
 """A change that leaves less than this share of the distance is worth trying."""
@@ -174,6 +192,8 @@ def _meshes(
     """
     if reading.mesh is not None or scene is None:
         return read(found, path, reading.mesh or ""), reading, []
+    if reading.bind == SCAN:
+        return read(found, path, scan=True), reading, []
     every = paths(found, path) if (names := mesh_names(scene)) else []
     if names and len(every) > 1:
         with suppress(InvalidMotion):  # no meshes of these names
@@ -181,6 +201,10 @@ def _meshes(
     fault, totals = None, (sum(scene.vertex_counts), sum(mesh_counts(scene)))
     try:
         content = read(found, path)
+    except OtherPoints:
+        if reading.bind not in (None, AUTO):
+            raise
+        return read(found, path, scan=True), replace(reading, bind=SCAN), []
     except InvalidMotion as error:
         fault = error
     if (fault or content.positions.shape[1] not in totals) and len(every := every or paths(found, path)) > 1:
@@ -212,7 +236,14 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
         notes += unseen_share(unseen) if read.observed is None else []
     check_positions(positions, observed, name)
     matches, corresponds = None, Correspondence()
-    if scene is not None and _are_markers(read, found, scene, reading):
+    if scene is not None and reading.bind == SCAN:
+        normals = read.normals
+        if normals is None and read.triangles is not None:
+            normals = np.stack([normals_at(each, read.triangles) for each in read.positions])
+        normals = None if normals is None else to_scene(normals, axes) / axes.scale
+        positions, observed, corresponds, note = _of_scan(positions, observed, normals, scene, name)
+        notes.append(note)
+    elif scene is not None and _are_markers(read, found, scene, reading):
         names = read.names or tuple(str(i) for i in range(points))
         matches = matched(positions, observed, names, scene, reading.markers, name)
         notes += [matches.omission] if matches.omission else []
@@ -237,6 +268,38 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     known = Interpretation(name, found.name, axes, 0, points, 0.0, rate, tuple(notes), matches)
     loaded = Loaded(motion, known, read.triangles, read.names if scene is None else None, timed)
     return _as_asked(loaded, scene, reading)
+
+
+def _of_scan(
+    points: Array, seen: Flags, normals: Array | None, scene: Scene, name: str
+) -> tuple[Array, Flags, Correspondence, str]:
+    """What points (frames, m, 3), m, in no order show of a scene before they are tracked: the positions, none of them
+    observed, and a note.
+    """
+    triangles = triangles_of(scene)
+    if not len(triangles):
+        raise InvalidMotion(f"{name}: is a scan, which needs faces to compare with; {scene.name} has none")
+    if not seen.any():
+        raise InvalidMotion(f"{name}: has no points")
+    counts = seen.sum(axis=1)
+    range_of = " to ".join(str(each) for each in sorted({int(counts.min()), int(counts.max())}))
+    note = f"a scan of {range_of} points in a frame"
+    if (most := int(counts.max())) > MOST_POINTS:
+        note += f", of which {MOST_POINTS} at most are used"
+    chosen, generator = np.zeros((len(points), min(most, MOST_POINTS)), np.int64), np.random.default_rng(0)
+    used = np.arange(chosen.shape[1]) < counts[:, None]
+    for frame, shown in enumerate(seen):
+        own = np.flatnonzero(shown)
+        own = own if len(own) <= MOST_POINTS else np.sort(generator.choice(own, MOST_POINTS, replace=False))
+        chosen[frame, : len(own)] = own
+    rows = np.arange(len(points))[:, None]
+    drawn, vertices = np.where(used[..., None], points[rows, chosen], 0.0), sum(scene.vertex_counts)
+    if normals is not None:
+        normals = normals[rows, chosen]
+        normals = normals if normals.any() else None
+    faces: Indices = np.full(used.shape, UNKNOWN, np.int32)
+    bound = Correspondence(SCANNED, 1.0, None, drawn, used, faces, Faces.of(triangles, vertices), normals)
+    return np.full((len(points), vertices, 3), np.nan), np.zeros((len(points), vertices), bool), bound, note
 
 
 def unseen_share(unseen: Flags) -> list[str]:
@@ -276,7 +339,9 @@ def _as_asked(found: Loaded, scene: Scene | None, reading: Reading) -> Loaded:
             raise InvalidMotion(f"{taken.file}: has {frames}, none of which is in --frames {reading.frames}")
         motion = at_frames(motion, kept)
     start = None
-    if scene is not None and motion.times[0] == 0 and scene.method != REST:
+    if scene is not None and motion.times[0] == 0 and motion.correspondence.mesh is not None:
+        start = scan_alignment(motion.correspondence, initial(scene), taken.axes)
+    elif scene is not None and motion.times[0] == 0 and scene.method != REST:
         start = alignment(motion.positions[0], motion.seen()[0], initial(scene), taken.axes)
     seconds = float(motion.times[-1] - motion.times[0])
     taken = replace(taken, frames=len(motion.times), seconds=seconds, start=start)
@@ -303,6 +368,8 @@ def _native(
     if reading.markers is not None:
         raise InvalidInput(f"--map: {name} has all vertices, in their order; leave it out")
     with opened(path, name) as file:
+        if (cloud := _cloud(file, name)) is not None:
+            return _scanned(cloud, scene, reading, name)
         if isinstance(path, (str, os.PathLike)) and suffix_of(path) not in ("", *NATIVE) and _is_strange(file):
             format_of(path)  # which refuses its suffix
         counts, timed, triangles, marked = _described(file)
@@ -317,13 +384,62 @@ def _native(
     _check_count(points, own, name)
     if axes != SCENE:
         motion = replace(motion, positions=to_scene(motion.positions, axes, own=True), unit=axes.scale)
-    if scene is not None:
+    if scene is not None and reading.bind == SCAN:
+        normals = None if triangles is None else np.stack([normals_at(x, triangles) for x in motion.positions])
+        x, seen, corresponds, note = _of_scan(motion.positions, motion.seen(), normals, scene, name)
+        motion = replace(
+            motion, positions=x, observed=seen, vertex_counts=scene.vertex_counts, correspondence=corresponds,
+            weights=None,
+        )  # fmt: skip
+        notes.append(note)
+    elif scene is not None:
         notes += [] if marked or motion.observed is None else unseen_share(~motion.observed)
         made = _bound(motion.positions, motion.seen(), scene, reading, axes, name)
         motion = _as_bound(motion, made, scene)
         notes += [made.note] if made.note else []
     taken = Interpretation(name, "npz", axes, 0, points, 0.0, rate, tuple(notes))
     return _as_asked(Loaded(motion, taken, triangles, timed=timed), scene, reading)
+
+
+def _scanned(cloud: dict[str, NDArray[Any]], scene: Scene | None, reading: Reading, name: str) -> Loaded:
+    """The scan of a file of this program, in the scene's axes unless the user says otherwise."""
+    if scene is None:
+        raise InvalidMotion(f"{name}: is a scan, whose points are others in each frame; it is a target of estimate")
+    parts = [(each, None) for each in np.split(cloud["points"].astype(float), cloud["first"][1:-1])]
+    read = replace(of_scan(parts, SCENE), times=cloud.get("times"))
+    if "normals" in cloud:
+        normals = [(each, None) for each in np.split(cloud["normals"].astype(float), cloud["first"][1:-1])]
+        read = replace(read, normals=np.nan_to_num(of_scan(normals, SCENE).positions))
+    return _foreign(read, Format("npz", NATIVE, "", SCENE), scene, replace(reading, bind=SCAN), name)
+
+
+def _cloud(file: IO[bytes], name: str) -> dict[str, NDArray[Any]] | None:
+    """The arrays of a file that has a scan: `points` (N, 3), `first` (frames + 1,), where those of each frame begin,
+    and perhaps `times` (frames,) and `normals` (N, 3); None of any other file. Raises InvalidMotion.
+    """
+    try:
+        stored = npz.stored(file, ("positions", "points", "first", "times", "normals"), "positions")
+        if "positions" in stored or not {"points", "first"} <= stored.keys():
+            return None
+        check_room(4 * sum(each.nbytes for each in stored.values()), name)
+        found = {key: each.read() for key, each in stored.items()}
+    except npz.FAULTS:
+        return None  # which reading it as a motion explains
+    finally:
+        file.seek(0)
+    points, first = found["points"], found["first"]
+    count = len(points) if points.ndim else 0
+    right = points.ndim == 2 and points.shape[1:] == (3,) and points.dtype.kind in "fiu"
+    require(right, f"{name}: points", f"has shape {points.shape} and type {points.dtype}, (N, 3) numbers fit")
+    whole = first.ndim == 1 and first.dtype.kind in "iu" and len(first) > 1
+    ends = whole and first[0] == 0 and first[-1] == count and (np.diff(first.astype(np.int64)) >= 0).all()
+    require(ends, f"{name}: first", f"must be whole numbers that rise from 0 to {count}, the number of points")
+    frames = len(first) - 1
+    for key, shape in (("times", (frames,)), ("normals", (count, 3))):
+        if (own := found.get(key)) is not None:
+            right = own.shape == shape and own.dtype.kind in "fiu"
+            require(right, f"{name}: {key}", f"has shape {own.shape} and type {own.dtype}, {shape} numbers fit")
+    return found
 
 
 def _as_bound(motion: Motion, made: Bound, scene: Scene) -> Motion:
@@ -427,6 +543,20 @@ def alignment(points: Array, seen: Flags, start: Array, axes: Axes) -> Alignment
     doubt = f"its first frame is {metres(distance)} (RMS) away from where the scene begins"
     bar = min(MUCH_NEARER * distance, NEAR_BY * size(start))  # a cloth that shrinks to a point is nearer, but not there
     return Alignment(distance, doubt, advice(from_scene(points, axes), start, axes, bar))
+
+
+def scan_alignment(scan: Correspondence, start: Array, axes: Axes) -> Alignment:
+    """Compare the first frame of a scan with the start (n, 3) of the scene, by the nearer points."""
+    assert scan.mesh is not None
+    points = scan.points[0, scan.seen[0]]
+    if not len(points):
+        return Alignment(np.nan, None, None)
+    distance = float(np.median(np.abs(scan.mesh.feet(points, scan.faces[0, scan.seen[0]], start).gaps)))
+    if distance <= DOUBTFUL_DISTANCE * size(start):
+        return Alignment(distance, None, None)
+    doubt = f"its first frame is {metres(distance)} (in the median) away from where the scene begins"
+    better = other_axes(from_scene(points, axes), start, axes, NEAR_BY * size(start))
+    return Alignment(distance, doubt, f"{better} would fit" if better else "a fit places the mesh there")
 
 
 def advice(points: Array, start: Array, axes: Axes, bar: float) -> str | None:

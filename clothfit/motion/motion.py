@@ -93,7 +93,7 @@ class Motion:
     def moved(self, move: Callable[[Array], Array]) -> Motion:
         """The same with all of its positions (frames, n, 3) as an affine `move` of each frame takes them."""
         points = self.correspondence
-        points = points if points.weights is None else points._replace(points=move(points.points))
+        points = points._replace(points=move(points.points)) if len(points.seen) else points
         return replace(self, positions=move(self.positions), correspondence=points)
 
     def part(self, cloth: int) -> slice:

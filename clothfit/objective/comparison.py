@@ -34,11 +34,11 @@ from clothfit.base.messages import meant
 from clothfit.engine.system import System
 from clothfit.motion.times import interpolation
 from clothfit.objective.measures import (
+    Cloud,
     Coverage,
     EdgeLength,
     Maker,
     Measure,
-    OnSurface,
     Outline,
     Position,
     Spectrum,
@@ -149,7 +149,7 @@ class Comparison:
         weights: Mapping[str, float] | None = None,
         loss: Loss | None = None,
         name: str = "motion",
-        surface: Surface | None = None,
+        surface: Surface | Cloud | None = None,
     ) -> None:
         """`weights` of the objectives (default: position alone), `name` of the motion for messages, `surface`: points
         that are compared in place of vertices.
@@ -160,7 +160,7 @@ class Comparison:
         self.scales = dict(weights or {"position": 1.0})
         self.measures: dict[str, Measure] = {k: OBJECTIVES[k](goal, system, name) for k in self.scales}
         if surface and "position" in self.measures:
-            self.measures["position"] = OnSurface(goal, surface)
+            self.measures["position"] = surface.measure(goal)
         self.last_step = goal.last_step
         alone = list(self.scales) == ["position"] and self.loss.is_linear
         self.plain = alone and self.scales["position"] == 1.0 and not len(goal.weights)  # G: squared distances, m²

@@ -10,7 +10,8 @@ as observing twice.
 To add an objective, write such a class and a line in `comparison.OBJECTIVES`.
 
 Positions: each observed vertex should be where the target has it. d = s − s*, m; a group is a vertex in a frame. Where
-the target's points are bound inside triangles (`motion.correspondence`), it is a point in a frame, and d = B s − y.
+the target's points are bound inside triangles (`motion.correspondence`), it is a point in a frame, and d = B s − y;
+where they are those of a scan, d is the distance of a point from the cloth (`motion.feet`).
 
 Velocities: from frame to frame, each vertex should move as the target does, wherever it is.
 
@@ -46,9 +47,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.engine.system import System
+from clothfit.motion.feet import UNKNOWN, Faces, Feet
 from clothfit.motion.motion import Motion
 from clothfit.motion.times import TIME_SLACK
 from clothfit.objective.target import Target
@@ -148,20 +150,121 @@ class Surface(NamedTuple):
         """B s (F, m, 3) of states s (F, n, 3)."""
         return np.stack([self.weights @ each for each in s]) if len(s) else self.points[:0]
 
+    def measure(self, goal: Target) -> OnSurface:
+        """What compares them."""
+        return OnSurface(goal, self)
+
     def within(self, goal: Target, start: bool) -> Surface:
         """The same in the frames of a target, with those of the `start` or without."""
         count = len(goal.step)
         return self._replace(points=self.points[:count], seen=self.seen[:count] & (start | (goal.places > 0))[:, None])
 
 
-def surface_of(motion: Motion, cloth: int) -> Surface | None:
-    """The points of a motion inside triangles of one cloth; None where they are vertices."""
-    weights, points, seen = motion.correspondence[2:]
+def surface_of(motion: Motion, cloth: int) -> Surface | Cloud | None:
+    """The points of a motion inside triangles of one cloth, or of a scan; None where they are vertices."""
+    part = motion.correspondence
+    if part.mesh is not None:
+        return cloud_of(motion, cloth, part.mesh)
+    weights, points, seen = part[2:5]
     if weights is None:
         return None
     own = weights.tocsc()[:, motion.part(cloth)].tocsr()
     rows = np.flatnonzero(np.diff(own.indptr))
     return Surface(own[rows], np.ascontiguousarray(points[:, rows]), seen[:, rows])
+
+
+class Cloud(NamedTuple):
+    """Points of a scan of one cloth, others in each of F frames."""
+
+    mesh: Faces
+    points: Array  # (F, m, 3), m
+    seen: Flags  # (F, m)
+    faces: Indices  # (F, m), of the mesh, where the nearest place is sought from
+
+    def feet(self, s: Array, frame: int) -> Feet:
+        """The places of a state s (n, 3) that are nearest to the points that a frame shows."""
+        own = self.seen[frame]
+        return self.mesh.feet(self.points[frame, own], self.faces[frame, own], s)
+
+    def by_vertex(self, s: Array, frame: int) -> tuple[Array, Flags]:
+        """What is left of a frame at a state s (n, 3), each point in a triangle with the corner that is nearest to its
+        place: Σ r n over the root of their number (n, 3), which is as large as r where that is noise, and which have
+        any (n,). What lies beyond a hem is left out, as it lies there on one side alone.
+        """
+        found, sums = self.feet(s, frame), np.zeros_like(s)
+        vertex = self.mesh.triangles[found.faces, found.weights.argmax(axis=1)]
+        vertex, left = vertex[found.inside], found.gaps[:, None] * found.normals
+        np.add.at(sums, vertex, left[found.inside])
+        count = np.bincount(vertex, minlength=len(s))
+        return sums / np.sqrt(np.maximum(count, 1))[:, None], count > 0
+
+    def shown(self, s: Array) -> Array:
+        """The nearest places (F, m, 3) of states s (F, n, 3)."""
+        out = self.points.copy()
+        for frame, x in enumerate(s):
+            found = self.feet(x, frame)
+            out[frame, self.seen[frame]] += found.gaps[:, None] * found.normals
+        return out
+
+    def measure(self, goal: Target) -> OnCloud:
+        """As of a `Surface`."""
+        return OnCloud(goal, self)
+
+    def within(self, goal: Target, start: bool) -> Cloud:
+        """As of a `Surface`."""
+        count = len(goal.step)
+        seen = self.seen[:count] & (start | (goal.places > 0))[:, None]
+        return self._replace(points=self.points[:count], seen=seen, faces=self.faces[:count])
+
+
+def cloud_of(motion: Motion, cloth: int, mesh: Faces) -> Cloud:
+    """The points of a scan that are near one cloth; those near to nothing yet may be anyone's."""
+    part, bound = motion.part(cloth), motion.correspondence
+    if part == slice(0, motion.positions.shape[1]):
+        return Cloud(mesh, bound.points, bound.seen, bound.faces)
+    own = (mesh.triangles >= part.start).all(axis=1) & (mesh.triangles < part.stop).all(axis=1)
+    place = np.where(own, np.cumsum(own) - 1, UNKNOWN).astype(np.int32)
+    faces = np.where(bound.faces >= 0, place[bound.faces], UNKNOWN)
+    own_mesh = Faces.of(mesh.triangles[own] - part.start, part.stop - part.start)
+    return Cloud(own_mesh, bound.points, bound.seen & ((faces >= 0) | (bound.faces < 0)), faces)
+
+
+class OnCloud:
+    """Distances of points of a scan from the cloth; R seen points, c = 1."""
+
+    linear = False
+    reach = 3
+    weights: Array | None = None
+
+    def __init__(self, goal: Target, cloud: Cloud) -> None:
+        self.cloud, self.groups = cloud, int(cloud.seen.sum())
+        near = np.unique(cloud.faces[cloud.seen & (goal.places > 0)[:, None]])
+        corners = cloud.mesh.triangles if UNKNOWN in near else cloud.mesh.triangles[near]
+        self.seen = marked(corners, goal.observed.shape[1])
+        self._known: tuple[Array, list[Feet]] = np.zeros((0, 0, 3)), []
+
+    def _feet(self, s: Array) -> list[Feet]:
+        if not np.array_equal(s, self._known[0]):
+            self._known = s.copy(), [self.cloud.feet(x, frame) for frame, x in enumerate(s)]
+        return self._known[1]
+
+    def residual(self, s: Array) -> Array:
+        """r (R, 1), m."""
+        return np.concatenate([each.gaps for each in self._feet(s)])[:, None]
+
+    def pullback(self, s: Array, r: Array) -> Array:
+        """Jᵀ r (F, n, 3)."""
+        return np.asarray((self.jacobian(s).T @ r.ravel()).reshape(s.shape))
+
+    def jacobian(self, s: Array) -> csr_array:
+        """J (R, 3 F n)."""
+        found, n = self._feet(s), s.shape[1]
+        corners = self.cloud.mesh.triangles
+        vertex = np.concatenate([3 * (k * n + corners[each.faces].astype(int)) for k, each in enumerate(found)])
+        weights, normals = (np.concatenate([getattr(each, key) for each in found]) for key in ("weights", "normals"))
+        columns = vertex[:, :, None] + np.arange(3)
+        values = weights[:, :, None] * normals[:, None]
+        return matrix(np.arange(len(vertex))[:, None, None], columns, values, (len(vertex), s.size))
 
 
 class OnSurface:

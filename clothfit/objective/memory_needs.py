@@ -104,7 +104,7 @@ def snapshot_bytes(system: System) -> int:
 
 def motion_bytes(motion: Motion) -> int:
     """Bytes of the arrays of a target."""
-    arrays = (motion.positions, motion.observed, motion.weights, *motion.correspondence[3:])
+    arrays = (motion.positions, motion.observed, motion.weights, *motion.correspondence[3:6])
     return sum(array.nbytes for array in arrays if array is not None)
 
 

@@ -30,6 +30,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import mobile
 from clothfit.objective.comparison import Loss
+from clothfit.objective.measures import Cloud
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.objective.running_cost import movable
@@ -207,7 +208,9 @@ class Watch:
         self.goal, self.loss, self.velocities, self.edges = run.comparison.goal, loss, velocities, edges
         self.frames, self.free, self.ends = Frames(self.goal), mobile(run.system), np.asarray(run.system.springs.ends)
         self.shown, none = movable(self.goal, self.free), np.zeros((0, 2), np.int32)
-        self.surface = None if velocities or edges else run.comparison.surface
+        shows = None if velocities or edges else run.comparison.surface
+        self.cloud = shows if isinstance(shows, Cloud) else None
+        self.surface = None if isinstance(shows, Cloud) else shows
         if self.surface:
             moves = self.surface.weights @ self.free.astype(float) != 0.0
             self.shown, self.ends = self.surface.seen & moves & (self.goal.places > 0)[:, None], none
@@ -226,6 +229,15 @@ class Watch:
             self._take(s, target, self.shown[i], i)
 
     def _take(self, s: Array, target: Array, seen: Flags, frame: int) -> None:
+        if self.cloud:
+            s, before = s.copy(), self.state
+            gap, seen = self.cloud.by_vertex(s, frame)
+            seen = seen & self.free & (self.goal.places[frame] > 0)
+            self._add(frame, np.where(seen[:, None], gap, 0.0), seen)
+            if before is not None:
+                self.motion.add(s - before, self.free)
+            self.state = s
+            return
         own, target = (s, target) if self.surface is None else (self.surface.weights @ s, self.surface.points[frame])
         gap = np.where(seen[:, None], own - np.where(seen[:, None], target, 0.0), 0.0)
         if self.edges:
@@ -236,13 +248,16 @@ class Watch:
             factor = np.sqrt(self.loss.derivative((gap * gap).sum(axis=1)))
             if len(weights := self.goal.weights):
                 factor = factor * np.sqrt(np.where(seen, weights[frame], 0.0))
-            self.residuals.add(factor[:, None] * gap, seen)
-            self.bias.add(frame, factor[:, None] * gap)
+            self._add(frame, factor[:, None] * gap, seen)
         elif self.before is not None:
             self.residuals.add(gap - self.before, seen)
         if self.state is not None:
             self.motion.add(s - self.state, self.free)
         self.before, self.state = gap, s.copy()
+
+    def _add(self, frame: int, residuals: Array, seen: Flags) -> None:
+        self.residuals.add(residuals, seen)
+        self.bias.add(frame, residuals)
 
 
 def combined(series: Iterable[tuple[Series, Series]], sums: Iterable[Bias] = ()) -> ResidualTest:

@@ -39,11 +39,12 @@ from clothfit.derivative.sensitivity import Columns, at_start, carried, columns
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
+from clothfit.motion.correspondence import weights_of_corners
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, in_groups, rms
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
-from clothfit.objective.measures import surface_of
+from clothfit.objective.measures import Cloud, Surface, surface_of
 from clothfit.optimise import gauss_newton
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.gauss_newton import Model
@@ -91,7 +92,7 @@ class Around:
 def shown(motion: Motion) -> tuple[Array, Flags]:
     """The points (F, m, 3), m, that a motion shows, vertices or places inside triangles, and which it does (F, m)."""
     bound = motion.correspondence
-    return (motion.positions, motion.seen()) if bound.weights is None else (bound.points, bound.seen)
+    return (bound.points, bound.seen) if len(bound.seen) else (motion.positions, motion.seen())
 
 
 def around(base: Registration, motion: Motion) -> Around:
@@ -158,7 +159,7 @@ class Unknowns:
     @property
     def residuals(self) -> int:
         """How many there are."""
-        return 3 * sum(int(shown(each.motion)[1].sum()) for each in self.given)
+        return sum((1 if m.correspondence.mesh else 3) * int(shown(m)[1].sum()) for m, _ in self.given)
 
     def z(self, y: Array, theta: float = 0.0) -> Array:
         """z of coordinates y (P,) of the values, and of a θ all of whose numbers are the same."""
@@ -214,10 +215,11 @@ class Unknowns:
         surface = surface_of(motion, cloth)
         if surface:
             points, seen = surface.points, surface.seen
+        B = surface.weights if isinstance(surface, Surface) else None
 
         def of_points(x: Array) -> Array:
             """Values (n, …) of vertices as points have them."""
-            return x if surface is None else (surface.weights @ x.reshape(len(x), -1)).reshape(-1, *x.shape[1:])
+            return x if B is None else (B @ x.reshape(len(x), -1)).reshape(-1, *x.shape[1:])
 
         at = np.maximum(times, 0.0)
         steps = int(at.max(initial=0.0) / scene.delta) + 1
@@ -226,11 +228,16 @@ class Unknowns:
         count, column = len(p) if derivative else 0, np.arange(len(p), dtype=np.int32)
         wanted = columns(system, blocks, p, column, self.coordinates.change(p), count)
         free = mobile(system)
-        held, size = (of_points(free.astype(float)) == 0.0).astype(int), count + THETA
+        size = count + THETA
         cost, H, g, means = 0.0, np.zeros((size, size)), np.zeros(size), np.full((len(times), 2), np.nan)
         for i, (s, change, sensitivity) in enumerate(states(system, at / scene.delta, wanted, self.tolerance)):
             placed = now.placed(np.where(seen[i][:, None], points[i], 0.0))
-            weight = seen[i] * (1.0 if own is None else own[i])
+            weight = seen[i] * (1.0 if own is None or surface else own[i])
+            feet = None
+            if isinstance(surface, Cloud):
+                feet = surface.mesh.feet(placed, surface.faces[i], s)
+                B = weights_of_corners(surface.mesh.triangles[feet.faces], feet.weights, len(s))
+            held = (of_points(free.astype(float)) == 0.0).astype(int)
             gaps = of_points(s) - placed
             squares = (gaps**2).sum(axis=1)
             total, number = (np.bincount(held, each, 2) for each in (weight * squares, weight))
@@ -243,6 +250,8 @@ class Unknowns:
                 J[..., :count] = of_points(moved)
                 u = (times[i] > 0.0) * of_points(change) / scene.delta
                 J[..., count:] = by_registration(u, at[i], placed, self.where[k], theta, now.rate)
+                if feet is not None:  # places slide along the cloth
+                    J = feet.normals[:, :, None] * np.einsum("mc,mcq->mq", feet.normals, J)[:, None]
                 root = np.sqrt(weight * self.loss.derivative(squares))
                 rows = (root[:, None, None] * J).reshape(-1, size)
                 H += rows.T @ rows

@@ -366,6 +366,15 @@ def with_pins(scene: Scene, items: Mapping[int, list[dict[str, Any]]]) -> Scene:
     return replace(scene, cloths=tuple(cloths), source=source)
 
 
+def with_places(scene: Scene, x: Array) -> Scene:
+    """Make a new scene whose vertices begin at rest at places x (N, 3), its springs as long at rest as before."""
+    new, cloths = list[dict[str, Any]](), list[Cloth]()
+    for cloth, own in zip(scene.cloths, np.split(x, np.cumsum(scene.vertex_counts)[:-1]), strict=True):
+        new.append({"vertPos": vectors(own), "springRestLength": Optional(cloth.rest.tolist(), needed=True)})
+        cloths.append(replace(cloth, positions=own))
+    return replace(scene, cloths=tuple(cloths), source=replace(scene.source, text=splice(scene.source.text, new)))
+
+
 def _together(values: Mapping[Any, Any], others: Mapping[Any, Any]) -> dict[Any, Any]:
     """Two nests of values as one."""
     made = dict(values)

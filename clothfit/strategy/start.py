@@ -159,13 +159,18 @@ def first_point(
 def choose_start(objective: Objective, start: float | Array | Scene | None, hidden: bool) -> Array:
     """Starting values (P,) of all parameters. Raises InvalidInput when they are not numbers within the bounds."""
     scene = objective.scene
+    if hidden and start is None:
+        return np.where(identifiable(scene), neutral_start(objective), parameters(scene))
+    return start_of(scene, start, hidden)
+
+
+def start_of(scene: Scene, start: float | Array | Scene | None, hidden: bool = False) -> Array:
+    """What is given as a start as values (P,); those of the scene where nothing is. Raises InvalidInput."""
+    if start is None:
+        return parameters(scene)
     if isinstance(start, Scene):
         return parameters(start, flags=scene)
-    if start is not None:
-        return given_start(scene, start, neutral(scene) if hidden else parameters(scene))
-    if hidden:
-        return np.where(identifiable(scene), neutral_start(objective), parameters(scene))
-    return parameters(scene)
+    return given_start(scene, start, neutral(scene) if hidden else parameters(scene))
 
 
 def given_start(scene: Scene, start: float | Array, others: Array) -> Array:

@@ -7,7 +7,7 @@ import pytest
 from helpers.marks import fits
 from helpers.strangers import sheet
 
-from clothfit import InvalidInput, InvalidMotion, cost_and_gradient, estimate, simulate, with_parameters
+from clothfit import InvalidMotion, cost_and_gradient, estimate, simulate, with_parameters
 from clothfit.formats.axes import Reading
 from clothfit.motion.correspondence import TooFar, carried, normals
 from clothfit.motion.foreign import load
@@ -65,8 +65,6 @@ def test_the_gradient_of_a_cost_of_points_is_its_derivative(seen):
 def test_points_that_are_far_from_the_mesh_are_refused_with_figures(seen):
     with pytest.raises(InvalidMotion, match=r"36 vertices; 100 % of the points lie more than half an edge"):
         seen(points() + [0.0, 3.0, 0.0])
-    with pytest.raises(InvalidInput, match="cannot be compared yet"):
-        Reading(bind="scan")
 
 
 def test_a_mesh_that_is_bound_moves_as_its_triangles_do():

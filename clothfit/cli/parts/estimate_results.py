@@ -141,8 +141,9 @@ def describe_fabrics(found: Fit, console: Console) -> None:
 
 
 def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
-    """The targets with the markers, the clock and the place that the fit found."""
+    """The targets with the markers, the clock and the place that the fit found, scans as they were tracked."""
     pairs = [target if isinstance(target, tuple) else (target, scene) for target in targets]
+    pairs = [(track, own) for track, (_, own) in zip(found.tracks or [m for m, _ in pairs], pairs, strict=True)]
     marked, timed = found.markers or [], found.registration or []
     if len(marked) == len(pairs):
         pairs = [(each.applied(motion), own) for each, (motion, own) in zip(marked, pairs, strict=True)]

@@ -1,0 +1,150 @@
+"""Scans: tracked by the values that they show themselves, before the fit.
+
+A cloth of wrong values is drawn to a scan along another way than it took. So the first frames are tracked, some steps
+of Gauss–Newton bring few values near them, then more and more frames, each time with the values of those before; in the
+end all frames by the values that all have led to. What is matched then is what the fit compares, and it begins with
+these values, unless its own start is nearer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import metres, percent
+from clothfit.fit.hints import Hint
+from clothfit.fit.options import FitOptions
+from clothfit.fit.preparation import in_time
+from clothfit.fit.result import Fit
+from clothfit.motion.correspondence import SCANNED, Correspondence
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion, at_frames
+from clothfit.motion.simulate import simulate
+from clothfit.motion.times import frame_places, interpolated
+from clothfit.objective.experiment import Experiment, experiment
+from clothfit.objective.objective import Objective
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status, Stop
+from clothfit.registration.tracking import tracked
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.kinds import REST
+from clothfit.scene.scene import Scene
+from clothfit.strategy import ladder
+from clothfit.strategy.continuation import Even, some_steps
+from clothfit.strategy.start import start_of
+from clothfit.strategy.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
+
+Start: TypeAlias = float | Array | Scene | None
+
+STEPS, SAVING = 8, 0.01
+"""Of Gauss–Newton in each window, and the share of the cost that a step must save."""
+
+SAME = 0.01
+"""Change of the coordinates of values up to which what was tracked before holds."""
+
+MOST = 0.95
+"""Quantile of distances that is shown beside their median."""
+
+
+def with_scans(
+    scene: Scene, given: list[Experiment], start: Start, options: FitOptions
+) -> tuple[list[Experiment], Start]:
+    """The targets with their scans tracked, and where a fit to them starts; as they are where half of its time is too
+    short for that.
+    """
+    if not any(each.motion.correspondence.mesh for each in given):
+        return given, start
+    if scene.method == REST:
+        raise InvalidInput("a scan is tracked in motion, and this scene is at rest; give a mesh or its shadow")
+    seconds = None if options.budget is None else 0.5 * options.budget
+    return in_time(partial(tracked_by_values, scene, given, start, options), (given, start), seconds)
+
+
+def tracked_by_values(
+    scene: Scene, given: list[Experiment], start: Start, options: FitOptions
+) -> tuple[list[Experiment], Start]:
+    """The same, however long it takes."""
+    first = with_parameters(scene, start_of(scene, start))
+    few = ladder.as_model(first, ladder.models(first)[0])
+    longest = max(len(each.motion.times) for each in given)
+    found = list(given)
+    for frames in window_lengths(FIRST_WINDOW, longest):
+        found = by(few, scene, given, frames)
+        before = few
+        few = nearer(few, found, options)
+    if few is not before:
+        found = by(few, scene, given, longest)
+    found = [Experiment(new.motion, own.scene) for new, own in zip(found, given, strict=True)]
+    whole = objective_of(scene, found, options)
+    costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
+    return found, few if costs[0] < costs[1] else start
+
+
+def objective_of(scene: Scene, given: Sequence[Experiment], options: FitOptions) -> Objective:
+    """The loosely solved objective of targets."""
+    return Objective(
+        scene, list(given), STAGE_TOLERANCE, [own.frames for _, own in given],
+        loss=options.loss, loss_scale=options.loss_scale, memory=options.memory,
+    )  # fmt: skip
+
+
+def with_figures(found: Fit, raw: Motion, given: Motion) -> Fit:
+    """The fit with what it has come to of its first target, where that is a scan, `raw` as it came and `given` as it
+    was tracked: how far its points are from the cloth, all of them, and the cloth from the points, and what was never
+    seen.
+    """
+    scan, share = raw.correspondence, given.correspondence.share
+    if scan.mesh is None or found.status == Status.DIVERGED:
+        return found
+    step, fraction = frame_places(raw, found.scene.delta)
+    try:
+        x = simulate(found.scene, int(np.ceil(step + fraction).max()) + 1).positions
+    except Diverged:
+        return found
+    from scipy.spatial import KDTree
+
+    there, back = list[Array](), list[Array]()
+    for frame, s in enumerate(interpolated(x, step, fraction)):
+        points = scan.points[frame, scan.seen[frame]]
+        there.append(np.abs(scan.mesh.feet(points, scan.faces[frame, scan.seen[frame]], s).gaps))
+        if len(points):
+            back.append(np.asarray(KDTree(points).query(s)[0]))
+    sides = {"scan_to_cloth": np.concatenate(there), "cloth_to_scan": np.concatenate(back)}
+    figures: dict[str, Any] = {
+        name: {"median": float(np.median(away)), "most": float(np.quantile(away, MOST))} for name, away in sides.items()
+    }
+    free = ~np.concatenate([cloth.fixed for cloth in found.scene.cloths])
+    figures["unseen"] = float(1.0 - given.seen()[:, free].any(axis=0).mean()) if free.any() else 0.0
+    one, other = (f"{metres(each['median'])} ({metres(each['most'])})" for each in list(figures.values())[:2])
+    text = (
+        f"scan: {percent(share)} of its points are matched; all are {one} off the cloth, in the median (95 %), and its "
+        f"vertices {other} from the points; {percent(figures['unseen'])} of the free vertices were never seen"
+    )
+    bound = Correspondence(SCANNED, share, figures=figures)
+    return replace(found, correspondence=bound, hints=[*found.hints, Hint("scan", text, early=False)])
+
+
+def by(few: Scene, scene: Scene, given: Sequence[Experiment], frames: int) -> list[Experiment]:
+    """The first frames of the targets, tracked by the values of `few`, which takes the place of the main scene."""
+    parts = [(at_frames(motion, slice(frames)), few if own is scene else own) for motion, own in given]
+    own = [experiment(few, motion, each) for motion, each in parts]
+    return [tracked(Experiment(each.motion, with_parameters(each.scene, parameters(few)))) for each in own]
+
+
+def nearer(few: Scene, given: Sequence[Experiment], options: FitOptions) -> Scene:
+    """The scene with the values that some steps lead to; the same object where they change by little, or nothing."""
+    objective = objective_of(few, [experiment(few, *each) for each in given], options)
+    search = Search(objective, parameters(few), 0.0, options.max_evaluations, options.on_progress)
+    part = Even(search, objective)
+    search.enter("tracking")
+    y = start = part.y(search.start)
+    with suppress(Diverged, Stop), np.errstate(over="ignore", invalid="ignore"):
+        y = some_steps(part, start, STEPS, SAVING)
+    return few if np.abs(y - start).max(initial=0.0) <= SAME else with_parameters(few, part.parameters(y))

@@ -1,0 +1,142 @@
+"""Scans: points that are others in each frame, from files; tracked, compared by their distances, and fitted."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.marks import fits
+from helpers.strangers import sheet
+
+from clothfit import InvalidMotion, cost_and_gradient, estimate, evaluate, simulate, with_parameters
+from clothfit.formats.axes import RIGHT, Reading, from_scene
+from clothfit.motion.correspondence import normals
+from clothfit.motion.foreign import load
+from clothfit.objective.experiment import Experiment
+from clothfit.registration.record import rotation
+from clothfit.registration.tracking import placed, tracked
+from clothfit.scene.scene import with_places
+
+FACTOR = 2.0
+SCENE = sheet(letters="nF", frames=24)
+(CLOTH,) = SCENE.cloths
+TRUTH = with_parameters(SCENE, np.array([FACTOR]))
+MOTION = simulate(TRUTH, tolerance=1e-12)
+TRIANGLES = CLOTH.triangles.reshape(-1, 3)
+
+
+def cloud(count=400, noise=0.0, lost=0, strangers=0):
+    """Points on the faces of the motion, others in each frame: `lost` of them, around one, are not there, and
+    `strangers` lie anywhere near.
+    """
+    rng, frames = np.random.default_rng(0), []
+    for x in MOTION.positions:
+        chosen = TRIANGLES[rng.integers(len(TRIANGLES), size=count)]
+        y = np.einsum("mk,mkc->mc", rng.dirichlet([1, 1, 1], count), x[chosen])
+        y = y[np.argsort(-np.linalg.norm(y - y[0], axis=1))[: count - lost]]
+        y = y + noise * rng.normal(size=y.shape)
+        far = rng.uniform(x.min(axis=0) - 0.1, x.max(axis=0) + 0.1, (strangers, 3))
+        frames.append(rng.permutation(np.concatenate([y, far])))
+    return frames
+
+
+def as_npz(folder, frames, **more):
+    """A file with a scan."""
+    first = np.cumsum([0, *map(len, frames)])
+    np.savez(folder / "scan.npz", points=np.concatenate(frames), first=first, times=MOTION.times, **more)
+    return folder / "scan.npz"
+
+
+def as_obj(folder, frames):
+    """OBJ files without faces, one point fewer in each."""
+    for number, points in enumerate(frames):
+        rows = from_scene(points, RIGHT)[number:].tolist()
+        (folder / f"scan_{number:03}.obj").write_text("".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in rows))
+    return folder / "scan_*.obj"
+
+
+def as_ply(folder, frames):
+    """Binary PLY files."""
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex {}\n{}end_header\n"
+    for number, points in enumerate(frames):
+        rows = from_scene(points, RIGHT)[number:]
+        text = head.format(len(rows), "".join(f"property double {c}\n" for c in "xyz"))
+        (folder / f"scan_{number:03}.ply").write_bytes(text.encode() + rows.tobytes())
+    return folder / "scan_*.ply"
+
+
+def read(path, **said):
+    """The scan of a file."""
+    return load(path, SCENE, Reading(**said)).motion
+
+
+@fits
+@pytest.mark.parametrize("written", [as_npz, as_obj, as_ply])
+def test_points_on_the_surface_have_the_values_of_the_cloth(tmp_path, written):
+    scan = read(written(tmp_path, cloud()))
+    fit = estimate(SCENE, scan, start=5.0 * FACTOR, intervals=False)
+    assert (fit.correspondence.kind, fit.correspondence.share > 0.95) == ("scan", True)
+    assert fit.scene.cloths[0].stiffness == pytest.approx(FACTOR * CLOTH.stiffness, rel=1e-6)  # rounding of 1e-8 m
+    assert evaluate(TRUTH, fit.scene, target=scan).fitted.rmse < 1e-7
+
+
+@fits
+def test_noise_holes_and_strangers_move_a_fit_by_little(tmp_path):
+    """2 mm of noise in 24 frames of 320 points leave a factor uncertain by some 0.1 %."""
+    scan = read(as_npz(tmp_path, cloud(noise=2e-3, lost=80, strangers=8)))
+    fit = estimate(SCENE, scan, start=5.0 * FACTOR)
+    assert fit.scene.cloths[0].stiffness == pytest.approx(FACTOR * CLOTH.stiffness, rel=0.01)
+    assert fit.verdict.model == "adequate"
+    told = json.loads(json.dumps(fit.correspondence.summary()))
+    assert 0.95 < told["share"] < 1.0
+    assert told["scan_to_cloth"]["median"] == pytest.approx(2e-3 * 0.674, rel=0.1)  # of |noise| along normals
+    assert told["cloth_to_scan"]["median"] < 0.05  # half an edge
+    assert told["unseen"] == 0.0
+
+
+def test_the_gradient_of_distances_is_their_derivative(tmp_path):
+    given = tracked(Experiment(read(as_npz(tmp_path, cloud(noise=2e-3))), TRUTH)).motion
+    step, made = 1e-5, with_parameters(SCENE, np.array([1.01 * FACTOR]))
+    _, gradient = cost_and_gradient(made, given)
+    costs = [cost_and_gradient(with_parameters(made, np.array([1.0 + s])), given)[0] for s in (step, -step)]
+    assert gradient[0] == pytest.approx((costs[0] - costs[1]) / (2 * step), rel=1e-6)  # errors of the order step²
+
+
+def test_points_with_normals_of_another_side_are_left_out(tmp_path):
+    """Half of the points have normals along the cloth: they belong to something else."""
+    frames = cloud()
+    n, along = normals(CLOTH.positions, TRIANGLES[:1])[0], CLOTH.positions[1] - CLOTH.positions[0]
+    sides = np.where(np.arange(sum(map(len, frames)))[:, None] % 2, n, along / np.linalg.norm(along))
+    scan = read(as_npz(tmp_path, frames, normals=sides))
+    given = tracked(Experiment(scan, SCENE)).motion.correspondence
+    assert given.seen[0].mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_mesh_in_another_pose_is_placed_on_the_first_frame(tmp_path):
+    """Turned by 20° and moved by 0.3 m; the sheet of the scan has begun to fall. Springs keep their lengths at rest."""
+    late = 6
+    path = as_npz(tmp_path, cloud()[late:] + cloud()[:late])
+    R = rotation(np.array([0.3, -0.1, 0.2]))
+    elsewhere = with_places(SCENE, CLOTH.positions @ R.T + [0.3, 0.0, 0.0])
+    found = placed(Experiment(load(path, elsewhere, Reading()).motion, elsewhere))
+    away = np.linalg.norm(found.cloths[0].positions - MOTION.positions[late], axis=1)
+    assert np.median(away) < 0.05  # half an edge
+    np.testing.assert_allclose(found.cloths[0].rest, CLOTH.rest)
+    near = Experiment(read(path), with_places(SCENE, MOTION.positions[late]))
+    assert placed(near) is near.scene
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"points": np.zeros((4, 2)), "first": [0, 4]}, r"points: has shape \(4, 2\)"),
+        ({"points": np.zeros((4, 3)), "first": [0, 5]}, r"first: must be whole numbers that rise from 0 to 4"),
+        ({"points": np.zeros((4, 3)), "first": [0, 4], "times": [0.0, 1.0]}, r"times: has shape \(2,\)"),
+        ({"points": np.zeros((0, 3)), "first": [0, 0]}, "has no points"),
+    ],
+)
+def test_a_file_that_is_no_scan_is_one_sentence(tmp_path, arrays, message):
+    np.savez(tmp_path / "scan.npz", **{key: np.asarray(each) for key, each in arrays.items()})
+    with pytest.raises(InvalidMotion, match=message):
+        read(tmp_path / "scan.npz")
+    with pytest.raises(InvalidMotion):
+        load(tmp_path / "scan.npz", None, Reading())
