@@ -137,6 +137,8 @@ def of_edges(objective: Objective) -> list[tuple[Block, Flags, NDArray[np.intp]]
 def hardly_stretching(objective: Objective) -> Flags:
     """Which parameters (P,) are the stiffness of edges that hardly stretch in the targets."""
     found = np.zeros(sum(block.count for block in objective.blocks), bool)
+    if any(each.scene.vertex_counts != objective.scene.vertex_counts for each in objective.experiments):
+        return found  # shapes at rest of other meshes
     for block, edge, of in of_edges(objective):
         assert block.cloth is not None
         own = of_targets(objective, block.cloth)
