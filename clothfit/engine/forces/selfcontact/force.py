@@ -30,7 +30,7 @@ from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, load3, mul, splat, sub
 from clothfit.kernels.vectors import combine, dot
 
-FLAT = 3e-3
+FLAT = 1e-6
 """Depth relative to the thickness of a cloth that is too little to begin to press, lest rounds do not end."""
 
 
