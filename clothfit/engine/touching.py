@@ -209,8 +209,9 @@ def gains(
 
 def stored(surface: pairs.Surface, x: Array, y: Array, numbers: Indices) -> float:
     """What pairs store at y in a step that begins at x, (n, 3) each, J."""
-    near = force.depths(pairs.of_numbers(surface, x, numbers), y, 0.0 * y) > 0.0
-    return float(force.energy(pairs.of_numbers(surface, x, numbers[near]), y))
+    contact = pairs.of_numbers(surface, x, numbers)
+    contact.on[0] = force.depths(contact, y, 0.0 * y) > 0.0
+    return float(force.energy(contact, y))
 
 
 def hits(system: System, part: Rollout, t: int, surface: pairs.Surface, near: Indices, touch: Touch) -> bool:

@@ -15,7 +15,6 @@ J. Schulman et al., Tracking deformable objects with point clouds, 2013, ties po
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,9 +31,6 @@ from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.registration.record import rigid
 from clothfit.scene.scene import Scene, with_places
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 CAP = 3.0
 """Distance, in median edges, beyond which a point is tied to nothing."""
@@ -98,9 +94,7 @@ def tracked(given: Experiment) -> Experiment:
     step, fraction = frame_places(motion, scene.delta)
     at = np.rint(step + fraction).astype(int)
     states = [State(scene, group[0], int(at[-1])) for group in scene.groups]
-    free = ~np.concatenate([cloth.fixed for cloth in scene.cloths])
-    edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))
-    draw = Drawing(mesh, roughness(scene), free, edge)
+    draw = Drawing(mesh, scene, ~np.concatenate([cloth.fixed for cloth in scene.cloths]))
     x = np.concatenate([state.whole.x[0] for state in states])
     faces, matched = np.full_like(own.faces, -1), np.zeros_like(own.seen)
     positions, observed = np.tile(x, (len(at), 1, 1)), np.zeros((len(at), len(x)), bool)
@@ -138,10 +132,10 @@ def placed(given: Experiment) -> Scene:
     if scan.mesh is None or scene.frame is not None or not scan.seen[0].any() or motion.times[0] != 0:
         return scene
     start = np.concatenate([cloth.positions for cloth in scene.cloths])
-    edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))
+    draw = Drawing(scan.mesh, scene, np.ones(len(start), bool))
     points, lost = scan.points[0, scan.seen[0]], scan.faces[0, scan.seen[0]]
     before = np.quantile(np.abs(scan.mesh.feet(points, lost, start).gaps), MOSTLY)
-    if before <= edge:
+    if before <= draw.edge:
         return scene
     few = points[:: max(len(points) // POINTS, 1)]
     found = sorted((moved_to(scan.mesh, few, start, R) for R in turns(start, few)), key=lambda each: each[0])
@@ -157,7 +151,6 @@ def placed(given: Experiment) -> Scene:
     _, R, d = min(near, key=way)
     x = start @ R.T + d
     still = with_places(scene, x)
-    draw = Drawing(scan.mesh, roughness(scene), np.ones(len(x), bool), edge)
     states = [State(still, group[0], RELAXING) for group in scene.groups]
     for t in range(RELAXING):
         x = np.concatenate([state.advance(t, t + 1) for state in states])
@@ -205,9 +198,11 @@ def moved_to(mesh: Faces, points: Array, start: Array, R: Array) -> tuple[float,
 class Drawing:
     """What draws the vertices of a mesh to points."""
 
-    def __init__(self, mesh: Faces, edges: csr_array, free: Flags, edge: float) -> None:
-        """`edges`: G; `free` (n,): which vertices may move; `edge`, m: the median one."""
-        self.mesh, self.edge, self.smooth = mesh, edge, edges.T @ edges
+    def __init__(self, mesh: Faces, scene: Scene, free: Flags) -> None:
+        """`mesh`: that of the scene; `free` (n,): which vertices may move."""
+        edges = roughness(scene)  # G
+        self.mesh, self.smooth = mesh, edges.T @ edges
+        self.edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))  # m
         self.free = np.flatnonzero(np.repeat(free, 3))
 
     def __call__(self, x: Array, points: Array, normals: Array | None) -> Array:

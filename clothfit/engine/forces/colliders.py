@@ -46,6 +46,14 @@ def pressing(colliders, y, u, i, c):
     return push, gamma, n, U
 
 
+@kernel
+def met(colliders, y, u, w, s, h, i, c):
+    """Whether a step that goes by s from y, at last with w for u, knows of vertex i at collider c; its `contact`."""
+    depth, k, j, n, t, spot = contact(colliders, y, i, c)
+    way = fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))  # h u where the step begins at y, else 0
+    return counts(colliders, depth, n, c, i, load3(y, i), way), depth, k, j, n, t, spot
+
+
 @kernel(empty=0.0, apart=0.0)
 def energy(colliders, y):
     total = 0.0  # ½ κ d²
@@ -75,9 +83,8 @@ def power(colliders, y, u, w, s, h, begin, f):
     for c in range(len(colliders.rows)):
         own = colliders.rows[c]
         for i in range(len(y)):
-            depth, _, _, n, _, spot = contact(colliders, y, i, c)
-            way = fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))  # h u where the step begins at y, else 0
-            if counts(colliders, depth, n, c, i, load3(y, i), way):
+            there, depth, _, _, n, _, spot = met(colliders, y, u, w, s, h, i, c)
+            if there:
                 V, kappa = surface_velocity(colliders, y, i, c, spot), own[LAW, STIFFNESS]
                 gamma = rubbing(kappa * depth, own[LAW, FRICTION], n, sub(load3(u, i), V))[1]
                 push = kappa * (depth - dot(n, load3(s, i)))
@@ -130,9 +137,8 @@ def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
     for c in range(len(colliders.rows)):
         own = colliders.rows[c]
         for i in range(len(y)):
-            depth, k, j, n, t, spot = contact(colliders, y, i, c)
-            way = fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))  # h u where the step begins at y, else 0
-            if counts(colliders, depth, n, c, i, load3(y, i), way):
+            there, depth, k, j, n, t, spot = met(colliders, y, u, w, s, h, i, c)
+            if there:
                 V = surface_velocity(colliders, y, i, c, spot)
                 row = own[LAW, STIFFNESS], own[LAW, FRICTION], depth, n, sub(load3(u, i), V)
                 vectors, (by_delta, by_mu, by_kappa) = law.pull(row, load3(s, i), sub(load3(w, i), V), load3(lam, i))
@@ -163,9 +169,8 @@ def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
         dmu = direction.friction[c] if len(direction.friction) > 0 else 0.0
         dkappa = direction.contact[c] if len(direction.contact) > 0 else 0.0
         for i in range(len(y)):
-            depth, k, j, n, t, spot = contact(colliders, y, i, c)
-            way = fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))  # h u where the step begins at y, else 0
-            if counts(colliders, depth, n, c, i, load3(y, i), way):
+            there, depth, k, j, n, t, spot = met(colliders, y, u, w, s, h, i, c)
+            if there:
                 V, dy_i = surface_velocity(colliders, y, i, c, spot), sub(load3(dy, i), offset)
                 row = own[LAW, STIFFNESS], own[LAW, FRICTION], depth, n, sub(load3(u, i), V)
                 dn = fma(splat(k), across(n, dy_i), mul(splat(j * dot(t, dy_i)), t))
