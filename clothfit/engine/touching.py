@@ -175,7 +175,8 @@ def pressed(
         if more and not still:  # what moves would press into it
             shorten(1.0 / part.theta[t], system, x, w, after)
             part.theta[t] = 1.0
-    return Touch(numbers[some], on[:, some], made), march.DONE
+    # as compiled code is for arrays of one order: what NumPy picks out of columns has another
+    return Touch(numbers[some], np.ascontiguousarray(on[:, some]), made), march.DONE
 
 
 def may_be_shortened(system: System, surface: pairs.Surface) -> bool:

@@ -27,6 +27,7 @@ from clothfit.kernels.cache import KernelCache
 from clothfit.kernels.linking import ForKernels, ForPython
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
+KNOWN = types.BooleanLiteral | types.IntegerLiteral
 
 
 def for_python(function: Callable[..., object], nogil: bool) -> Any:
@@ -112,12 +113,13 @@ def address(made: Any, kinds: tuple[Any, ...], result: object) -> int:
 
 
 def _of_wide_types(template: Callable[..., object]) -> Callable[..., object]:
-    """The method by which numba finds, or compiles, what a kernel calls: the same code for True, False and a flag that
-    is known later, and for short and long integers. Each would be compiled apart, with all that it calls in turn.
+    """The method by which numba finds, or compiles, what a kernel calls: the same code for flags and integers that are
+    known and for those that are known later, and for short and long ones. Each would be compiled apart, with all that
+    it calls in turn.
     """
 
     def wide(own: Any) -> Any:
-        plain = types.unliteral(own) if isinstance(own, types.BooleanLiteral) else own
+        plain = types.unliteral(own) if isinstance(own, KNOWN) else own
         return types.int64 if plain == types.int32 else plain
 
     def of_wide_types(args: tuple[Any, ...], kws: dict[str, Any]) -> object:

@@ -275,7 +275,7 @@ def together(cloths: Sequence[Cloth]) -> Cloth:
     """Several objects as one, vertices and springs of one after those of the other, with the damping and the drag of
     the first.
     """
-    first = np.cumsum([0, *(len(each.mass) for each in cloths)])
+    first = np.cumsum([0, *(len(each.mass) for each in cloths)], dtype=np.int32)  # as springs and triangles are
     joined: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in cloths])
         for name in ("positions", "fixed", "mass", "stiffness", "velocity", "rest")
@@ -285,7 +285,7 @@ def together(cloths: Sequence[Cloth]) -> Cloth:
         for name in ("springs", "triangles")
     }
     pins = tuple(
-        replace(pin, vertices=(pin.vertices + start).astype(pin.vertices.dtype))
+        replace(pin, vertices=pin.vertices + start)
         for each, start in zip(cloths, first, strict=False)
         for pin in each.pins
     )

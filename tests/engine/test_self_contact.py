@@ -301,6 +301,8 @@ def test_gradient_tangent_and_columns(name):
     made = colliding(method, newton, friction, **LETTERED, **own)
     part = rollout(build(made, 0), made.frames - 1, TIGHT)[0]
     assert max(len(each.numbers) for each in part.touches) > 10
+    # in another order they would be of another type, for which all is compiled again
+    assert all(each.on.flags.c_contiguous for each in part.touches if each.on is not None)
     assert any(each.zones is not None for each in part.touches) == (name == "zones")
     # systems are solved to 1e-13, and friction makes their condition about 1e4
     assert_derivatives(made, TIGHT, 1e-10, 1e-9, switches=name == "bdf2")

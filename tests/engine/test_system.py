@@ -67,7 +67,9 @@ def test_a_scene_is_of_one_of_two_types_of_arguments():
     """For each type all that takes a system is compiled: for plain scenes, and for all that move or touch."""
     pins = [{"vertices": [0], "posKeys": keys([0, 1], [(0, 0, 0), (0, 1, 0)])}]
     plain = scene(cloth(3, 3)), scene(cloth(3, 3, damping=0.1), integrationMethod=BDF2, windVel=xyz((1, 2, 3)))
+    touching = {"thickness": 0.01, "stiffness": 50.0, "betweenObjects": True}
     others = (
+        scene(cloth(3, 3), cloth(3, 3), selfCollision=touching),
         scene(cloth(3, 3), colliders=[box((0, -9, 0))]),
         scene(cloth(3, 3, pins=pins)),
         scene(cloth(3, 3), selfCollision={"thickness": 0.01, "stiffness": 50.0}),

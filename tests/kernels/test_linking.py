@@ -83,11 +83,11 @@ def test_no_reference_is_lost_or_kept(call):
 
 
 @pytest.mark.slow
-def test_one_code_for_both_values_of_a_flag_and_for_integers_of_both_widths():
+def test_one_code_for_both_values_of_a_flag_and_for_integers_of_both_widths_known_or_not():
     pair = numba.typeof(arrays())
     for flag in (types.literal(True), types.literal(False), types.boolean):
         flagged.inner.get_call_template((pair, flag), {})
-    for index in (types.int32, types.int64):
+    for index in (types.int32, types.int64, types.literal(3)):
         entry.inner.get_call_template((pair, index), {})
     assert list(flagged.inner.overloads) == [(pair, types.boolean)]
     assert list(entry.inner.overloads) == [(pair, types.int64)]

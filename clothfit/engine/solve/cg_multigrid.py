@@ -22,7 +22,7 @@ from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, clear3, fma, index, load4, mul, splat, store4, sum3
 
 RESIDUAL, PREPARE, DESCEND, ASCEND, FOLLOW, STEP = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
-"""Passes over the rows. Integers would make numba compile everything below anew for each value that it knows."""
+"""Passes over the rows, as messages to the second thread have them."""
 
 
 class Second(NamedTuple):
