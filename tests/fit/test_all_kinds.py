@@ -224,7 +224,7 @@ def test_where_a_figure_walks_is_found():
 
 
 def test_the_law_of_self_contact_is_found_where_a_sheet_slides_down_a_sheet():
-    mesh = plane(6, 0.4)
+    mesh = plane(4, 0.3)
     count = len(mesh.positions)
     below = mesh.positions - mesh.positions.mean(axis=0)
     above = below + [0.03, 0.012, 0.01]

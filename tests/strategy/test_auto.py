@@ -395,7 +395,7 @@ def test_a_cloth_that_buckles_is_fitted_to_its_noise(seed):
     assert np.median(np.abs(np.log(found[known]))) < 5e-3  # an eighth of how far they begin
 
 
-@pytest.mark.parametrize(("seed", "shortened"), [(1, True), (5, False)])
+@pytest.mark.parametrize(("seed", "shortened"), [(23, True), (5, False)])
 def test_steps_that_switch_their_form_do_not_stall_it(seed, shortened):
     scene, truth, motion = compressed("implicit", seed)
     aim = Objective(scene, motion, 1e-10)
