@@ -80,7 +80,8 @@ def model_of(scene: Scene, index: int, settings: Settings, frames: int) -> Model
     refuse(scene, "xpbd")
     system, cloth = build(scene, index, steps=frames - 1), scene.cloths[index]
     members, rest, compliance = constraints(cloth, settings.bending)
-    faces = system.faces._replace(wind=system.faces.wind.copy())
+    # there is one object: its faces are of one type, whatever else the scene has
+    faces = system.faces._replace(wind=system.faces.wind.copy(), object=None)
     pins, path = pins_of(system.inputs, frames)
     return Model(
         x0=system.x0.copy(), v0=system.v0.copy(), free=~cloth.fixed,
