@@ -126,16 +126,18 @@ def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
 
 
 def pressed(
-    forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface, second: bool
-) -> tuple[Touch, int]:
+    forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface, second: bool,
+    safe: bool = False,
+) -> tuple[Touch, int]:  # fmt: skip
     """Take step t of a part by the implicit method or, as a step of `second` order, by BDF2; that ends with CONTACTS
-    where pairs would pass through each other, or the energy rises.
+    where pairs would pass through each other, or the energy rises. `safe`: with the clamped system.
     """
     whole = forms.form(False, False)
     x, v, after, h = part.x[t], part.velocity(t), part.x[t + 1], whole.h
     begin(whole, part, t, work)
-    part.euler[t], system, attempted = not second, bdf2.forms(whole)[second], attempt_second if second else attempt
-    first, pressed, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
+    part.euler[t], part.clamped[t] = not second, part.clamped[t] or safe
+    system, attempted = bdf2.forms(forms.form(False, safe))[second], attempt_second if second else attempt
+    first, pushing, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
     middle, stray = x + h * first, STRAY * surface.thickness
     view, turn = pairs.around(surface, x, middle, stray), 0
     numbers = np.union1d(pairs.near(surface, x, view), pairs.meeting(surface, x, middle, view))
@@ -144,7 +146,7 @@ def pressed(
         on = np.zeros((part.w.shape[1], len(numbers)), bool)
         own, room = with_pairs(system, work, surface, x, numbers, on)
         deep, left = force.depths(own.contact, x, 0.0 * x), force.depths(own.contact, x, h * first)
-        on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pressed)
+        on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pushing)
         if not attempted(own, room, part, t, v, first, implicit.ROUGH if rough else tolerance):
             if part.clamped[t] or second:
                 return NOTHING, march.REFUSED
@@ -154,7 +156,7 @@ def pressed(
             return NOTHING, march.FAILED
         turn += 1
         copy(part.w[t, part.used[t] - 1], first)
-        pressed = numbers[on[part.used[t] - 1]]
+        pushing = numbers[on[part.used[t] - 1]]
         if np.linalg.norm(after - middle, axis=1).max() > stray:
             middle = after.copy()
             view = pairs.around(surface, x, middle, stray)
@@ -167,14 +169,19 @@ def pressed(
     if second and (len(pairs.crossing(surface, x, after, numbers)) or gains(*given, True)):
         return NOTHING, march.CONTACTS
     made = separated(system, surface, part, t, numbers)
-    if not second and made is None and may_be_shortened(whole, surface):
-        still, w = guard.applies(system), part.w[t, part.used[t] - 1]
-        while (more := gains(*given, False)) and part.theta[t] > 0.5 ** (guard.SHORTEST if still else SHORTEST):
+    if not second and may_be_shortened(whole, surface):
+        w, halvings = part.w[t, part.used[t] - 1], guard.SHORTEST if guard.applies(system) else SHORTEST
+        tried = [gains(*given, False, made)]
+        while tried[-1] and len(tried) <= halvings:
+            shorten(0.5, system, x, w, after, made)
             part.theta[t] *= 0.5
-            shorten(0.5, system, x, w, after)
-        if more and not still:  # what moves would press into it
-            shorten(1.0 / part.theta[t], system, x, w, after)
-            part.theta[t] = 1.0
+            tried.append(gains(*given, False, made))
+        if tried[-1] and not part.clamped[t]:
+            return pressed(forms, tolerance, work, part, t, surface, False, safe=True)
+        longer = 2.0 ** (len(tried) - 1 - int(np.argmin(tried)))  # what moves may press into a shorter step
+        if longer > 1.0:
+            shorten(longer, system, x, w, after, made)
+            part.theta[t] *= longer
     # as compiled code is for arrays of one order: what NumPy picks out of columns has another
     return Touch(numbers[some], np.ascontiguousarray(on[:, some]), made), march.DONE
 
@@ -185,27 +192,36 @@ def may_be_shortened(system: System, surface: pairs.Surface) -> bool:
     return system.guarded and not (led or len(surface.drawn) or lets_go(system.colliders))
 
 
-def shorten(theta: float, system: System, x: Array, w: Array, after: Array) -> None:
-    """Take a part of a step that begins at x, in its velocity w and its end (n, 3)."""
+def shorten(theta: float, system: System, x: Array, w: Array, after: Array, made: zones.Zones | None) -> None:
+    """Take a part of a step that begins at x, in its velocity w, its end (n, 3) and what zones joined."""
     w *= theta
+    if made is not None:
+        made.found[:] *= theta
     arrive(system, x, w, after)
 
 
 def gains(
     system: System, part: Rollout, t: int, surface: pairs.Surface, numbers: Indices, work: implicit.Workspace,
-    second: bool,
-) -> bool:  # fmt: skip
-    """Whether the energy rises in step t of a part, of `second` order or not, where all pairs that are near before it
-    and where it would end are among the `numbers`.
+    second: bool, made: zones.Zones | None = None,
+) -> float:  # fmt: skip
+    """How much the energy rises in step t of a part, J, 0 where that is tolerated, of `second` order or not and with what
+    zones joined, where all pairs that are near before it and where it would end are among the `numbers`.
     """
     from clothfit.engine.work import rise  # which few scenes need
 
-    more, before = rise(*bdf2.forms(system), part, t, second, work)
+    w = part.w[t, part.used[t] - 1]
+    joined, given = w.copy(), 0.0
+    if made is not None:
+        given = zones.work(made, system.vertex, w)
+        w[made.member] = made.found
+    more, before = rise(*bdf2.forms(system), part, t, second, joined, work)
+    w[:] = joined
     held = stored(surface, part.x[t], part.x[t], numbers)
-    if part.theta[t] < 1.0:  # others may be near on the way
+    if part.theta[t] < 1.0 or made is not None:  # others may be near on the way
         numbers = np.union1d(numbers, pairs.near(surface, part.x[t + 1]))
     after = stored(surface, part.x[t], part.x[t + 1], numbers)
-    return bool(guard.rises(before + held, before + more + after, 0.0))
+    more += after - held - given
+    return more if guard.rises(before + held, before + held + more, 0.0) else 0.0
 
 
 def stored(surface: pairs.Surface, x: Array, y: Array, numbers: Indices) -> float:

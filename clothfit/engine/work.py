@@ -50,14 +50,14 @@ def power(euler, inner, part, t, second, work):
 
 
 @kernel
-def rise(euler, inner, part, t, second, work):
-    """How much the energy rises in step t beyond the work that is done in it, and what it is before, J, without pairs.
+def rise(euler, inner, part, t, second, w, work):
+    """How much the energy rises in step t, after which the velocity is w (n, 3), beyond the work that is done in it, and
+    what it is before, J, without pairs.
     """
     set_frame(euler.inputs, euler, part.first + t)
     x, after = part.x[t], part.x[t + 1]
     before = guard.energy(euler, x, velocity(part, t))
     given = power(euler, inner, part, t, second, work)
-    w = velocity(part, t + 1)
     given += wind.powers(euler.faces, work.y, w, w)[0]
     done = euler.h * given + work_done(euler.inputs, part.first + t, x, after)
     done += vertex.energy(euler.vertex, x) - vertex.energy(euler.vertex, after)

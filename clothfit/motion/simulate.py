@@ -116,9 +116,7 @@ class Account:
                 now = (2.0 * now + self.power) / 3.0
             work[t], self.power = own.h * now, now
             if zones is not None:
-                w, mass = part.w[t, part.used[t] - 1, zones.member], own.vertex.mass[zones.member]
-                free = own.vertex.free[zones.member]
-                work[t] += np.einsum("i,ij,ij", mass * free, w - zones.found, w)
+                work[t] += touching.zones.work(zones, own.vertex, part.w[t, part.used[t] - 1])
         return work
 
 

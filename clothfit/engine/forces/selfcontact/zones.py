@@ -73,6 +73,12 @@ def join(zones, vertex, w):
                     w[zones.member[e], c] = mean[z, c]
 
 
+def work(zones: Zones, vertex: Vertex, w: Array) -> float:
+    """What the fixed vertices in zones do on the others, whose velocities are w (n, 3), J."""
+    own = w[zones.member]
+    return float(np.einsum("i,ij,ij", (vertex.mass * vertex.free)[zones.member], own - zones.found, own))
+
+
 @kernel
 def pull(zones, vertex, h, x_bar, v_bar, grad):
     """Turn v_bar, the gradient by w, into that by u, where x_bar (n, 3) holds that by x + h w; add to `grad`."""
