@@ -27,8 +27,8 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.eigen import connected_components
 from clothfit.engine.forces.law import remaining
-from clothfit.engine.forces.selfcontact.force import Contact
 from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, LEFT, distance, passes, past_each_other, side
+from clothfit.engine.forces.selfcontact.rows import Contact
 from clothfit.kernels.kernel import kernel
 
 FASTEST = 0.5
@@ -144,7 +144,8 @@ def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:
     """The contact of these pairs (P,), by their numbers, in a step that begins at x (n, 3); all of them press."""
     vertices, kind, thickness, sides = look_up(surface, x, numbers)
     law, on = (surface.thickness, surface.stiffness, surface.friction), np.ones((1, len(numbers)), bool)
-    return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn=np.zeros(1, np.int32))
+    turn, depth = np.zeros(1, np.int32), np.zeros(len(numbers))
+    return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn, depth)
 
 
 def touching(surface: Surface, x: Array) -> Contact:
