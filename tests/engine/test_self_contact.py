@@ -12,7 +12,7 @@ from helpers.derivatives import assert_derivatives
 from helpers.physics import METHODS, keys, relative, rotation, scene, thing, xyz
 
 from clothfit import energies, simulate
-from clothfit.engine.forces import contact
+from clothfit.engine.forces import boxes, contact
 from clothfit.engine.forces.selfcontact import nearest, pairs, rows, zones
 from clothfit.engine.rollout import rollout
 from clothfit.engine.solve import sparse
@@ -166,11 +166,16 @@ def test_boxes_that_overlap_are_those_of_brute_force():
     rng = np.random.default_rng(8)
     low, other = rng.uniform(size=(300, 3)), rng.uniform(size=(200, 3))
     high, top = low + 0.2 * rng.uniform(size=low.shape) ** 3, other + 0.3 * rng.uniform(size=other.shape) ** 4
-    boxes, others = np.hstack([low, high]), np.hstack([other, top])
+    points = np.concatenate([low, high, other, top])
+    own, others = (
+        boxes.parts(first + np.stack([np.arange(n), n + np.arange(n)], 1).astype(np.int32), points)
+        for first, n in ((0, 300), (600, 200))
+    )
+    nothing = boxes.parts(np.zeros((0, 2), np.int32), points)
     meet = (low[:, None] <= top).all(axis=2) & (other <= high[:, None]).all(axis=2)
     each_other = np.triu((low[:, None] <= high).all(axis=2) & (low <= high[:, None]).all(axis=2), 1)
-    for given, expected in (((boxes, others), meet), ((boxes,), each_other), ((boxes[:0], others), meet[:0])):
-        found = pairs.overlapping(*given).tolist()
+    for given, expected in (((own, others), meet), ((own, own), each_other), ((nothing, others), meet[:0])):
+        found = boxes.overlapping(*given, points, points).tolist()
         assert sorted(map(tuple, found)) == sorted(map(tuple, np.argwhere(expected).tolist()))
 
 
