@@ -94,7 +94,7 @@ def law_of(x, kind, friction=0.0, thickness=5.0):
     """A contact of one pair at x (4, 3)."""
     sides = np.array([nearest.side(kind, OWN, x)])
     own = np.array([OWN], np.int32), np.array([kind], np.int32), np.array([thickness]), sides
-    alone = np.ones((1, 1), bool), np.zeros(1, np.int32), np.zeros(1)
+    alone = np.ones((1, 1), bool), np.zeros(1, np.int32), np.full(1, np.inf)
     return rows.Contact(*own, np.ones(4), 0.1, 300.0, friction, *alone)
 
 

@@ -4,6 +4,8 @@ Who touches is a row: a vertex at a collider (`touch`: planes, round cones, boxe
 of two parts of the cloth (`selfcontact.rows`). Of row k these say
 
     its four vertices, their weights c, n, d, κ, μ, and what else they ask to have back (`row`),
+    whether a step that takes the vertex of a collider by a way, from where it is linearised, knows it (`knows`), and
+    before that whether it surely does not (`is_far`),
     the velocity V of what the vertices go past (`other_side`),
     how c, n, d, V and κ change with the vertices (`changes`, `add_back`),
 
@@ -26,6 +28,8 @@ that it was solved with. They are noted for each iteration of it.
 
 from __future__ import annotations
 
+import numpy as np
+
 from clothfit.engine.forces import law, touch
 from clothfit.engine.forces.law import CREEP, across, rubbing
 from clothfit.engine.forces.selfcontact import rows
@@ -44,11 +48,11 @@ DROPS = 4
 STRAY = 0.5
 """How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
 
-(count, row, knows, other_side, lay, is_reached, may_change, changes, add_back, leaving, pass_on) = (
+count, row, most, is_far, knows, other_side, lay, is_reached, may_change, changes, add_back, leaving, pass_on = (
     of_kind({touch.Colliders: getattr(touch, name), rows.Contact: getattr(rows, name)})
     for name in (
-        "count", "row", "knows", "other_side", "lay", "is_reached", "may_change", "changes", "add_back", "leaving",
-        "pass_on",
+        "count", "row", "most", "is_far", "knows", "other_side", "lay", "is_reached", "may_change", "changes",
+        "add_back", "leaving", "pass_on",
     )
 )  # fmt: skip
 
@@ -99,7 +103,7 @@ def power(part, y, u, w, s, h, begin, f):
     for k in range(count(part, y)):
         found = row(part, y, k)
         own, c, n, depth, kappa, _, _ = found
-        if knows(part, y, k, found, way_of(own[0], u, w, s, h)):
+        if knows(part, y, k, found, way_of(k % len(y), u, w, s, h)):
             V, U = sliding(part, y, u, found)
             push = kappa * (depth - dot(n, mixed(c, own, s)))
             T = law.force(push, gamma_of(found, U), n, sub(mixed(c, own, w), V))
@@ -133,6 +137,8 @@ def add_damping(part, y, u, scale, q, out):
 @kernel
 def damp_row(part, k, y, u, scale, q, out):
     """`add_damping` of one row."""
+    if not part.depth[k] > 0.0:
+        return
     found = row(part, y, k)
     own, c, n, depth, _, mu, _ = found
     if depth > 0.0 and mu > 0.0 and knows(part, y, k, found, splat(0.0)):
@@ -144,10 +150,13 @@ def damp_row(part, k, y, u, scale, q, out):
 def add_step(part, y, u, h, ahead, A, b):
     stored, reach = 0.0, 0.0 if ahead else h
     for k in range(count(part, y)):
+        part.depth[k], way = most(part, y, k), mul(splat(reach), load3(u, k % len(y)))
+        if is_far(part, k, way):
+            continue
         found = row(part, y, k)
         own, c, n, depth, kappa, _, _ = found
         part.depth[k] = depth
-        if knows(part, y, k, found, mul(splat(reach), load3(u, own[0]))):
+        if knows(part, y, k, found, way):
             V, U = sliding(part, y, u, found)
             rub = h * gamma_of(found, U)
             lay(part, k, found, h * h * kappa, rub, 1.0, A)
@@ -167,9 +176,12 @@ def add_pullback(part, y, u, w, s, lam, h, grad, gy, gu):
 @kernel
 def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
     """`add_pullback` of one row."""
+    way = way_of(k % len(y), u, w, s, h)
+    if is_far(part, k, way):
+        return
     found = row(part, y, k)
     own, c, n, depth, kappa, mu, more = found
-    if knows(part, y, k, found, way_of(own[0], u, w, s, h)):
+    if knows(part, y, k, found, way):
         V, U = sliding(part, y, u, found)
         S, Z, L = mixed(c, own, s), sub(mixed(c, own, w), V), mixed(c, own, lam)
         vectors, by_law = law.pull((kappa, mu, depth, n, U), S, Z, L)
@@ -184,9 +196,12 @@ def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
 @kernel(empty=None, apart=None)
 def add_pushforward(part, y, u, w, s, dy, du, direction, h, out):
     for k in range(count(part, y)):
+        way = way_of(k % len(y), u, w, s, h)
+        if is_far(part, k, way):
+            continue
         found = row(part, y, k)
         own, c, n, depth, kappa, mu, more = found
-        if knows(part, y, k, found, way_of(own[0], u, w, s, h)):
+        if knows(part, y, k, found, way):
             V, U = sliding(part, y, u, found)
             S, Z = mixed(c, own, s), sub(mixed(c, own, w), V)
             dc, dn, ddelta, dV, dkappa = changes(part, y, found, dy, direction)
@@ -207,6 +222,7 @@ def clear(part):
     """Before a step: nothing is met yet."""
     part.turn[0] = 0
     part.on[:] = False
+    part.depth[:] = np.inf  # until it is linearised
 
 
 @kernel(absent=None)
@@ -231,6 +247,7 @@ def note(part, met, t):
 def recall(part, met, t):
     """Set what step t met, before its derivatives."""
     part.turn[0] = 0
+    part.depth[:] = np.inf
     copy_flags(met[t], part.on)
 
 

@@ -10,6 +10,7 @@ and ∂F/∂c = −∂F/∂y. The surface of a mesh may also go its own way, whi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,9 @@ LOOKS = 12
 RESTING = 10.0
 """Weights of a vertex that may press it into a collider on which a cloth lies."""
 
+WIDER = 1.0 + 1e-9
+"""Factor of the ball about a collider, so that rounding hides no vertex."""
+
 THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
 """Places in the row LAW."""
 
@@ -58,7 +62,7 @@ class Colliders(NamedTuple):
     rows: Array  # (C, 10, 3)
     on: Flags  # (N, C n), contacts that each iteration of a step only ends in (`contact.meet`)
     turn: Indices  # (1,), the iteration that is computed
-    depth: Array  # (C n,), m, of each vertex where the step was linearised at last
+    depth: Array  # (C n,), m, of each vertex at most, where the step was linearised; inf before that
     bodies: meshes.Bodies  # the meshes
     begin: Array  # (C, n, 4), d, m, and n of each vertex at the start, 0 where it may be pushed at once; or (0, 0, 4)
     release: Array  # (C,), s, in which what begins inside leaves
@@ -98,7 +102,7 @@ def build(
     rows[rows[:, SHAPE, 0] == MESH, SHAPE, 1] = np.arange(np.count_nonzero(rows[:, SHAPE, 0] == MESH))
     on, turn = np.zeros((iterations, len(shape) * count), bool), np.zeros(1, np.int32)
     times = np.array(release if len(release) else np.zeros(len(shape)), float)
-    depth = np.zeros(on.shape[1])
+    depth = np.full(on.shape[1], np.inf)
     return Colliders(rows, on, turn, depth, bodies or meshes.build([], count), NOBODY, times)
 
 
@@ -163,20 +167,6 @@ def measured(bodies, own, i, y_i):
 
 
 @kernel
-def is_far(own, y_i):
-    """Whether a point is surely outside of a collider, by a ball about that."""
-    shape, size = int(own[SHAPE, 0]), own[SIZE]
-    if shape == BOX:
-        reach = size[0] + size[1] + size[2]
-    elif shape == CONE:
-        reach = max(size[0], size[1]) + 0.5 * size[2]
-    else:
-        return False
-    away, reach = sub(y_i, load3(own, PLACE)), reach + own[LAW, THICKNESS]
-    return dot(away, away) > reach * reach
-
-
-@kernel
 def seen(own, y_i):
     """A point from the centre of a collider, in its axes."""
     return inward(own, sub(y_i, load3(own, PLACE)))
@@ -207,6 +197,28 @@ def row(colliders, y, k):
     depth, curve, bend, n, t, spot = contact(colliders, y, i, c)
     kappa, mu = colliders.rows[c, LAW, STIFFNESS], colliders.rows[c, LAW, FRICTION]
     return (i, i, i, i), (1.0, 0.0, 0.0, 0.0), n, depth, kappa, mu, (c, 1.0, curve, bend, t, spot)
+
+
+@kernel
+def most(colliders, y, k):
+    """How deep a vertex is at most, by a ball about the collider."""
+    own = colliders.rows[k // len(y)]
+    shape, size = int(own[SHAPE, 0]), own[SIZE]
+    if shape == BOX:
+        reach = size[0] + size[1] + size[2]
+    elif shape == CONE:
+        reach = max(size[0], size[1]) + 0.5 * size[2]
+    else:
+        return np.inf
+    away = sub(load3(y, k % len(y)), load3(own, PLACE))
+    return WIDER * reach + own[LAW, THICKNESS] - sqrt(dot(away, away))
+
+
+@kernel
+def is_far(colliders, k, way):
+    """Whether a step by `way` from where it was linearised surely does not know a vertex."""
+    depth = colliders.depth[k]
+    return depth < 0.0 and not colliders.on[colliders.turn[0], k] and dot(way, way) < depth * depth
 
 
 @kernel

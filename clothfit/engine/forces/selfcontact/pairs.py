@@ -139,7 +139,7 @@ def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:
     """The contact of these pairs (P,), by their numbers, in a step that begins at x (n, 3); all of them press."""
     vertices, kind, thickness, sides = look_up(surface, x, numbers)
     law, on = (surface.thickness, surface.stiffness, surface.friction), np.ones((1, len(numbers)), bool)
-    turn, depth = np.zeros(1, np.int32), np.zeros(len(numbers))
+    turn, depth = np.zeros(1, np.int32), np.full(len(numbers), np.inf)
     return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn, depth)
 
 

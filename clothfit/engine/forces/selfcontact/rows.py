@@ -61,6 +61,16 @@ def row(contact, y, k):
 
 
 @kernel
+def most(contact, y, k):
+    return np.inf
+
+
+@kernel
+def is_far(contact, k, way):
+    return not contact.on[contact.turn[0], k]
+
+
+@kernel
 def knows(contact, y, k, found, way):
     return contact.on[contact.turn[0], k]
 
