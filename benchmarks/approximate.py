@@ -23,7 +23,7 @@ from collections.abc import Collection
 
 from clothfit.base.arrays import Array, Elements
 from clothfit.derivative import adjoint
-from clothfit.engine.forces import meeting, total
+from clothfit.engine.forces import contact, total
 from clothfit.engine.inputs.tables import pull_pins, set_direction, set_inputs, share_gradient
 from clothfit.engine.march import velocities, velocity
 from clothfit.engine.solve import guess, linear, sparse
@@ -57,8 +57,8 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
         v, w, k = velocity(chunk, t), velocities(chunk, t), chunk.used[t] - 1
         guess.advance(work.past, before + end - 1 - t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        meeting.recall(system.colliders, chunk.met, t)
-        meeting.turn_to(system.colliders, k)
+        contact.recall(system.colliders, chunk.met, t)
+        contact.turn_to(system.colliders, k)
         theta = chunk.theta[t]
         combine(theta, v_bar, theta * system.h, x_bar, work.w_bar)
         pullback(system, chunk.x[t], v, w[k], w[k - 1] if k > 0 else v, k > 0, tolerance, work, x_bar, v_bar, grad)
@@ -107,8 +107,8 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
         v, w, k = velocity(chunk, t), velocities(chunk, t), chunk.used[t] - 1
         guess.advance(work.past, chunk.first + t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        meeting.recall(system.colliders, chunk.met, t)
-        meeting.turn_to(system.colliders, k)
+        contact.recall(system.colliders, chunk.met, t)
+        contact.turn_to(system.colliders, k)
         set_direction(system.inputs, system, chunk.first + t, direction)
         pushforward(system, chunk.x[t], v, w[k], w[k - 1] if k > 0 else v, k > 0, tolerance, work, dx, dv, direction)
         combine(chunk.theta[t], work.solution, 0.0, work.solution, dv)

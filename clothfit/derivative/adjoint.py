@@ -15,7 +15,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import NO_NUMBERS, Array, Elements
-from clothfit.engine.forces import meeting
+from clothfit.engine.forces import contact
 from clothfit.engine.inputs import tables
 from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradient, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
@@ -180,7 +180,7 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.advance(work.past, before + end - 1 - t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        meeting.recall(system.colliders, chunk.met, t)
+        contact.recall(system.colliders, chunk.met, t)
         implicit.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
         share_gradient(system.inputs, system, t + chunk.first, grad)
 
@@ -195,7 +195,7 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.advance(work.past, chunk.first + t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        meeting.recall(system.colliders, chunk.met, t)
+        contact.recall(system.colliders, chunk.met, t)
         set_direction(system.inputs, system, chunk.first + t, direction)
         implicit.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])
@@ -207,7 +207,7 @@ def sweep_explicit_back(system, chunk, by_position, begin, end, tolerance, work,
     for t in range(end - 1, begin - 1, -1):
         add(1.0, by_position[t + 1], x_bar)
         set_inputs(system.inputs, system, chunk.first + t)
-        meeting.recall(system.colliders, chunk.met, t)
+        contact.recall(system.colliders, chunk.met, t)
         explicit.pullback(system, chunk.x[t], velocity(chunk, t), chunk.w[t, 0], work, x_bar, v_bar, grad)
         share_gradient(system.inputs, system, t + chunk.first, grad)
 
@@ -217,7 +217,7 @@ def sweep_explicit_forward(system, chunk, begin, end, direction, tolerance, work
     """What `sweep_forward` does, for the explicit methods."""
     for t in range(begin, end):
         set_inputs(system.inputs, system, chunk.first + t)
-        meeting.recall(system.colliders, chunk.met, t)
+        contact.recall(system.colliders, chunk.met, t)
         set_direction(system.inputs, system, chunk.first + t, direction)
         explicit.pushforward(system, chunk.x[t], velocity(chunk, t), chunk.w[t, 0], work, dx, dv, direction)
         copy(dx, change[t])
@@ -236,7 +236,7 @@ def sweep_bdf2_back(
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
         guess.advance(work.past, before + end - 1 - t, work.solution)
         set_inputs(euler.inputs, euler, chunk.first + t)
-        meeting.recall(euler.colliders, chunk.met, t)
+        contact.recall(euler.colliders, chunk.met, t)
         if chunk.euler[t]:
             implicit.pullback(euler, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
             for bar, rest in ((x_bar, x_rest), (v_bar, v_rest)):
@@ -258,7 +258,7 @@ def sweep_bdf2_forward(
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
         guess.advance(work.past, chunk.first + t, work.solution)
         set_inputs(euler.inputs, euler, chunk.first + t)
-        meeting.recall(euler.colliders, chunk.met, t)
+        contact.recall(euler.colliders, chunk.met, t)
         set_direction(euler.inputs, euler, chunk.first + t, direction)
         if chunk.euler[t]:
             copy(dx, dx_before)

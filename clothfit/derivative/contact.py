@@ -14,7 +14,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine import touching
-from clothfit.engine.forces.selfcontact import force, pairs, zones
+from clothfit.engine.forces import contact as contacts
+from clothfit.engine.forces.selfcontact import pairs, zones
 from clothfit.engine.forces.selfcontact.zones import add_row
 from clothfit.engine.rollout import Rollout, Taken, forms
 from clothfit.engine.step import implicit
@@ -58,12 +59,11 @@ def add_pairs(contact, at, h, damped, scratch, row, place, columns):
     """
     dy, du, out = columns
     by_y, by_u = np.zeros((12, 12)), np.zeros((12, 12))
-    alone = np.ones((1, 1), np.bool_), np.zeros(1, np.int32)
     for k in range(len(contact.kind)):
-        if not force.presses(contact, k):
+        if not contact.on[contact.turn[0], k]:
             continue
         own = contact.vertices[k]
-        differentiate(contact, k, alone, at, h, damped, scratch, row, by_y, by_u)
+        differentiate(contact, k, at, h, damped, scratch, row, by_y, by_u)
         for e in range(12):
             to = place[own[e // 3]]
             if to < 0:
@@ -78,23 +78,18 @@ def add_pairs(contact, at, h, damped, scratch, row, place, columns):
 
 
 @kernel
-def differentiate(contact, k, alone, at, h, damped, scratch, row, by_y, by_u):
+def differentiate(contact, k, at, h, damped, scratch, row, by_y, by_u):
     """Fill by_y and by_u, h ∂F/∂y and h ∂F/∂u of pair k with a row for each component of the force, where `damped` with
-    h D in by_u; `scratch` (3, n, 3) is 0 at first and at the end,
-    `alone` the `on` and `turn` of a pair.
+    h D in by_u; `scratch` (3, n, 3) is 0 at first and at the end.
     """
     y, u, w, s = at
     lam, gy, gu = scratch[0], scratch[1], scratch[2]
-    vertices, kind, thickness, side, free, thick, kappa, mu, _, _ = contact
-    own, end, (on, turn) = vertices[k], k + 1, alone
-    one = force.Contact(
-        vertices[k:end], kind[k:end], thickness[k:end], side[k:end], free, thick, kappa, mu, on, turn
-    )  # fmt: skip
+    own = contact.vertices[k]
     for e in range(12):
         lam[own[e // 3], e % 3] = 1.0
-        force.add_pullback(one, y, u, w, s, lam, h, row, gy, gu)
+        contacts.pull_row(contact, k, y, u, w, s, lam, h, row, gy, gu)
         if damped:
-            force.add_damping(one, y, u, h, lam, gu)
+            contacts.damp_row(contact, k, y, u, h, lam, gu)
         lam[own[e // 3], e % 3] = 0.0
         for g in range(12):
             i, c = own[g // 3], g % 3

@@ -24,7 +24,8 @@ from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.envelope_cholesky import Envelope, envelope, factorise, solve
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian, stencil
-from clothfit.engine.forces import meeting, springs
+from clothfit.engine.forces import contact as contacts
+from clothfit.engine.forces import springs
 from clothfit.engine.inputs.tables import led, moves_of, set_direction, set_inputs, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
@@ -276,7 +277,7 @@ class Carried:
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
         set_inputs(self.system.inputs, self.system, chunk.first + t)
-        meeting.recall(self.system.colliders, chunk.met, t)
+        contacts.recall(self.system.colliders, chunk.met, t)
         for _, direction in self.everywhere:
             set_direction(self.system.inputs, self.system, chunk.first + t, direction)
         if self.touching is not None:
@@ -301,7 +302,7 @@ class Carried:
         dw = self.start(at)
         for k in range(chunk.used[t]):
             at = at if k == 0 else at._replace(u=iterates[k - 1], later=True)
-            meeting.turn_to(self.system.colliders, k)
+            contacts.turn_to(self.system.colliders, k)
             dw = self.solved(at, iterates[k], dw, chunk.first + t)
         self.dx += at.system.h * (self.dv if self.system.method == EXPLICIT else theta * dw)
         np.multiply(theta, dw, out=self.dv)

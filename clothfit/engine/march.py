@@ -6,8 +6,7 @@ The functions take a `rollout.Rollout` to fill or to read.
 from __future__ import annotations
 
 from clothfit.base.limits import FARTHEST
-from clothfit.engine.forces import meeting
-from clothfit.engine.forces.touch import contact, is_far, surface_velocity
+from clothfit.engine.forces import contact, touch
 from clothfit.engine.inputs.tables import place_pins, power, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
@@ -59,7 +58,7 @@ def run(system, tolerance, work, part, start, stop):
     while t < stop:
         v = velocity(part, t)
         set_inputs(system.inputs, system, before + t)
-        meeting.clear(system.colliders)
+        contact.clear(system.colliders)
         now, given = implicit.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
         if t > start:
             given += power(system.inputs, before + t - 1, v)
@@ -81,7 +80,7 @@ def run(system, tolerance, work, part, start, stop):
             solves[t] = 0
         taken, iterations, direct = implicit.step(system, x[t], v, first, tolerance, work, w[t])
         count(part, t, taken, iterations, direct)
-        meeting.note(system.colliders, part.met, t)
+        contact.note(system.colliders, part.met, t)
         theta[t], capped[t], part.early[t] = 1.0, safe, False
         if used[t] == 0:
             return t, REFUSED
@@ -101,9 +100,9 @@ def run_explicit(system, part, start, stop):
     """What `run` does, for the explicit methods: no step is refused, and none is taken anew."""
     for t in range(start, stop):
         set_inputs(system.inputs, system, part.first + t)
-        meeting.clear(system.colliders)
+        contact.clear(system.colliders)
         explicit.step(system, part.x[t], velocity(part, t), part.w[t, 0], part.x[t + 1])
-        meeting.note(system.colliders, part.met, t)
+        contact.note(system.colliders, part.met, t)
         part.used[t], part.theta[t], part.early[t] = 1, 1.0, False
         place_pins(system.inputs, system, part.x[t + 1])
         if not finite(part.x[t + 1]):
@@ -159,10 +158,10 @@ def retake(early, tolerance, work, part, t):
     x, v, budget = part.x, velocity(part, t), part.budget[t]
     energy = guard.energy(early, x[t], v)
     part.early[t], part.clamped[t] = True, early.springs.cap <= 1.0
-    meeting.clear(early.colliders)
+    contact.clear(early.colliders)
     implicit.prepare(early, x[t], v, work)
     used, iterations, direct = implicit.step(early, x[t], v, v, tolerance, work, part.w[t, :1])
-    meeting.note(early.colliders, part.met, t)
+    contact.note(early.colliders, part.met, t)
     count(part, t, used, iterations, direct)
     if used == 0:
         return REFUSED
@@ -188,7 +187,7 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
     for t in range(start, stop):
         v = velocity(part, t)
         set_inputs(euler.inputs, euler, part.first + t)
-        meeting.clear(euler.colliders)
+        contact.clear(euler.colliders)
         if not safe:
             copy(v, first)
             guess.advance(work.past, part.first + t, first)
@@ -197,16 +196,16 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         part.euler[t] = part.theta[t - 1] < 1.0 or part.early[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
         if not part.euler[t]:
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded)
-            meeting.note(euler.colliders, part.met, t)
+            contact.note(euler.colliders, part.met, t)
             if part.used[t] == 0:
                 return t, REFUSED
             if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
                 continue
             part.euler[t] = True
-        meeting.clear(euler.colliders)
+        contact.clear(euler.colliders)
         implicit.prepare(euler, x[t], v, work)
         used, iterations, direct = implicit.step(euler, x[t], v, first, tolerance, work, part.w[t])
-        meeting.note(euler.colliders, part.met, t)
+        contact.note(euler.colliders, part.met, t)
         count(part, t, used, iterations, direct)
         if used == 0:
             return t, REFUSED
@@ -234,11 +233,11 @@ def hits(colliders, vertex, x, v, x_new):
         whole += vertex.mass[i] * dot(load3(v, i), load3(v, i))
     for c in range(len(colliders.rows)):
         for i in range(len(vertex.mass)):
-            if is_far(colliders.rows[c], load3(x_new, i)):
+            if touch.most(colliders, x_new, c * len(x_new) + i) < 0.0:
                 continue
-            depth, _, _, n, _, spot = contact(colliders, x_new, i, c)
-            if vertex.free[i] and depth > 0.0 and contact(colliders, x, i, c)[0] <= 0.0:
-                towards = min(dot(n, sub(load3(v, i), surface_velocity(colliders, x_new, i, c, spot))), 0.0)
+            depth, _, _, n, _, spot = touch.contact(colliders, x_new, i, c)
+            if vertex.free[i] and depth > 0.0 and touch.contact(colliders, x, i, c)[0] <= 0.0:
+                towards = min(dot(n, sub(load3(v, i), touch.surface_velocity(colliders, x_new, i, c, spot))), 0.0)
                 stopped += vertex.mass[i] * towards * towards
     return stopped > HIT * whole
 

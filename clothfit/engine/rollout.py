@@ -53,7 +53,7 @@ class Rollout(NamedTuple):
     v_before: Array  # (n, 3), the velocity there, m/s
     ready: bool = False  # whether the first of the steps can be a BDF2 step
     first: int = 0  # steps of the motion before it
-    met: Flags | None = None  # (T, N, C, n), contacts that the steps only ended in (`forces.meeting`); None without any
+    met: Flags | None = None  # (T, N, C n), contacts that the steps only ended in (`forces.contact`); None without any
     touches: Any = None  # (T,) of `touching.Touch`, of a cloth that touches itself; kernels get a `bare` part
 
     @property
@@ -137,20 +137,20 @@ def empty(system: System, steps: int) -> Rollout:
     start = system.v0, system.x0, system.v0
     made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], flags[3], budget, *start)
     if system.colliders is not None:
-        made = made._replace(met=np.zeros((steps, *system.colliders.met.shape), bool))
+        made = made._replace(met=np.zeros((steps, *system.colliders.on.shape), bool))
     return made._replace(touches=np.empty(steps, object)) if meets_itself(system) else made
 
 
 def iterations_of(system: System) -> int:
     """Most iterations N of a step."""
     if system.colliders is not None:
-        return int(system.colliders.met.shape[0])
+        return int(system.colliders.on.shape[0])
     return system.newton_iterations if system.method in (IMPLICIT, BDF2) else 1
 
 
 def state_bytes(system: System) -> int:
     """Bytes that a Rollout holds of each step."""
-    met = 0 if system.colliders is None else system.colliders.met.size
+    met = 0 if system.colliders is None else system.colliders.on.size
     return 24 * len(system.x0) * (1 + iterations_of(system)) + 31 + met
 
 

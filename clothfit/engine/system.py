@@ -14,7 +14,7 @@ import numpy as np
 from clothfit.base.arrays import NO_TABLE, Array, Elements, Flags, Indices
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces import applied, bodies, faces, spheres, springs, surfaces, touch, vertex
-from clothfit.engine.forces.selfcontact import force, pairs
+from clothfit.engine.forces.selfcontact import pairs, rows
 from clothfit.engine.inputs import fitted_paths, sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.kernels.kernel import record
@@ -49,7 +49,7 @@ class System(NamedTuple):
     pattern: sparse.Pattern  # of the step's matrix
     inputs: tables.Inputs | None  # what changes over time; None where nothing does and there are no colliders
     surface: pairs.Surface | None = None  # what of the cloth can touch itself, nothing where the scene does not ask
-    contact: force.Contact | None = None  # the pairs that press in a step
+    contact: rows.Contact | None = None  # the pairs that press in a step
     applied: applied.Applied | None = None  # forces that are given; these three None with `inputs`
 
 

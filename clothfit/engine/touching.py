@@ -2,11 +2,9 @@
 
 The pairs that may touch in a step are looked for about where its vertices are thought to go, and again where one goes
 farther. A step begins with those of them that are nearer than their thickness, and is solved again with those that it
-ends in, as with colliders (`forces.meeting`): that solves a complementarity problem,
-min ½ (w − w₀)ᵀA (w − w₀) + Σ ½ κ s max(0, d − h n·W)² for the pairs in view. What still would pass through becomes
-zones that move as one (`forces.selfcontact.zones`). So a cloth that does not cross itself at the start never does,
-however fast, but for pins that draw it through itself and for explicit methods, of whose steps only the forces of near
-pairs are part.
+ends in, as with colliders (`forces.contact`). What still would pass through becomes zones that move as one
+(`forces.selfcontact.zones`). So a cloth that does not cross itself at the start never does, however fast, but for pins
+that draw it through itself and for explicit methods, of whose steps only the forces of near pairs are part.
 
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that is
 shortened, as `step.guard` does.
@@ -24,8 +22,8 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine import march
-from clothfit.engine.forces import meeting
-from clothfit.engine.forces.selfcontact import force, pairs, zones
+from clothfit.engine.forces import contact
+from clothfit.engine.forces.selfcontact import pairs, rows, zones
 from clothfit.engine.forces.touch import lets_go
 from clothfit.engine.inputs.tables import place_pins, set_inputs
 from clothfit.engine.solve import guess, joined, linear
@@ -75,11 +73,11 @@ def with_pairs(
     """A system and its workspace for a step from x (n, 3) with these pairs (P,), which press all, or in its iterations
     where `on` (N, P) says.
     """
-    contact = pairs.of_numbers(surface, x, numbers)
+    own = pairs.of_numbers(surface, x, numbers)
     if on is not None and system.colliders is not None:
-        contact = contact._replace(on=on, turn=system.colliders.turn)
-    A = work.A._replace(joined=joined.joined(contact.vertices, contact.free))
-    return system._replace(contact=contact), work._replace(A=A)
+        own = own._replace(on=on, turn=system.colliders.turn)
+    A = work.A._replace(joined=joined.joined(own.vertices, own.free))
+    return system._replace(contact=own), work._replace(A=A)
 
 
 def fill(
@@ -145,7 +143,7 @@ def pressed(
         interrupts.check()
         on = np.zeros((part.w.shape[1], len(numbers)), bool)
         own, room = with_pairs(system, work, surface, x, numbers, on)
-        deep, left = force.depths(own.contact, x, 0.0 * x), force.depths(own.contact, x, h * first)
+        deep, left = rows.depths(own.contact, x, 0.0 * x), rows.depths(own.contact, x, h * first)
         on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pushing)
         if not attempted(own, room, part, t, v, first, implicit.ROUGH if rough else tolerance):
             if part.clamped[t] or second:
@@ -204,8 +202,8 @@ def gains(
     system: System, part: Rollout, t: int, surface: pairs.Surface, numbers: Indices, work: implicit.Workspace,
     second: bool, made: zones.Zones | None = None,
 ) -> float:  # fmt: skip
-    """How much the energy rises in step t of a part, J, 0 where that is tolerated, of `second` order or not and with what
-    zones joined, where all pairs that are near before it and where it would end are among the `numbers`.
+    """How much the energy rises in step t of a part, J, 0 where that is tolerated, of `second` order or not and with
+    what zones joined, where all pairs that are near before it and where it would end are among the `numbers`.
     """
     from clothfit.engine.work import rise  # which few scenes need
 
@@ -226,16 +224,14 @@ def gains(
 
 def stored(surface: pairs.Surface, x: Array, y: Array, numbers: Indices) -> float:
     """What pairs store at y in a step that begins at x, (n, 3) each, J."""
-    contact = pairs.of_numbers(surface, x, numbers)
-    contact.on[0] = force.depths(contact, y, 0.0 * y) > 0.0
-    return float(force.energy(contact, y))
+    return float(contact.energy(pairs.of_numbers(surface, x, numbers), y))
 
 
 def hits(system: System, part: Rollout, t: int, surface: pairs.Surface, near: Indices, touch: Touch) -> bool:
     """Whether step t of a part stops much of the kinetic energy at colliders or between pairs that were not near."""
     x, v = part.x[t], part.velocity(t)
     new = pairs.of_numbers(surface, x, np.setdiff1d(touch.numbers, near))
-    stopped = force.stopped(new, system.vertex.mass, x, v) > march.HIT * guard.moving(system.vertex, v)[0]
+    stopped = rows.stopped(new, system.vertex.mass, x, v) > march.HIT * guard.moving(system.vertex, v)[0]
     return bool(stopped or march.hits(system.colliders, system.vertex, x, v, part.x[t + 1]))
 
 
@@ -296,10 +292,10 @@ def begin(system, part, t, work):
 def attempt(system, work, part, t, v, first, tolerance):
     """Take step t from a first guess; whether its matrix is not seen to be indefinite."""
     set_inputs(system.inputs, system, part.first + t)
-    meeting.clear(system.colliders)
+    contact.clear(system.colliders)
     implicit.prepare(system, part.x[t], v, work)
     used, iterations, direct = implicit.step(system, part.x[t], v, first, tolerance, work, part.w[t])
-    meeting.note(system.colliders, part.met, t)
+    contact.note(system.colliders, part.met, t)
     march.count(part, t, used, iterations, direct)
     if used == 0:
         return False
@@ -311,12 +307,12 @@ def attempt(system, work, part, t, v, first, tolerance):
 def attempt_second(system, work, part, t, v, first, tolerance):
     """The same for a BDF2 step, of which `system` is the inner one."""
     set_inputs(system.inputs, system, part.first + t)
-    meeting.clear(system.colliders)
+    contact.clear(system.colliders)
     x_before, v_before = march.state_before(part, t)
     used, iterations, direct, _, _, _ = bdf2.step(
         system, part.x[t], v, x_before, v_before, first, tolerance, work, part.w[t], part.x[t + 1]
     )
-    meeting.note(system.colliders, part.met, t)
+    contact.note(system.colliders, part.met, t)
     march.count(part, t, used, iterations, direct)
     place_pins(system.inputs, system, part.x[t + 1])
     return used > 0

@@ -19,9 +19,8 @@ Work is computed with the forces of the steps themselves, from what a `rollout.R
 
 from __future__ import annotations
 
-from clothfit.engine.forces import applied, colliders, meeting, spheres, springs, vertex, wind
+from clothfit.engine.forces import applied, contact, spheres, springs, vertex, wind
 from clothfit.engine.forces.faces import add_along
-from clothfit.engine.forces.selfcontact import force as contact
 from clothfit.engine.inputs.tables import set_frame, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.march import state_before, velocities, velocity
@@ -35,9 +34,9 @@ from clothfit.kernels.vectors import combine, dot
 def power(euler, inner, part, t, second, work):
     """What moves does at the end of step t of a part, W; a `second` order step is one of BDF2."""
     set_inputs(euler.inputs, euler, part.first + t)
-    meeting.recall(euler.colliders, part.met, t)
+    contact.recall(euler.colliders, part.met, t)
     x, v, w, last = part.x[t], velocity(part, t), velocities(part, t), part.used[t] - 1
-    meeting.turn_to(euler.colliders, last)
+    contact.turn_to(euler.colliders, last)
     if second:
         x_before, v_before = state_before(part, t)
         bdf2.extrapolate(inner.h, x, v, x_before, v_before, work)
@@ -51,8 +50,8 @@ def power(euler, inner, part, t, second, work):
 
 @kernel
 def rise(euler, inner, part, t, second, w, work):
-    """How much the energy rises in step t, after which the velocity is w (n, 3), beyond the work that is done in it, and
-    what it is before, J, without pairs.
+    """How much the energy rises in step t, after which the velocity is w (n, 3), beyond the work that is done in it,
+    and what it is before, J, without pairs.
     """
     set_frame(euler.inputs, euler, part.first + t)
     x, after = part.x[t], part.x[t + 1]
@@ -68,7 +67,7 @@ def rise(euler, inner, part, t, second, w, work):
 def explicit_power(system, part, t, work):
     """The same for explicit methods, whose forces are those before the step."""
     set_inputs(system.inputs, system, part.first + t)
-    meeting.recall(system.colliders, part.met, t)
+    contact.recall(system.colliders, part.met, t)
     v = velocity(part, t)
     combine(1.0, part.x[t], 0.0, v, work.y)
     work.s[:] = 0.0
@@ -90,9 +89,9 @@ def add_contacts(system, t, h, u, w, work, f):
     """The power of spheres and colliders; writes the forces that they and pairs have in the step to f (n, 3)."""
     f[:] = 0.0
     total = of_spheres(system.spheres, system.inputs, t, h, work.y, work.s, f)
-    total += colliders.power(system.colliders, work.y, u, w, work.s, system.h, ((t + system.inputs.lead - 1) * h, h), f)
-    contact.add_model(system.contact, work.y, u, w, work.s, f)
-    return total
+    begin = (t + system.inputs.lead - 1) * h, h
+    total += contact.power(system.colliders, work.y, u, w, work.s, system.h, begin, f)
+    return total + contact.power(system.contact, work.y, u, w, work.s, system.h, begin, f)
 
 
 @kernel

@@ -36,7 +36,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative.verify import ABOVE_NOISE, DIFFERENCE, FEWEST_RUNGS, NOISE_STEPS, ORDER, PRODUCT, direction_of
 from clothfit.engine.forces import touch
-from clothfit.engine.forces.selfcontact import force, pairs
+from clothfit.engine.forces.selfcontact import pairs, rows
 from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.engine.forces.surfaces import BOX, CONE
 from clothfit.engine.forces.touch import AXES, PLACE, SHAPE, SIZE
@@ -460,7 +460,8 @@ def touched(system: System, y: Array, met: Flags | None) -> Parts:
     plain: Parts = (gaps < 0).astype(np.int32)
     if system.colliders is None or met is None:
         return plain
-    inside = met | (touch.depths(system.colliders, y)[0] > 0)
+    deep = touch.depths(system.colliders, y)[0]
+    inside = met.reshape(deep.shape) | (deep > 0)
     places = np.array([part_of(row, y) for row in system.colliders.rows], np.int32).reshape(-1, len(y))
     spots = touch.spots(system.colliders, y)
     places = np.where(spots < 0, places, 1 + spots)
@@ -471,7 +472,7 @@ def touched_by_itself(surface: pairs.Surface, x: Array, numbers: Indices, y: Arr
     """A number (n,) for what each vertex of a cloth touches of it at y, in a step from x, (n, 3) each."""
     contact = pairs.of_numbers(surface, x, numbers)
     place = np.zeros(len(numbers), np.int32)
-    force.find_parts(contact, y, place)
+    rows.find_parts(contact, y, place)
     total = np.zeros(len(x), np.int64)
     np.add.at(total, contact.vertices.ravel(), np.repeat(1 + (7919 * numbers + place) % MANY, 4))
     return np.asarray(np.where(total > 0, 1 + total % MANY, 0), np.int32)

@@ -79,6 +79,18 @@ def for_kernels_of_part(function: Callable[..., object], result: object, absent:
     return made
 
 
+def for_kernels_of_kind(kernels: dict[type, Any]) -> Any:
+    """The same for one that is several kernels (`kernel.OfKind`): calls are those of the one for this class."""
+    made = numba.njit(next(iter(kernels.values())).py_func)
+
+    def own(args: tuple[Any, ...]) -> Any:
+        return kernels[args[0].instance_class].inner
+
+    made.get_call_template = lambda args, kws: own(args).get_call_template(args, kws)
+    made.get_overload = lambda args: own(args).get_overload(args)
+    return made
+
+
 def _replace(made: Any, kind: Any, write: Any, where: Callable[[Any], bool] = lambda args: True) -> None:
     """Let calls with some types of arguments be what `write` writes, of this type; nothing is compiled for them."""
     template, overload = made.get_call_template, made.get_overload

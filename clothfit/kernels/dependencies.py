@@ -93,7 +93,11 @@ def _reached(value: Any, names: set[str], called: list[Called]) -> Iterator[str]
 
 def _values(value: Any, called: list[Called]) -> Iterator[str]:
     """Text for a value, the same in every process; functions of kernels are added to `called`."""
-    if hasattr(value, "py_func"):  # a kernel, or a function of numba's
+    if hasattr(value, "kernels"):  # one for each kind
+        for kind, each in value.kernels.items():
+            yield record_text(kind)
+            yield from _values(each, called)
+    elif hasattr(value, "py_func"):  # a kernel, or a function of numba's
         result = getattr(value, "result", ...)
         if result is ...:  # else it is compiled by itself
             called.append((value.py_func, hasattr(value, "absent")))

@@ -104,6 +104,26 @@ class OfPart(Kernel):
         return compiling.for_kernels_of_part(self.py_func, self.result, self.absent, self.rows)
 
 
+class OfKind(Kernel):
+    """A kernel that is another one for each class that its first argument may have."""
+
+    def __init__(self, kernels: dict[type, Kernel]) -> None:
+        super().__init__(next(iter(kernels.values())).py_func, False)
+        self.kernels = kernels
+
+    @cached_property
+    def inner(self) -> Any:
+        """numba's function for calls from kernels, which alone call it."""
+        from clothfit.kernels import compiling
+
+        return compiling.for_kernels_of_kind(self.kernels)
+
+
+def of_kind(kernels: dict[type, Any]) -> Any:
+    """One name for kernels that do the same for NamedTuples of several classes, their first arguments."""
+    return (lambda part, *others: kernels[type(part)](part, *others)) if interpreted() else OfKind(kernels)
+
+
 def is_absent(part: Any, rows: bool) -> bool:
     """Whether a part is not there."""
     return part is None or (rows and not len(part[0]))

@@ -31,8 +31,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.forces import colliders, spheres, springs, vertex, wind
-from clothfit.engine.forces.selfcontact import force as self_contact
+from clothfit.engine.forces import contact, spheres, springs, vertex, wind
 from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.inputs.tables import set_frame, set_inputs
 from clothfit.engine.starts import sentences
@@ -282,7 +281,7 @@ def add_self_contact(system: System, x: Array, out: Array) -> None:
     """Add what is stored in self-contact at positions x (F, n, 3) to the columns of out (F, 8)."""
     if system.surface and meets_itself(system):
         for k, y in enumerate(np.ascontiguousarray(x)):
-            out[k, CONTACT] += self_contact.energy(pairs.touching(system.surface, y), y)
+            out[k, CONTACT] += contact.energy(pairs.touching(system.surface, y), y)
 
 
 def add_self_friction(system: System, x: Array, u: Array, w: Array, out: Array) -> None:
@@ -290,7 +289,7 @@ def add_self_friction(system: System, x: Array, u: Array, w: Array, out: Array) 
     if system.surface and system.surface.friction > 0.0:
         for k, y in enumerate(np.ascontiguousarray(x)):
             touched = pairs.touching(system.surface, y)
-            out[k, DAMPING] += system.h * self_contact.damping_power(touched, y, u[k], w[k])
+            out[k, DAMPING] += system.h * contact.damping_power(touched, y, u[k], w[k])
 
 
 @kernel
@@ -303,7 +302,7 @@ def states(system, x, v, first, out):
         out[k, KINETIC] = guard.moving(system.vertex, v[k])[0]
         out[k, ELASTIC] = springs.energy(system.springs, x[k])
         out[k, GRAVITY] = vertex.energy(system.vertex, x[k])
-        out[k, CONTACT] = spheres.energy(system.spheres, x[k]) + colliders.energy(system.colliders, x[k])
+        out[k, CONTACT] = spheres.energy(system.spheres, x[k]) + contact.energy(system.colliders, x[k])
 
 
 @kernel
@@ -316,6 +315,6 @@ def works(system, y, u, w, first, out):
         set_frame(system.inputs, system, first + k)
         damped = vertex.damping_power(system.vertex, y[k], u[k], w[k])
         damped += springs.damping_power(system.springs, y[k], u[k], w[k])
-        damped += colliders.damping_power(system.colliders, y[k], u[k], w[k])
+        damped += contact.damping_power(system.colliders, y[k], u[k], w[k])
         blown, dragged = wind.powers(system.faces, y[k], u[k], w[k])
         out[k, WIND], out[k, DAMPING], out[k, DRAG] = h * blown, h * damped, h * dragged

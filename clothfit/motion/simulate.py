@@ -101,11 +101,12 @@ class Account:
         """The work (T,), J, in each step of the next part."""
         work = np.zeros(part.steps)
         for t in range(part.steps if self.needed else 0):
-            own, room, one, k, zones = self.taken.at(part, t), self.work, part.bare(), t, None
+            own, room, one, k, joined = self.taken.at(part, t), self.work, part.bare(), t, None
             if part.touches is not None:
                 from clothfit.engine import touching  # which few scenes need
+                from clothfit.engine.forces.selfcontact import zones
 
-                own, room, one, zones = touching.taken(own, room, part, t)
+                own, room, one, joined = touching.taken(own, room, part, t)
                 k = 0
             if own.method < IMPLICIT:
                 work[t] = own.h * explicit_power(own, one, k, room)
@@ -115,8 +116,8 @@ class Account:
             if own.method == BDF2 and not part.euler[t]:
                 now = (2.0 * now + self.power) / 3.0
             work[t], self.power = own.h * now, now
-            if zones is not None:
-                work[t] += touching.zones.work(zones, own.vertex, part.w[t, part.used[t] - 1])
+            if joined is not None:
+                work[t] += zones.work(joined, own.vertex, part.w[t, part.used[t] - 1])
         return work
 
 

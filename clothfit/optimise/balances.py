@@ -27,7 +27,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.step_jacobian import Stencil, differentiate, jacobian, stencil
-from clothfit.engine.forces import meeting, total, touch
+from clothfit.engine.forces import contact, total, touch
 from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
@@ -91,7 +91,7 @@ def balances(system: System, track: Track) -> Balances:
     two = system.method == BDF2
     pair = bdf2.forms(system) if two else (system, system)
     memory = implicit.workspace(system), jacobian(system, near)
-    meeting.clear(system.colliders)
+    contact.clear(system.colliders)
     for part in chunks(out):
         own = Balances(out.residual[part], out.mass[part], out.stiffness[part], out.valid[part])
         fill(*pair, two, x, v, part.start, *memory, own)
@@ -137,7 +137,7 @@ def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags
 
 
 def met_rows(system: System, colliders: touch.Colliders, x: Array, steps: int) -> Flags:
-    """Which rows (T, n) belong to vertices that may only end their step in a collider (`forces.meeting`): whether the
+    """Which rows (T, n) belong to vertices that may only end their step in a collider (`forces.contact`): whether the
     step knew them, the positions do not show.
     """
     met = np.zeros((steps, x.shape[1]), bool)

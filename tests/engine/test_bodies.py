@@ -13,7 +13,7 @@ from helpers.surfaces import block, body, sphere, torus
 from scipy.spatial import cKDTree
 
 from clothfit.engine.forces import bodies, touch
-from clothfit.engine.forces import colliders as forces
+from clothfit.engine.forces import contact as forces
 from clothfit.engine.inputs import poses, sampling
 from clothfit.engine.inputs.body_files import body_of
 from clothfit.engine.inputs.tables import later, set_inputs

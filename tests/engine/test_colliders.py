@@ -4,15 +4,17 @@
 import numpy as np
 import pytest
 from helpers import physics
+from helpers.derivatives import assert_derivatives
 from helpers.obstacles import SHAPES, box, capsule, plane, ring, touching, with_room
 from helpers.physics import GRAVITY, METHODS, STATES, full, keys, relative, scene, state, thing, xyz
 from helpers.scenes import document, problems
 from helpers.surfaces import block, body
 
 from clothfit import InvalidScene, energies, simulate
-from clothfit.engine.forces import colliders, law, touch
+from clothfit.engine.forces import contact, law, touch
 from clothfit.engine.inputs import sampling
 from clothfit.engine.inputs.tables import set_inputs
+from clothfit.engine.rollout import rollout
 from clothfit.engine.step import guard
 from clothfit.engine.system import build
 from clothfit.pictures.solids import solids
@@ -83,19 +85,19 @@ def test_force_matrix_and_right_hand_side(name, at):
     slip = across(point.u - V)
     gamma = 0.6 * 700 * d / np.sqrt((slip * slip).sum(axis=1, keepdims=True) + law.CREEP**2)
     f = 700 * d * n - gamma * slip
-    assert relative(physics.total_force(colliders, made, point.y, point.u), f) < 1e-13
-    A, b = physics.step_terms(system, colliders, made, point.y, point.u)
+    assert relative(physics.total_force(contact, made, point.y, point.u), f) < 1e-13
+    A, b = physics.step_terms(system, contact, made, point.y, point.u)
     h, inside = system.h, d > 0
     push = 700 * inside * n * (n * point.dy).sum(axis=1, keepdims=True)
     assert relative(physics.times(A, point.dy), h * h * push + h * gamma * across(point.dy)) < 1e-13
     assert relative(b, h * (f + gamma * across(point.u))) < 1e-12
-    assert relative(physics.damping(colliders, made, point.y, point.u, point.dy), -gamma * across(point.dy)) < 1e-13
-    later = physics.step_terms(system, colliders, made, point.y, point.u, ahead=True)[1]
+    assert relative(physics.damping(contact, made, point.y, point.u, point.dy), -gamma * across(point.dy)) < 1e-13
+    later = physics.step_terms(system, contact, made, point.y, point.u, ahead=True)[1]
     outward = 700 * inside * n * (n * point.u).sum(axis=1, keepdims=True)
     np.testing.assert_allclose(later - b, h * h * outward, atol=1e-11)  # differences of numbers of some 10
-    power = colliders.damping_power(made, point.y, point.u, point.w)
+    power = contact.damping_power(made, point.y, point.u, point.w)
     assert power == pytest.approx(-(gamma * slip * (point.w - V)).sum(), rel=1e-12)
-    assert colliders.energy(made, point.y) == pytest.approx(350 * (d * d).sum(), rel=1e-13)
+    assert contact.energy(made, point.y) == pytest.approx(350 * (d * d).sum(), rel=1e-13)
 
 
 # --- motions
@@ -192,6 +194,19 @@ def test_what_lies_on_a_collider_that_moves_goes_with_it(method):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("speed", [2.0, 2.5])
+def test_gradient_of_steps_that_begin_an_iteration_with_contacts_outside(speed):
+    x, ends = [(-0.02, 0.3005, 0), (0, 0.302, 0.1), (0.05, 0.31, 0)], [(0, 1), (1, 2), (0, 2)]
+    made = scene(
+        {**thing(x, ends, mass=0.01, stiffness=5.0), "vertVel": [xyz((4, -speed, 0))] * 3},
+        colliders=[capsule(friction=0.3, stiffness=300.0, thickness=0)], integrationMethod=2, forwardSubSteps=3,
+        delta=0.02, optimizationIterations=4, tolerance=TIGHT, gravity=xyz((0, -9.81, 0)), fit={"gravity": True},
+    )  # fmt: skip
+    assert rollout(build(made, 0), 3, TIGHT)[0].met[2, 1].any()
+    assert_derivatives(made, TIGHT, 1e-10)
+
+
+@pytest.mark.slow
 def test_friction_is_what_the_account_of_energy_says_it_takes():
     angle, mu = 0.6, 0.4
     made = scene(
@@ -266,8 +281,8 @@ def test_its_surface_has_the_velocity_of_its_points(kind, method):
         expected = axes.T @ (p * (ends - begins) / (h * now))
         depth, normal = touch.depths(system.colliders, system.x0)
         along, still = np.zeros((1, 3)), np.zeros((1, 3))
-        colliders.add_force(system.colliders, system.x0, expected[None], along)  # which does not slide
-        colliders.add_force(system.colliders, system.x0, np.zeros((1, 3)), still)
+        contact.add_force(system.colliders, system.x0, expected[None], along)  # which does not slide
+        contact.add_force(system.colliders, system.x0, np.zeros((1, 3)), still)
         np.testing.assert_allclose(along[0], 1000.0 * depth[0, 0] * normal[0, 0], rtol=1e-10, atol=1e-9)
         assert np.abs(still - along).max() > 1.0
 

@@ -69,7 +69,7 @@ def test_forces_matrices_and_right_hand_sides_are_those_of_the_formulas(name, at
 def test_what_is_stored_has_the_force_as_its_slope(name, at, wobble):
     system = of(name, wobble)
     module, force = parts(system)[KIND.get(name, "colliders")]
-    if module is physics.colliders:
+    if module is physics.contact:
         force = force._replace(rows=force.rows.copy())
         force.rows[:, touch.LAW, touch.FRICTION] = 0.0
     point, t = state(system, at), 1e-6

@@ -12,7 +12,8 @@ from helpers.derivatives import assert_derivatives
 from helpers.physics import METHODS, keys, relative, rotation, scene, thing, xyz
 
 from clothfit import energies, simulate
-from clothfit.engine.forces.selfcontact import force, nearest, pairs, zones
+from clothfit.engine.forces import boxes, contact
+from clothfit.engine.forces.selfcontact import nearest, pairs, rows, zones
 from clothfit.engine.rollout import rollout
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import implicit
@@ -93,12 +94,13 @@ def law_of(x, kind, friction=0.0, thickness=5.0):
     """A contact of one pair at x (4, 3)."""
     sides = np.array([nearest.side(kind, OWN, x)])
     own = np.array([OWN], np.int32), np.array([kind], np.int32), np.array([thickness]), sides
-    return force.Contact(*own, np.ones(4), 0.1, 300.0, friction, np.ones((1, 1), bool), np.zeros(1, np.int32))
+    alone = np.ones((1, 1), bool), np.zeros(1, np.int32), np.full(1, np.inf)
+    return rows.Contact(*own, np.ones(4), 0.1, 300.0, friction, *alone)
 
 
-def push(contact, y, u):
+def push(made, y, u):
     f = np.zeros_like(y)
-    force.add_force(contact, y, u, f)
+    contact.add_force(made, y, u, f)
     return f
 
 
@@ -113,7 +115,7 @@ def test_the_forces_of_a_pair_are_the_slope_of_its_energy_and_have_no_sum_and_no
         if friction:  # what rubs acts at both of two points, which are apart
             continue
         np.testing.assert_allclose(np.cross(x, f).sum(axis=0), 0, atol=1e-11 * np.abs(f).max())
-        slope = (force.energy(made, x + t * d) - force.energy(made, x - t * d)) / (2 * t)
+        slope = (contact.energy(made, x + t * d) - contact.energy(made, x - t * d)) / (2 * t)
         if nearest.share(kind, OWN, x) == 1.0:  # no kink, where another feature becomes the nearest, is met
             assert -np.vdot(f, d) == pytest.approx(slope, rel=1e-6, abs=1e-5)
 
@@ -141,16 +143,16 @@ def test_the_derivatives_of_the_model(kind, friction):
             A = sparse.zeros(one.pattern, 4)._replace(joined=sparse.pairs.joined(made.vertices, made.free))
             sparse.reset(A, np.zeros(4))
             b, out = np.zeros((4, 3)), np.zeros((4, 3))
-            force.add_step(made, y, u, h, False, A, b)
+            contact.add_step(made, y, u, h, False, A, b)
             sparse.multiply(A, s, out)
             rub = np.zeros((4, 3))
-            force.add_damping(made, y, u, 1.0, h * w - s, rub)
+            contact.add_damping(made, y, u, 1.0, h * w - s, rub)
             return b - out / h + rub
 
         measured = (model(x + t * dy, u + t * du) - model(x - t * dy, u - t * du)) / (2 * t)
         out, gy, gu = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
-        force.add_pushforward(made, x, u, w, s, dy, du, direction, h, out)
-        force.add_pullback(made, x, u, w, s, lam, h, zeros(one), gy, gu)
+        contact.add_pushforward(made, x, u, w, s, dy, du, direction, h, out)
+        contact.add_pullback(made, x, u, w, s, lam, h, zeros(one), gy, gu)
         # the third derivative over some tenths of a metre, at 1e-6; near parallel edges over hundredths
         assert relative(out, measured) < (1e-4 if kind == "parallel" else 1e-6)
         back = np.vdot(gy, dy) + np.vdot(gu, du)
@@ -164,11 +166,16 @@ def test_boxes_that_overlap_are_those_of_brute_force():
     rng = np.random.default_rng(8)
     low, other = rng.uniform(size=(300, 3)), rng.uniform(size=(200, 3))
     high, top = low + 0.2 * rng.uniform(size=low.shape) ** 3, other + 0.3 * rng.uniform(size=other.shape) ** 4
-    boxes, others = np.hstack([low, high]), np.hstack([other, top])
+    points = np.concatenate([low, high, other, top])
+    own, others = (
+        boxes.parts(first + np.stack([np.arange(n), n + np.arange(n)], 1).astype(np.int32), points)
+        for first, n in ((0, 300), (600, 200))
+    )
+    nothing = boxes.parts(np.zeros((0, 2), np.int32), points)
     meet = (low[:, None] <= top).all(axis=2) & (other <= high[:, None]).all(axis=2)
     each_other = np.triu((low[:, None] <= high).all(axis=2) & (low <= high[:, None]).all(axis=2), 1)
-    for given, expected in (((boxes, others), meet), ((boxes,), each_other), ((boxes[:0], others), meet[:0])):
-        found = pairs.overlapping(*given).tolist()
+    for given, expected in (((own, others), meet), ((own, own), each_other), ((nothing, others), meet[:0])):
+        found = boxes.overlapping(*given, points, points).tolist()
         assert sorted(map(tuple, found)) == sorted(map(tuple, np.argwhere(expected).tolist()))
 
 
@@ -239,19 +246,19 @@ def test_a_sheet_on_a_sheet_rests_where_the_push_carries_its_weight():
     )  # fmt: skip
     motion = simulate(made)  # long before it slides off, for it stands on points
     system, x, half = build(made, 0), motion.positions[-1], 9
-    contact = pairs.touching(system.surface, x)
-    up = push(contact, x, 0 * x)[half:, 1].sum()
+    near = pairs.touching(system.surface, x)
+    up = push(near, x, 0 * x)[half:, 1].sum()
     assert up == pytest.approx(half * 0.01 * G, rel=1e-6)
     # each vertex of the upper sheet over one of the lower: it is as near to all triangles there as to that vertex
     depth = 0.02 - (x[half:, 1] - x[:half, 1])
     assert (depth > 0).all()
     total = sum(
-        50.0 * (0.02 - nearest.distance(contact.kind[k], contact.vertices[k], x)) * share
-        for k in range(len(contact.kind))
-        if (share := nearest.share(contact.kind[k], contact.vertices[k], x)) > 0
+        50.0 * (0.02 - nearest.distance(near.kind[k], near.vertices[k], x)) * share
+        for k in range(len(near.kind))
+        if (share := nearest.share(near.kind[k], near.vertices[k], x)) > 0
     )
     assert total == pytest.approx(half * 0.01 * G, rel=0.02)  # normals that are almost upright
-    assert energies(made, motion).contact[-1] == pytest.approx(force.energy(contact, x), rel=1e-12)
+    assert energies(made, motion).contact[-1] == pytest.approx(contact.energy(near, x), rel=1e-12)
 
 
 def colliding(method="implicit", newton=1, friction=0.0, frames=8, speed=1.5, mass=0.02, **fields):

@@ -11,7 +11,7 @@ import numpy as np
 
 import clothfit.scene.scene
 from clothfit.base.arrays import Array, Elements
-from clothfit.engine.forces import colliders, spheres, springs, vertex, wind
+from clothfit.engine.forces import contact, spheres, springs, vertex, wind
 from clothfit.engine.solve import sparse
 from clothfit.engine.system import (
     BDF2,
@@ -170,7 +170,7 @@ def parts(system: System) -> dict[str, tuple[Any, Any]]:
         "springs": (springs, system.springs),
         "wind": (wind, system.faces),
         "spheres": (spheres, system.spheres),
-        "colliders": (colliders, system.colliders),
+        "colliders": (contact, system.colliders),
     }
 
 

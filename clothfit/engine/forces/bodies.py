@@ -98,7 +98,7 @@ def arrange(bodies, b):
         add_angle(bodies.corner, corners[0], sub(b_, a), sub(c, a), n)
         add_angle(bodies.corner, corners[1], sub(c, b_), sub(a, b_), n)
         add_angle(bodies.corner, corners[2], sub(a, c), sub(b_, c), n)
-    boxes.refit(bodies.tree, bodies.node[b], bodies.node[b + 1], bodies.triangles, bodies.place)
+    boxes.refit(bodies.tree, bodies.node[b], bodies.node[b + 1], bodies.triangles, bodies.place, bodies.place)
 
 
 @kernel
@@ -187,9 +187,9 @@ def distance(bodies, b, i, p):
 def crosses(bodies, b, p, q):
     """Whether the way from p to q (lanes) enters body b through a triangle."""
     tree, node, end = bodies.tree, bodies.node[b], bodies.node[b + 1]
-    low, high = where_less(p, q, p, q), where_less(p, q, q, p)
+    way = where_less(p, q, p, q), where_less(p, q, q, p)
     while node < end:
-        if boxes.apart(tree.box[node], low, high):
+        if not boxes.meet(boxes.bounds(tree.box[node]), way):
             node = tree.skip[node]
             continue
         for f in range(tree.first[node], tree.last[node]):

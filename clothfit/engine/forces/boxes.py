@@ -1,10 +1,12 @@
-"""A tree of boxes about triangles, in which what is near a point is found without looking at the rest.
+"""A tree of boxes about triangles, in which what is near is found without looking at the rest.
 
 The tree is built once, where the triangles are at the start: each of its nodes halves them along the widest side of
 their middles. Where they move, only the boxes change (`refit`). Nodes stand in preorder: after a node comes the first
 of its two, and `skip` says which node comes after all that is below it. So a search needs no stack,
 
     node = root;  while node < end:  node = skip[node] where the box of node is too far, else node + 1.
+
+Vertices and edges have such trees as well. What overlaps of two of them is found leaf by leaf of the one.
 """
 
 from __future__ import annotations
@@ -16,12 +18,15 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import lane0, lane1, lane2
+from clothfit.kernels.lanes.operations import lane0, lane1, lane2, load3, pack, where_less
 
 Numbers: TypeAlias = npt.NDArray[np.int64]
 
 LEAF = 4
 """Triangles of a leaf, at most."""
+
+ROOM = 32
+"""Pairs for each triangle that there is room for at first."""
 
 
 class Tree(NamedTuple):
@@ -31,6 +36,14 @@ class Tree(NamedTuple):
     skip: Indices  # (N,), the node after all that is below
     first: Indices  # (N,), of the triangles of a leaf; as `last` where it is none
     last: Indices  # (N,), below which they are
+
+
+class Parts(NamedTuple):
+    """Triangles, edges or vertices that have a tree, T of them with m vertices each, leaf by leaf."""
+
+    vertices: Indices  # (T, m)
+    number: Indices  # (T,), of each before they were so ordered
+    tree: Tree
 
 
 def empty(size: int) -> Tree:
@@ -66,19 +79,95 @@ def halved(middle: Array, order: Numbers, begin: Numbers) -> Numbers:
     return order[np.lexsort((along, group))]
 
 
+def parts(vertices: Indices, place: Array) -> Parts:
+    """Parts with these vertices (T, m), which are at place (V, 3)."""
+    if not len(vertices):
+        return Parts(vertices, np.zeros(0, np.int32), empty(0))
+    tree, order = build(place[vertices].mean(axis=1))
+    return Parts(np.ascontiguousarray(vertices[order]), order, tree)
+
+
+def overlapping(one: Parts, other: Parts, low: Array, high: Array) -> Indices:
+    """The pairs (M, 2) of one and of another that overlap, or of those of one kind among themselves, the lower number
+    first. Each reaches from the lowest to the highest of what its vertices have of low and high (V, 3).
+    """
+    alike = one is other
+    one = fitted(one, low, high)
+    other = one if alike else fitted(other, low, high)
+    room = np.empty((ROOM * len(one.number), 2), np.int32)
+    while (count := search(one, other, alike, low, high, room)) > len(room):
+        room = np.empty((count, 2), np.int32)
+    return room[:count]
+
+
+def fitted(own: Parts, low: Array, high: Array) -> Parts:
+    """The same parts with boxes of their own, where they are now."""
+    own = own._replace(tree=own.tree._replace(box=np.empty_like(own.tree.box)))
+    refit(own.tree, 0, len(own.tree.skip), own.vertices, low, high)
+    return own
+
+
 @kernel
-def refit(tree, root, end, triangles, place):
-    """Set the boxes of the nodes `root` to below `end` about triangles (T, 3) of vertices at place (V, 3)."""
+def search(one, other, alike, low, high, room):
+    """Write the pairs that overlap, as many as there is room for; returns how many there are."""
+    count = 0
+    for leaf in range(len(one.tree.skip)):
+        if one.tree.first[leaf] == one.tree.last[leaf]:
+            continue
+        whole, node = bounds(one.tree.box[leaf]), leaf if alike else 0
+        while node < len(other.tree.skip):
+            if not meet(bounds(other.tree.box[node]), whole):
+                node = other.tree.skip[node]
+                continue
+            for f in range(other.tree.first[node], other.tree.last[node]):
+                box = corners(other.vertices[f], low, high)
+                for e in range(one.tree.first[leaf], f if alike and node == leaf else one.tree.last[leaf]):
+                    if meet(corners(one.vertices[e], low, high), box):
+                        if count < len(room):
+                            a, b = one.number[e], other.number[f]
+                            room[count, 0], room[count, 1] = (b, a) if alike and b < a else (a, b)
+                        count += 1
+            node += 1
+    return count
+
+
+@kernel
+def corners(own, low, high):
+    """The lowest and the highest of what vertices have (lanes)."""
+    lowest, highest = load3(low, own[0]), load3(high, own[0])
+    for e in range(1, len(own)):
+        below, above = load3(low, own[e]), load3(high, own[e])
+        lowest, highest = where_less(below, lowest, below, lowest), where_less(above, highest, highest, above)
+    return lowest, highest
+
+
+@kernel
+def bounds(box):
+    """The lowest and the highest of a box of a tree (lanes)."""
+    return pack(box[0], box[1], box[2], 0.0), pack(box[3], box[4], box[5], 0.0)
+
+
+@kernel
+def meet(one, other):
+    """Whether two boxes have a point in common, each from its lowest to its highest (lanes)."""
+    (a, b), (c, d) = one, other
+    x = lane0(a) <= lane0(d) and lane0(c) <= lane0(b)
+    return x and lane1(a) <= lane1(d) and lane1(c) <= lane1(b) and lane2(a) <= lane2(d) and lane2(c) <= lane2(b)
+
+
+@kernel
+def refit(tree, root, end, parts, low, high):
+    """Set the boxes of the nodes `root` to below `end` about parts (T, m) of vertices from low to high (V, 3)."""
     for node in range(end - 1, root - 1, -1):
         box, after = tree.box[node], tree.skip[node]
         if after == node + 1:
             for axis in range(3):
-                box[axis], box[3 + axis] = place[triangles[tree.first[node], 0], axis], -1e300
+                box[axis], box[3 + axis] = 1e300, -1e300
             for f in range(tree.first[node], tree.last[node]):
-                for corner in range(3):
+                for corner in range(parts.shape[1]):
                     for axis in range(3):
-                        x = place[triangles[f, corner], axis]
-                        box[axis], box[3 + axis] = min(box[axis], x), max(box[3 + axis], x)
+                        i = parts[f, corner]
+                        box[axis], box[3 + axis] = min(box[axis], low[i, axis]), max(box[3 + axis], high[i, axis])
         else:
             one, other = tree.box[node + 1], tree.box[tree.skip[node + 1]]
             for axis in range(3):
@@ -94,10 +183,3 @@ def gap(box, p):
     dy = max(max(box[1] - y, y - box[4]), 0.0)
     dz = max(max(box[2] - z, z - box[5]), 0.0)
     return dx * dx + dy * dy + dz * dz
-
-
-@kernel
-def apart(box, low, high):
-    """Whether a box has no point in common with the one from low to high (lanes)."""
-    x = box[0] > lane0(high) or box[3] < lane0(low)
-    return x or box[1] > lane1(high) or box[4] < lane1(low) or box[2] > lane2(high) or box[5] < lane2(low)

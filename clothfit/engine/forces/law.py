@@ -17,7 +17,7 @@ the distance δ, dd = −dδ,
     dq = P U·(dU − (n·U) dn)/q,    d(P Z) = P dZ − (n·Z) dn − (Z·dn) n,
     dγ = (κ dμ + μ dκ) max(d, 0)/q − γ (dδ/d + dq/q).
 
-What a shape gives is n, d, U, S and Z, and how they change with the vertices.
+What a shape gives is n, d, U, S and Z, and how they change with the vertices: `contact` has the forces.
 """
 
 from __future__ import annotations

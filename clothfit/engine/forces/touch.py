@@ -1,21 +1,29 @@
-"""Where a cloth touches colliders: the rows that describe them, depth and normal of a vertex, and how fast they move.
+"""Colliders that a cloth slides on, with friction, as rows of `contact`: how deep a vertex is, where to, and how fast
+they move.
 
-The symbols are those of `colliders`, which has the forces.
+A vertex at the signed distance δ < d₀ from the surface (`surfaces`), d₀ the thickness, is at the depth d = d₀ − δ. With
+the outward normal n, the collider goes past it at y with the velocity V = ċ + W (y − c), W p = ω × p + S p with the
+rate S at which it stretches. There dV = W dy, from `surfaces` and `bodies` dδ = n·dy and dn = H dy, H = k P + j t tᵀ,
+and ∂F/∂c = −∂F/∂y. The surface of a mesh may also go its own way, which is then a part of V and of dV.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import bodies as meshes
-from clothfit.engine.forces.law import remaining
+from clothfit.engine.forces.faces import add_along
+from clothfit.engine.forces.law import across, block, remaining
+from clothfit.engine.forces.spheres import offset_of
 from clothfit.engine.forces.surfaces import BOX, CONE, MESH, distance
 from clothfit.engine.forces.triangle import AB, CA, A
 from clothfit.engine.forces.vertex import Vertex
+from clothfit.engine.solve.sparse import add_block
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
@@ -35,6 +43,9 @@ LOOKS = 12
 RESTING = 10.0
 """Weights of a vertex that may press it into a collider on which a cloth lies."""
 
+WIDER = 1.0 + 1e-9
+"""Factor of the ball about a collider, so that rounding hides no vertex."""
+
 THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
 """Places in the row LAW."""
 
@@ -49,9 +60,9 @@ class Colliders(NamedTuple):
     """
 
     rows: Array  # (C, 10, 3)
-    met: Flags  # (N, C, n), contacts that each iteration of a step only ends in (`meeting`)
+    on: Flags  # (N, C n), contacts that each iteration of a step only ends in (`contact.meet`)
     turn: Indices  # (1,), the iteration that is computed
-    depth: Array  # (C, n), m, of each vertex where the step was linearised at last
+    depth: Array  # (C n,), m, of each vertex at most, where the step was linearised; inf before that
     bodies: meshes.Bodies  # the meshes
     begin: Array  # (C, n, 4), d, m, and n of each vertex at the start, 0 where it may be pushed at once; or (0, 0, 4)
     release: Array  # (C,), s, in which what begins inside leaves
@@ -89,10 +100,10 @@ def build(
     for row, number, numbers in zip(rows, shape, law, strict=True):
         row[LAW], row[SHAPE] = numbers, number
     rows[rows[:, SHAPE, 0] == MESH, SHAPE, 1] = np.arange(np.count_nonzero(rows[:, SHAPE, 0] == MESH))
-    met, turn = np.zeros((iterations, len(shape), count), bool), np.zeros(1, np.int32)
+    on, turn = np.zeros((iterations, len(shape) * count), bool), np.zeros(1, np.int32)
     times = np.array(release if len(release) else np.zeros(len(shape)), float)
-    depth = np.zeros(met.shape[1:])
-    return Colliders(rows, met, turn, depth, bodies or meshes.build([], count), NOBODY, times)
+    depth = np.full(on.shape[1], np.inf)
+    return Colliders(rows, on, turn, depth, bodies or meshes.build([], count), NOBODY, times)
 
 
 def released(colliders: Colliders, vertex: Vertex, x0: Array) -> Colliders:
@@ -131,7 +142,7 @@ def held(colliders, c, i):
 
 def copied(colliders: Colliders) -> Colliders:
     """The same colliders with memory of their own for what changes."""
-    own = {name: getattr(colliders, name).copy() for name in ("rows", "met", "turn", "depth")}
+    own = {name: getattr(colliders, name).copy() for name in ("rows", "on", "turn", "depth")}
     return colliders._replace(**own, bodies=meshes.copied(colliders.bodies))
 
 
@@ -156,20 +167,6 @@ def measured(bodies, own, i, y_i):
 
 
 @kernel
-def is_far(own, y_i):
-    """Whether a point is surely outside of a collider, by a ball about that."""
-    shape, size = int(own[SHAPE, 0]), own[SIZE]
-    if shape == BOX:
-        reach = size[0] + size[1] + size[2]
-    elif shape == CONE:
-        reach = max(size[0], size[1]) + 0.5 * size[2]
-    else:
-        return False
-    away, reach = sub(y_i, load3(own, PLACE)), reach + own[LAW, THICKNESS]
-    return dot(away, away) > reach * reach
-
-
-@kernel
 def seen(own, y_i):
     """A point from the centre of a collider, in its axes."""
     return inward(own, sub(y_i, load3(own, PLACE)))
@@ -189,14 +186,50 @@ def outward(own, v):
 
 
 @kernel
-def counts(colliders, depth, n, c, i, y_i, way):
-    """Whether a step by `way` from y_i knows vertex i at collider c: inside, met (`meeting`), or about to enter, seen
-    from where it is.
-    """
-    if depth > 0.0 or colliders.met[colliders.turn[0], c, i]:
+def count(colliders, y):
+    return len(colliders.rows) * len(y)
+
+
+@kernel
+def row(colliders, y, k):
+    c = k // len(y)
+    i = k - c * len(y)
+    depth, curve, bend, n, t, spot = contact(colliders, y, i, c)
+    kappa, mu = colliders.rows[c, LAW, STIFFNESS], colliders.rows[c, LAW, FRICTION]
+    return (i, i, i, i), (1.0, 0.0, 0.0, 0.0), n, depth, kappa, mu, (c, 1.0, curve, bend, t, spot)
+
+
+@kernel
+def most(colliders, y, k):
+    """How deep a vertex is at most, by a ball about the collider."""
+    own = colliders.rows[k // len(y)]
+    shape, size = int(own[SHAPE, 0]), own[SIZE]
+    if shape == BOX:
+        reach = size[0] + size[1] + size[2]
+    elif shape == CONE:
+        reach = max(size[0], size[1]) + 0.5 * size[2]
+    else:
+        return np.inf
+    away = sub(load3(y, k % len(y)), load3(own, PLACE))
+    return WIDER * reach + own[LAW, THICKNESS] - sqrt(dot(away, away))
+
+
+@kernel
+def is_far(colliders, k, way):
+    """Whether a step by `way` from where it was linearised surely does not know a vertex."""
+    depth = colliders.depth[k]
+    return depth < 0.0 and not colliders.on[colliders.turn[0], k] and dot(way, way) < depth * depth
+
+
+@kernel
+def knows(colliders, y, k, found, way):
+    """Whether a step by `way` from y_i knows a vertex: inside, met, or about to enter, seen from where it is."""
+    (i, _, _, _), _, n, depth, _, _, more = found
+    if depth > 0.0 or colliders.on[colliders.turn[0], k]:
         return True
     if depth - dot(n, way) <= 0.0:
         return False
+    c, y_i = more[0], load3(y, i)
     bodies, own, slack = colliders.bodies, colliders.rows[c], held(colliders, c, i)
     least = own[LAW, THICKNESS] - slack
     if own[SHAPE, 0] != MESH:
@@ -204,6 +237,98 @@ def counts(colliders, depth, n, c, i, y_i, way):
     if measured(bodies, own, i, add(y_i, way))[0] < least:
         return True
     return slack == 0.0 and meshes.crosses(bodies, int(own[SHAPE, 1]), seen(own, y_i), seen(own, add(y_i, way)))
+
+
+@kernel
+def other_side(colliders, y, found):
+    return surface_velocity(colliders, y, found[0][0], found[6][0], found[6][5])
+
+
+@kernel
+def lay(colliders, k, found, push, rub, sign, A):
+    low, high = block(sign * push, sign * rub, found[2])
+    add_block(A.diagonal, found[0][0], low, high)
+
+
+@kernel
+def is_reached(colliders, k, free, y, end, least):
+    """Whether a vertex is met, or ends deeper than that."""
+    c = k // len(y)
+    i = k - c * len(y)
+    return free[i] and (colliders.on[colliders.turn[0], k] or deeper(colliders, i, c, y, end, least))
+
+
+@kernel
+def deeper(colliders, i, c, y, end, least):
+    """Whether vertex i ends deeper in collider c than that: distances fall no faster than it goes from y on."""
+    depth, way = colliders.depth[c * len(y) + i], sub(load3(end, i), load3(y, i))
+    if depth <= least and dot(way, way) <= (least - depth) * (least - depth):
+        return False
+    return contact(colliders, end, i, c)[0] > least
+
+
+@kernel
+def may_change(colliders, k, found, presses, at, end, h):
+    """Whether a vertex is outside where the step is linearised, and not known for any other reason than that it is met.
+    """
+    on = colliders.on[colliders.turn[0], k]
+    return found[3] <= 0.0 and (on or not knows(colliders, at[1], k, found, led_by(found, at, h)))
+
+
+@kernel
+def led_by(found, at, h):
+    """h u of a vertex, or 0 where the step is linearised ahead; `at` as for `contact.meet`."""
+    (i, _, _, _), (x, y, u, _) = found[0], at
+    return fma(splat(h), load3(u, i), sub(load3(x, i), load3(y, i)))
+
+
+@kernel
+def pass_on(colliders, k, free, at, h, end):
+    """Whether a vertex presses, and is outside at its end."""
+    found = row(colliders, at[1], k)
+    (i, _, _, _), _, n, depth, _, _, more = found
+    if not (free[i] and knows(colliders, at[1], k, found, led_by(found, at, h))):
+        return False
+    presses = depth - dot(n, sub(load3(end, i), load3(at[1], i))) > 0.0
+    return presses and contact(colliders, end, i, more[0])[0] <= 0.0
+
+
+@kernel
+def changes(colliders, y, found, dy, direction):
+    (i, _, _, _), _, n, _, _, _, (c, _, curve, bend, t, spot) = found
+    offset = offset_of(direction)
+    dy_i = sub(load3(dy, i), offset)
+    dn = fma(splat(curve), across(n, dy_i), mul(splat(bend * dot(t, dy_i)), t))
+    dV = surface_change(colliders.bodies, colliders.rows[c], spot, dy_i)
+    return (0.0, 0.0, 0.0, 0.0), dn, dot(n, dy_i) + held_change(colliders, c, i, offset), dV, 0.0
+
+
+@kernel
+def add_back(colliders, found, vectors, by_law, at, h, grad, gy):
+    (i, _, _, _), _, n, _, _, _, (c, _, curve, bend, t, spot) = found
+    by_n, by_U, _, by_Z, _ = vectors
+    own = colliders.rows[c]
+    by_y = fma(splat(curve), across(n, by_n), mul(splat(bend * dot(t, by_n)), t))
+    by_y = sub(by_y, surface_gradient(colliders.bodies, own, spot, add(by_U, by_Z)))
+    by_y = fma(splat(by_law[0]), n, by_y)
+    add_along(gy, i, h, by_y)
+    if len(grad.offset) > 0:
+        grad.offset[0] -= h * lane0(by_y)
+        grad.offset[1] -= h * lane1(by_y)
+        grad.offset[2] -= h * lane2(by_y)
+        if len(colliders.begin) > 0:
+            for axis in range(3):  # what is held begins deeper
+                grad.offset[axis] += h * by_law[0] * own[SHAPE, 2] * colliders.begin[c, i, 1 + axis]
+
+
+@kernel
+def leaving(colliders, found, begin):
+    """How fast a collider pushes out what it held of a vertex, in the step from a time, s, m/s."""
+    if len(colliders.begin) == 0:
+        return 0.0
+    (time, h), c = begin, found[6][0]
+    held_then = remaining(time, colliders.release[c]) - colliders.rows[c, SHAPE, 2]
+    return held_then / h * colliders.begin[c, found[0][0], 0]
 
 
 @kernel
@@ -301,14 +426,6 @@ def fill_spots(colliders, y, found):
             f, part, _, _ = contact(colliders, y, i, c)[5]
             if f >= 0:
                 found[c, i] = 7 * f + part
-
-
-@kernel
-def leaving(colliders, c, i, time, h):
-    """How fast a collider pushes out what it held of vertex i, in the step from a time, s, m/s."""
-    if len(colliders.begin) == 0:
-        return 0.0
-    return (remaining(time, colliders.release[c]) - colliders.rows[c, SHAPE, 2]) / h * colliders.begin[c, i, 0]
 
 
 @kernel

@@ -41,6 +41,13 @@ def is_there(joined: Joined | None) -> bool:
     return joined is not None and len(joined.free) > 0
 
 
+@kernel(absent=None)
+def clear(joined):
+    """No pair adds anything."""
+    for k in range(len(joined.rows)):
+        joined.rows[k, PUSH] = joined.rows[k, RUB] = 0.0
+
+
 @kernel
 def mixed(c, own, a):
     """Σ cᵢ a_i over the four vertices `own` of an array (n, 3)."""

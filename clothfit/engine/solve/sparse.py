@@ -149,6 +149,7 @@ def zeros(pattern: Pattern, n: int) -> BlockMatrix:
 def reset(A, mass):
     """A = the masses (n,) on the diagonal."""
     zero = splat(0.0)
+    pairs.clear(A.joined)
     for e in range(len(A.upper)):
         store_column(zero, A.upper, e, 0)
         store_column(zero, A.upper, e, 4)

@@ -23,7 +23,7 @@ shortened, and those that would add energy (`guard`) are implicit Euler steps. A
 
 from __future__ import annotations
 
-from clothfit.engine.forces import meeting
+from clothfit.engine.forces import contact
 from clothfit.engine.inputs.tables import couple
 from clothfit.engine.step import guard, implicit
 from clothfit.engine.system import IMPLICIT, System
@@ -96,7 +96,7 @@ def pullback(inner, x, v, x_before, v_before, w, used, tolerance, work, x_bar, v
     v_bar[:] = 0.0
     for k in range(used - 1, -1, -1):
         u = work.u if k == 0 else w[k - 1]
-        meeting.turn_to(inner.colliders, k)
+        contact.turn_to(inner.colliders, k)
         implicit.pull_iteration(inner, work.x_base, work.v_base, w[k], u, True, tolerance, work, x_bar, v_bar, grad)
     u_bar = work.w_bar
     spread(1.0 / 3.0, x_bar, x_rest)
@@ -128,7 +128,7 @@ def pushforward(inner, x, v, x_before, v_before, w, used, tolerance, work, dx, d
         u = work.u if k == 0 else w[k - 1]
         if k > 0:
             copy(work.solution, work.gu)
-        meeting.turn_to(inner.colliders, k)
+        contact.turn_to(inner.colliders, k)
         implicit.push_iteration(inner, work.x_base, work.v_base, w[k], u, True, tolerance, work, dx, dv, direction)
     copy(work.solution, dv)
     add(inner.h, dv, dx)

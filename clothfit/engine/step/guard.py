@@ -19,7 +19,7 @@ the energy after that step becomes the budget, so that no later contact gives ba
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
 wind, which brings energy, while air at rest only takes it away; where inputs change over time, or a cloth is let go by
 what it began inside of; and where the rise is below a thousandth. Where a cloth touches itself `touching` does this,
-with what pairs store. At `colliders` that stay where they are a step ends with the contacts that it knows (`meeting`):
+with what pairs store. At `colliders` that stay where they are a step ends with the contacts that it knows (`contact`):
 what rises there are springs, as elsewhere.
 """
 

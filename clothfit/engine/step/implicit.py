@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.engine.forces import meeting, total
-from clothfit.engine.forces.selfcontact import force
+from clothfit.engine.forces import contact, total
+from clothfit.engine.forces.selfcontact import rows
 from clothfit.engine.inputs.tables import couple, move_pins, pull_pins, pull_through, push_pins, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.solve.joined import joined
@@ -140,14 +140,14 @@ def step(system, x, v, first, tolerance, work, iterates):
     anyhow = system.springs.cap <= 1.0 or not system.guarded  # the first: positive definite but for rounding
     iterations, direct = 0, 0
     for k in range(len(iterates)):
-        meeting.turn_to(system.colliders, k)
+        contact.turn_to(system.colliders, k)
         if k == 0:
             copy(first, iterates[0])
         else:
             assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
             hold_fixed(free, b)
             copy(iterates[k - 1], iterates[k])
-        touching = k == 0 and (force.is_there(system.contact) or meeting.touches(system.colliders))
+        touching = k == 0 and (rows.is_there(system.contact) or contact.touches(system.colliders))
         rough = max(tolerance, ROUGH) if touching else tolerance  # later ones begin near their solution
         more, more_direct, solved = linear.solve(A, b, rough, work.solver, iterates[k], anyhow)
         iterations += more
@@ -163,26 +163,26 @@ def step(system, x, v, first, tolerance, work, iterates):
         direct += more_direct
         if not solved:
             return 0, iterations, direct
-        if k + 1 >= system.newton_iterations and not meeting.strays(system.colliders, free, at, system.h, work.gy):
+        if k + 1 >= system.newton_iterations and not contact.strays(system.colliders, free, at, system.h, work.gy):
             return k + 1, iterations, direct
         if k + 1 < len(iterates):
-            meeting.carry(system.colliders, free, at, system.h, work.gy)
-            force.carry(system.contact, k)
+            contact.carry(system.colliders, free, at, system.h, work.gy)
+            contact.carry(system.contact, free, at, system.h, work.gy)
     return len(iterates), iterations, direct
 
 
 @kernel
 def solve_again(system, at, solved_to, tolerance, work, anyhow):
     """Solve an iteration again until it meets no other contacts, first as roughly as it is `solved_to`; `at` is as for
-    `meeting.meet`, of which the velocity changes. Returns what `linear.solve` does.
+    `contact.meet`, of which the velocity changes. Returns what `linear.solve` does.
     """
     iterations, direct, turn = 0, 0, 0
-    while turn < meeting.ROUNDS:
-        if meet(system, at, turn < meeting.DROPS, work) == 0:
+    while turn < contact.ROUNDS:
+        if meet(system, at, turn < contact.DROPS, work) == 0:
             if solved_to <= tolerance:
                 break
             turn, solved_to = -1, tolerance
-        elif turn == meeting.ROUNDS - 1 and solved_to > tolerance:
+        elif turn == contact.ROUNDS - 1 and solved_to > tolerance:
             turn, solved_to = -1, tolerance
         turn += 1
         more, more_direct, solved = linear.solve(work.A, work.b, solved_to, work.solver, at[3], anyhow)
@@ -196,9 +196,10 @@ def solve_again(system, at, solved_to, tolerance, work, anyhow):
 
 @kernel
 def meet(system, at, drops, work):
-    """Add the contacts that an iteration ends in to its system, and take others out; see `meeting.meet`."""
-    changed = meeting.meet(system.colliders, system.vertex.free, at, system.h, work.gy, drops, work.A, work.b)
-    return changed + force.meet(system.contact, at, system.h, work.gy, drops, work.A, work.b)
+    """Add the contacts that an iteration ends in to its system, and take others out; see `contact.meet`."""
+    free, h = system.vertex.free, system.h
+    changed = contact.meet(system.colliders, free, at, h, work.gy, drops, work.A, work.b)
+    return changed + contact.meet(system.contact, free, at, h, work.gy, drops, work.A, work.b)
 
 
 @kernel
@@ -213,7 +214,7 @@ def pullback(system, x, v, iterates, used, theta, tolerance, work, x_bar, v_bar,
     v_bar[:] = 0.0
     for k in range(used - 1, -1, -1):
         u = v if k == 0 else iterates[k - 1]
-        meeting.turn_to(system.colliders, k)
+        contact.turn_to(system.colliders, k)
         pull_iteration(system, x, v, iterates[k], u, k > 0, tolerance, work, x_bar, v_bar, grad)
         if k == 0:
             add(1.0, work.gu, v_bar)
@@ -277,7 +278,7 @@ def pushforward(system, x, v, iterates, used, theta, tolerance, work, dx, dv, di
     for k in range(used):
         u = v if k == 0 else iterates[k - 1]
         copy(dv if k == 0 else work.solution, work.gu)
-        meeting.turn_to(system.colliders, k)
+        contact.turn_to(system.colliders, k)
         push_iteration(system, x, v, iterates[k], u, k > 0, tolerance, work, dx, dv, direction)
     combine(theta, work.solution, 0.0, work.solution, dv)
     add(system.h, dv, dx)

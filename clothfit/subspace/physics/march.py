@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.limits import FARTHEST
-from clothfit.engine.forces import meeting
+from clothfit.engine.forces import contact
 from clothfit.engine.solve.sparse import XX, XY, XZ, YY, YZ, ZZ
 from clothfit.engine.step import bdf2
 from clothfit.kernels.kernel import kernel
@@ -108,7 +108,7 @@ def advance(forces, lay, fixed, work, state, t):
         move_pins(work.pins, h, ahead, k > 0)
         kind = SAFE if second and fixed.iterations == 1 else FREE
         linearise(forces[kind], lay, fixed, work, h, ahead)
-        meeting.turn_to(forces[kind].colliders, k)
+        contact.turn_to(forces[kind].colliders, k)
         solved = solve_rest(fixed, work, h)
         if not solved:
             kind = CLAMPED
@@ -161,8 +161,8 @@ def solve_again(own, lay, fixed, work, h, ahead):
     """Solve again with the contacts that a solution ends in, as `engine.step.implicit.solve_again`; whether all were
     found.
     """
-    for turn in range(meeting.ROUNDS):
-        drops = turn < meeting.DROPS
+    for turn in range(contact.ROUNDS):
+        drops = turn < contact.DROPS
         if meet(own.colliders, lay, fixed, work, h, ahead, drops) == 0:
             return True
         leave(own, lay, fixed, work, h)
@@ -173,7 +173,7 @@ def solve_again(own, lay, fixed, work, h, ahead):
 
 @kernel(empty=0, apart=0)
 def meet(colliders, lay, fixed, work, h, ahead, drops):
-    """Add the contacts that the guess ends in to the blocks; returns how many there are (`meeting.meet`)."""
+    """Add the contacts that the guess ends in to the blocks; returns how many there are (`contact.meet`)."""
     f, reach = lay.ends[1], h if ahead else 0.0
     for c in range(len(work.now)):
         work.x[2, c] = work.now[c]
@@ -184,7 +184,7 @@ def meet(colliders, lay, fixed, work, h, ahead, drops):
             work.begin[i, c] = work.y[i, c] - reach * work.u[i, c]
     at = work.begin[f:], work.y[f:], work.u[f:], work.w[f:]
     blocks = samples.Blocks(work.A.diagonal[f:], work.A.upper)
-    return meeting.meet(colliders, work.free, at, h, work.end[f:], drops, blocks, work.b[f:])
+    return contact.meet(colliders, work.free, at, h, work.end[f:], drops, blocks, work.b[f:])
 
 
 @kernel

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices, aligned
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.forces import applied, bodies, colliders, faces, meeting, spheres, springs, touch, vertex, wind
+from clothfit.engine.forces import applied, bodies, contact, faces, spheres, springs, touch, vertex, wind
 from clothfit.engine.inputs import tables
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.solve.sparse import BLOCK_SIZE, XX, XY, XZ, YY, YZ, ZZ
@@ -189,8 +189,10 @@ def of_vertices(own: touch.Colliders | None, vertices: Indices) -> touch.Collide
         return None
     meshes: bodies.Bodies = bodies.copied(own.bodies)
     meshes = meshes._replace(last=np.ascontiguousarray(meshes.last[:, vertices]))
-    met, depth = np.ascontiguousarray(own.met[:, :, vertices]), np.ascontiguousarray(own.depth[:, vertices])
-    return own._replace(rows=own.rows.copy(), met=met, turn=own.turn.copy(), depth=depth, bodies=meshes)
+    count = len(own.rows)
+    places = (np.arange(count)[:, None] * (len(own.depth) // max(count, 1)) + vertices).ravel()
+    on, depth = np.ascontiguousarray(own.on[:, places]), own.depth[places]
+    return own._replace(rows=own.rows.copy(), on=on, turn=own.turn.copy(), depth=depth, bodies=meshes)
 
 
 def blocks(layout: Layout) -> Blocks:
@@ -202,7 +204,7 @@ def blocks(layout: Layout) -> Blocks:
 def begin(own, t):
     """Set the inputs of step t."""
     set_inputs(own.inputs, own, t)
-    meeting.clear(own.colliders)
+    contact.clear(own.colliders)
 
 
 @kernel
@@ -224,7 +226,7 @@ def assemble(own, lay, y, u, h, ahead, A, b):
     springs.add_step(own.springs, y[:s], u[:s], h, ahead, Blocks(A.diagonal, A.upper), b[:s])
     wind.add_step(own.faces, y[s:f], u[s:f], h, ahead, Blocks(A.diagonal[s:], A.upper), b[s:f])
     spheres.add_step(own.spheres, y[f:], u[f:], h, ahead, Blocks(A.diagonal[f:], A.upper), b[f:])
-    colliders.add_step(own.colliders, y[f:], u[f:], h, ahead, Blocks(A.diagonal[f:], A.upper), b[f:])
+    contact.add_step(own.colliders, y[f:], u[f:], h, ahead, Blocks(A.diagonal[f:], A.upper), b[f:])
 
 
 @kernel

@@ -10,11 +10,7 @@ far it may go at once, and then look again (conservative advancement). A pair wh
 it was, or of the thickness, is about to pass through. Reference: B. Mirtich, Impulse-based dynamic simulation of rigid
 body systems, PhD thesis, 1996, section 2.3.
 
-Both are looked for where boxes overlap, by a uniform grid, in time proportional to what is found.
-
-Each box of the second set is put into every cell that it reaches; a box of the first set looks into its cells. Two
-boxes that meet in several cells count in one of them: that of the lower corner of what they share. Cells are as wide as
-the boxes are on average, and there are at most some for each box.
+Both are looked for where boxes overlap (`boxes`), in time about proportional to what is found.
 """
 
 from __future__ import annotations
@@ -26,9 +22,10 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.eigen import connected_components
+from clothfit.engine.forces.boxes import Parts, overlapping, parts
 from clothfit.engine.forces.law import remaining
-from clothfit.engine.forces.selfcontact.force import Contact
 from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, LEFT, distance, passes, past_each_other, side
+from clothfit.engine.forces.selfcontact.rows import Contact
 from clothfit.kernels.kernel import kernel
 
 FASTEST = 0.5
@@ -36,13 +33,6 @@ FASTEST = 0.5
 
 FLAT = 1e-9
 """Height of the ends of an edge over a triangle, relative to its length, that may be rounding in a flat cloth."""
-
-CELLS = 4
-"""Most cells for each box."""
-
-ROOM = 32
-"""Pairs for each box of the first set that there is room for at first."""
-
 
 class Surface(NamedTuple):
     """What of a cloth can touch: n vertices, T triangles, E edges; its law and its start."""
@@ -53,6 +43,9 @@ class Surface(NamedTuple):
     free: Array  # (n,), 1 of free vertices, else 0
     first: Indices  # (n + 1,): vertex i is joined by edges to
     joined: Indices  # joined[first[i]] … joined[first[i + 1] − 1]
+    points: Parts  # the vertices, the edges and the triangles as what may overlap
+    lines: Parts
+    faces: Parts
     thickness: float  # m
     stiffness: float  # κ, N/m
     friction: float  # μ
@@ -76,9 +69,11 @@ def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, fl
     first = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
     shape = np.array(triangles, np.int32, order="C"), np.ascontiguousarray(edges)  # what is read-only is another type
     free = np.where(fixed, 0.0, 1.0)
-    joined, nobody, nothing = np.ascontiguousarray(both[:, 1]), np.zeros(0, np.int64), np.zeros(0)
+    joined, nowhere = np.ascontiguousarray(both[:, 1]), (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+    points = np.arange(n, dtype=np.int32)[:, None]
     fabric = *shape, np.array(start, float), free, first, joined
-    return with_crossed(Surface(*fabric, *law, crossed=np.zeros(n, bool), drawn=nobody, side=nothing, beyond=nothing))
+    trees = parts(points, start), parts(shape[1], start), parts(shape[0], start)
+    return with_crossed(Surface(*fabric, *trees, *law, np.zeros(n, bool), *nowhere))
 
 
 def with_crossed(surface: Surface) -> Surface:
@@ -144,7 +139,8 @@ def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:
     """The contact of these pairs (P,), by their numbers, in a step that begins at x (n, 3); all of them press."""
     vertices, kind, thickness, sides = look_up(surface, x, numbers)
     law, on = (surface.thickness, surface.stiffness, surface.friction), np.ones((1, len(numbers)), bool)
-    return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn=np.zeros(1, np.int32))
+    turn, depth = np.zeros(1, np.int32), np.full(len(numbers), np.inf)
+    return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn, depth)
 
 
 def touching(surface: Surface, x: Array) -> Contact:
@@ -264,8 +260,8 @@ def around(surface: Surface, x: Array, after: Array, stray: float) -> Indices:
     """
     low, high = np.minimum(x, after - stray), np.maximum(x, after + stray)
     low, high = low - 0.5 * surface.thickness, high + 0.5 * surface.thickness
-    corners = overlapping(np.hstack([low, high]), boxes(low, high, surface.triangles))
-    edges = overlapping(boxes(low, high, surface.edges))
+    corners = overlapping(surface.points, surface.faces, low, high)
+    edges = overlapping(surface.lines, surface.lines, low, high)
     found = []
     for kind, pairs in ((CORNER, corners), (EDGE, edges)):
         numbers = np.empty(len(pairs), np.int64)
@@ -289,11 +285,6 @@ def reach(surface, x, after, more, kind, pairs, numbers):
     return count
 
 
-def boxes(low: Array, high: Array, part: Indices) -> Array:
-    """The boxes (M, 6) of what has these vertices (M, …), from the corners of those of each vertex (n, 3)."""
-    return np.hstack([low[part].min(axis=1), high[part].max(axis=1)])
-
-
 @kernel
 def is_passing(surface, kind, own, x, after):
     """Whether a pair would pass through itself from x to `after`."""
@@ -310,7 +301,7 @@ def is_near(surface, kind, own, x):
 def pierced(surface: Surface) -> Indices:
     """The pairs (M, 2) of an edge and a triangle that it passes through at the start."""
     x, edges, triangles = surface.start, surface.edges, surface.triangles
-    found = overlapping(boxes(x, x, edges), boxes(x, x, triangles))
+    found = overlapping(surface.lines, surface.faces, x, x)
     ends, corners = edges[found[:, 0]], triangles[found[:, 1]]
     apart = ~(ends[:, :, None] == corners[:, None]).any(axis=(1, 2))
     found, (p, q), (a, b, c) = found[apart], x[ends[apart]].swapaxes(0, 1), x[corners[apart]].swapaxes(0, 1)
@@ -325,88 +316,3 @@ def pierced(surface: Surface) -> Indices:
 def volumes(a: Array, b: Array, c: Array, d: Array) -> Array:
     """Six times the signed volumes (M,) of tetrahedra with these corners (M, 3)."""
     return np.asarray(np.einsum("mi,mi->m", np.cross(b - a, c - a), d - a))
-
-
-def overlapping(boxes: Array, others: Array | None = None) -> Indices:
-    """The pairs (M, 2) of boxes (A, 6) and (B, 6), lower corners first, that overlap; without others those of the
-    boxes among themselves, the lower number first.
-    """
-    alike = others is None
-    others = boxes if others is None else others
-    if not len(boxes) or not len(others):
-        return np.zeros((0, 2), np.int32)
-    corner = others[:, :3].min(axis=0)
-    extent = np.maximum(others[:, 3:].max(axis=0) - corner, 1e-300)
-    width = max(float((each[:, 3:] - each[:, :3]).mean()) for each in (boxes, others)) or 1e-300
-    while np.prod(np.ceil(extent / width)) > CELLS * len(others) + 64:
-        width *= 1.25
-    shape = np.maximum(np.ceil(extent / width), 1).astype(np.int64)
-    cells, own = np.empty((len(boxes), 6), np.int32), np.empty((len(others), 6), np.int32)
-    find_cells(boxes, corner, width, shape, cells)
-    find_cells(others, corner, width, shape, own)
-    start, member = filed(own, shape)
-    room = np.empty((ROOM * len(boxes), 2), np.int32)
-    while (count := search(boxes, cells, others, own, shape, start, member, alike, room)) > len(room):
-        room = np.empty((count, 2), np.int32)
-    return room[:count]
-
-
-@kernel
-def find_cells(boxes, corner, width, shape, cells):
-    """Write the first and the last cell (A, 6) of boxes along each axis; what is outside counts to the last ones."""
-    for b in range(len(boxes)):
-        for c in range(6):
-            axis = c % 3
-            place = int((boxes[b, c] - corner[axis]) / width)
-            cells[b, c] = min(max(place, 0), shape[axis] - 1)
-
-
-@kernel
-def filed(own, shape):
-    """The boxes in each cell: those of cell c are member[start[c]] … member[start[c + 1] − 1]."""
-    start = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
-    for b in range(len(own)):
-        for x in range(own[b, 0], own[b, 3] + 1):
-            for y in range(own[b, 1], own[b, 4] + 1):
-                for z in range(own[b, 2], own[b, 5] + 1):
-                    start[(x * shape[1] + y) * shape[2] + z] += 1
-    for c in range(len(start) - 1):
-        start[c + 1] += start[c]
-    member = np.empty(start[-1], np.int32)
-    for b in range(len(own) - 1, -1, -1):
-        for x in range(own[b, 0], own[b, 3] + 1):
-            for y in range(own[b, 1], own[b, 4] + 1):
-                for z in range(own[b, 2], own[b, 5] + 1):
-                    c = (x * shape[1] + y) * shape[2] + z
-                    start[c] -= 1
-                    member[start[c]] = b
-    return start, member
-
-
-@kernel
-def meet(boxes, a, others, b):
-    """Whether two boxes overlap."""
-    along0 = boxes[a, 0] <= others[b, 3] and others[b, 0] <= boxes[a, 3]
-    along1 = boxes[a, 1] <= others[b, 4] and others[b, 1] <= boxes[a, 4]
-    return along0 and along1 and boxes[a, 2] <= others[b, 5] and others[b, 2] <= boxes[a, 5]
-
-
-@kernel
-def search(boxes, cells, others, own, shape, start, member, alike, room):
-    """Write the pairs of boxes that overlap, as many as there is room for; returns how many there are."""
-    count = 0
-    for a in range(len(boxes)):
-        for x in range(cells[a, 0], cells[a, 3] + 1):
-            for y in range(cells[a, 1], cells[a, 4] + 1):
-                for z in range(cells[a, 2], cells[a, 5] + 1):
-                    c = (x * shape[1] + y) * shape[2] + z
-                    for e in range(start[c], start[c + 1]):
-                        b = member[e]
-                        if (alike and b <= a) or not meet(boxes, a, others, b):
-                            continue
-                        first = x == max(cells[a, 0], own[b, 0]) and y == max(cells[a, 1], own[b, 1])
-                        if first and z == max(cells[a, 2], own[b, 2]):
-                            if count < len(room):
-                                room[count, 0], room[count, 1] = a, b
-                            count += 1
-    return count

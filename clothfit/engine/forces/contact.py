@@ -1,0 +1,323 @@
+"""Contact of a cloth with what it slides on: colliders, and itself. It is pushed apart, and rubs.
+
+Who touches is a row: a vertex at a collider (`touch`: planes, round cones, boxes, closed meshes), or the closest points
+of two parts of the cloth (`selfcontact.rows`). Of row k these say
+
+    its four vertices, their weights c, n, d, κ, μ, and what else they ask to have back (`row`),
+    whether a step that takes the vertex of a collider by a way, from where it is linearised, knows it (`knows`), and
+    before that whether it surely does not (`is_far`),
+    the velocity V of what the vertices go past (`other_side`),
+    how c, n, d, V and κ change with the vertices (`changes`, `add_back`),
+
+the rest is here, once for all. With U = Σ cᵢ uᵢ − V, S = Σ cᵢ sᵢ and Z = Σ cᵢ wᵢ − V, vertex i feels cᵢ T, with the T
+of `law`. As cᵢ n is the derivative of the distance, the push has the energy ½ κ d², and K = −κ cᵢ cⱼ n nᵀ is what is
+definite of its second derivative.
+
+A step knows the contacts that it begins with: of colliders, vertices that are inside where it is linearised, or that
+their velocities lead there. Who is outside there and ends inside all the same felt nothing: the faster, the deeper, and
+with an energy that nothing gave. So such rows are added to the step's matrix and its right-hand side as they are, with
+d < 0, and it is solved again, until it ends in no other: those that would then pull are taken out. This solves a
+complementarity problem, min ½ (w − w₀)ᵀA (w − w₀) + Σ ½ κ max(0, d − h n·W)² for the rows in view. Pairs of a cloth are
+all found so, those that it begins with too (`engine.touching`). Where the surface of a mesh turns away from the plane
+that a vertex met, by more than half of its thickness, one more of Newton's iterations follows, linearised where that
+one ended; it begins with the rows that pressed.
+
+What is far away, with d < 0, does not rub yet. The last solution is the step, and the derivatives take it with the rows
+that it was solved with. They are noted for each iteration of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clothfit.engine.forces import law, touch
+from clothfit.engine.forces.law import CREEP, across, rubbing
+from clothfit.engine.forces.selfcontact import rows
+from clothfit.engine.forces.surfaces import MESH
+from clothfit.engine.solve.joined import mixed, spread
+from clothfit.kernels.kernel import kernel, of_kind
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sub
+from clothfit.kernels.vectors import combine, dot
+
+ROUNDS = 12
+"""Times, at most, that an iteration is solved again."""
+
+DROPS = 4
+"""In how many of these, contacts that pull are taken out; later they stay, so that the rounds end."""
+
+STRAY = 0.5
+"""How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
+
+count, row, most, is_far, knows, other_side, lay, is_reached, may_change, changes, add_back, leaving, pass_on = (
+    of_kind({touch.Colliders: getattr(touch, name), rows.Contact: getattr(rows, name)})
+    for name in (
+        "count", "row", "most", "is_far", "knows", "other_side", "lay", "is_reached", "may_change", "changes",
+        "add_back", "leaving", "pass_on",
+    )
+)  # fmt: skip
+
+
+# --- forces
+
+
+@kernel
+def sliding(part, y, u, found):
+    """V and U of a row."""
+    V = other_side(part, y, found)
+    return V, sub(mixed(found[1], found[0], u), V)
+
+
+@kernel
+def gamma_of(found, U):
+    """γ of a row."""
+    return rubbing(found[4] * found[3], found[5], found[2], U)[1]
+
+
+@kernel(empty=0.0, apart=0.0)
+def energy(part, y):
+    total = 0.0  # ½ κ d²
+    for k in range(count(part, y)):
+        _, _, _, depth, kappa, _, _ = row(part, y, k)
+        total += 0.5 * kappa * max(depth, 0.0) * max(depth, 0.0)
+    return total
+
+
+@kernel(empty=0.0, apart=0.0)
+def damping_power(part, y, u, w):
+    total = 0.0
+    for k in range(count(part, y)):
+        found = row(part, y, k)
+        if found[3] > 0.0 and knows(part, y, k, found, splat(0.0)):
+            V, U = sliding(part, y, u, found)
+            past = sub(mixed(found[1], found[0], w), V)
+            total -= gamma_of(found, U) * dot(across(found[2], U), past)
+    return total
+
+
+@kernel(empty=0.0, apart=0.0)
+def power(part, y, u, w, s, h, begin, f):
+    """What moves does at the end of a step, W, by the forces of its model, which are added to f; `begin` has when it
+    begins and how long it is, s, h what its model takes for that.
+    """
+    total = 0.0
+    for k in range(count(part, y)):
+        found = row(part, y, k)
+        own, c, n, depth, kappa, _, _ = found
+        if knows(part, y, k, found, way_of(k % len(y), u, w, s, h)):
+            V, U = sliding(part, y, u, found)
+            push = kappa * (depth - dot(n, mixed(c, own, s)))
+            T = law.force(push, gamma_of(found, U), n, sub(mixed(c, own, w), V))
+            spread(c, own, T, f)
+            total += dot(T, V) + push * leaving(part, found, begin)
+    return total
+
+
+@kernel
+def way_of(i, u, w, s, h):
+    """h u of vertex i where a step begins at y, else 0: it goes by s from y, at last with w for u."""
+    return fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))
+
+
+@kernel(empty=None, apart=None)
+def add_force(part, y, u, f):
+    for k in range(count(part, y)):
+        found = row(part, y, k)
+        own, c, n, depth, kappa, _, _ = found
+        if knows(part, y, k, found, splat(0.0)):
+            U = sliding(part, y, u, found)[1]
+            spread(c, own, law.force(kappa * depth, gamma_of(found, U), n, U), f)
+
+
+@kernel(empty=None, apart=None)
+def add_damping(part, y, u, scale, q, out):
+    for k in range(count(part, y)):
+        damp_row(part, k, y, u, scale, q, out)
+
+
+@kernel
+def damp_row(part, k, y, u, scale, q, out):
+    """`add_damping` of one row."""
+    if not part.depth[k] > 0.0:
+        return
+    found = row(part, y, k)
+    own, c, n, depth, _, mu, _ = found
+    if depth > 0.0 and mu > 0.0 and knows(part, y, k, found, splat(0.0)):
+        gamma = gamma_of(found, sliding(part, y, u, found)[1])
+        spread(c, own, mul(splat(-scale * gamma), across(n, mixed(c, own, q))), out)
+
+
+@kernel(empty=0.0, apart=0.0)
+def add_step(part, y, u, h, ahead, A, b):
+    stored, reach = 0.0, 0.0 if ahead else h
+    for k in range(count(part, y)):
+        part.depth[k], way = most(part, y, k), mul(splat(reach), load3(u, k % len(y)))
+        if is_far(part, k, way):
+            continue
+        found = row(part, y, k)
+        own, c, n, depth, kappa, _, _ = found
+        part.depth[k] = depth
+        if knows(part, y, k, found, way):
+            V, U = sliding(part, y, u, found)
+            rub = h * gamma_of(found, U)
+            lay(part, k, found, h * h * kappa, rub, 1.0, A)
+            if len(b) > 0:
+                stored += 0.5 * kappa * max(depth, 0.0) * depth
+                going = dot(n, mixed(c, own, u)) if ahead else 0.0
+                spread(c, own, law.force(h * kappa * (depth + h * going), -rub, n, V), b)
+    return stored
+
+
+@kernel(empty=None, apart=None)
+def add_pullback(part, y, u, w, s, lam, h, grad, gy, gu):
+    for k in range(count(part, y)):
+        pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu)
+
+
+@kernel
+def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
+    """`add_pullback` of one row."""
+    way = way_of(k % len(y), u, w, s, h)
+    if is_far(part, k, way):
+        return
+    found = row(part, y, k)
+    own, c, n, depth, kappa, mu, more = found
+    if knows(part, y, k, found, way):
+        V, U = sliding(part, y, u, found)
+        S, Z, L = mixed(c, own, s), sub(mixed(c, own, w), V), mixed(c, own, lam)
+        vectors, by_law = law.pull((kappa, mu, depth, n, U), S, Z, L)
+        spread(c, own, mul(splat(h), vectors[1]), gu)
+        add_back(part, found, vectors, by_law, (y, u, w, s, lam), h, grad, gy)
+        if len(grad.friction) > 0:
+            grad.friction[more[0]] += h * by_law[1]
+        if len(grad.contact) > 0:
+            grad.contact[more[0]] += h * more[1] * by_law[2]
+
+
+@kernel(empty=None, apart=None)
+def add_pushforward(part, y, u, w, s, dy, du, direction, h, out):
+    for k in range(count(part, y)):
+        way = way_of(k % len(y), u, w, s, h)
+        if is_far(part, k, way):
+            continue
+        found = row(part, y, k)
+        own, c, n, depth, kappa, mu, more = found
+        if knows(part, y, k, found, way):
+            V, U = sliding(part, y, u, found)
+            S, Z = mixed(c, own, s), sub(mixed(c, own, w), V)
+            dc, dn, ddelta, dV, dkappa = changes(part, y, found, dy, direction)
+            dU, dZ = add(mixed(dc, own, u), sub(mixed(c, own, du), dV)), sub(mixed(dc, own, w), dV)
+            dmu = direction.friction[more[0]] if len(direction.friction) > 0 else 0.0
+            dkappa += more[1] * direction.contact[more[0]] if len(direction.contact) > 0 else 0.0
+            moved = dn, ddelta, dU, mixed(dc, own, s), dZ
+            T, dT = law.change((kappa, mu, depth, n, U), S, Z, moved, dmu, dkappa)
+            spread(dc, own, mul(splat(h), T), out)
+            spread(c, own, mul(splat(h), dT), out)
+
+
+# --- the rows of a step
+
+
+@kernel(absent=None)
+def clear(part):
+    """Before a step: nothing is met yet."""
+    part.turn[0] = 0
+    part.on[:] = False
+    part.depth[:] = np.inf  # until it is linearised
+
+
+@kernel(absent=None)
+def turn_to(part, k):
+    """From now on iteration k of the step is computed."""
+    part.turn[0] = k
+
+
+@kernel(empty=False, apart=False)
+def touches(part):
+    """Whether something is deep where the step was linearised at last."""
+    return part.depth.max() > 0.0
+
+
+@kernel(absent=None)
+def note(part, met, t):
+    """Write what step t met to met (T, N, R)."""
+    copy_flags(part.on, met[t])
+
+
+@kernel(absent=None)
+def recall(part, met, t):
+    """Set what step t met, before its derivatives."""
+    part.turn[0] = 0
+    part.depth[:] = np.inf
+    copy_flags(met[t], part.on)
+
+
+@kernel
+def copy_flags(a, out):
+    """out = a, (N, R), as `vectors.copy` does it."""
+    for k in range(out.shape[0]):
+        for r in range(out.shape[1]):
+            out[k, r] = a[k, r]
+
+
+@kernel(empty=0, apart=0)
+def meet(part, free, at, h, end, drops, A, b):
+    """Add to A and b the rows that an iteration ends in and did not know, and where `drops` take out those that it met
+    before and that pull; returns how many there are of both.
+
+    `at` is x before the step, y and u where it is linearised and its velocity w; `end` is scratch (n, 3).
+    """
+    x, y, u, w = at
+    combine(1.0, x, h, w, end)
+    changed, on = 0, part.on[part.turn[0]]
+    for k in range(count(part, y)):
+        if not is_reached(part, k, free, y, end, h * CREEP):
+            continue
+        found = row(part, y, k)
+        own, c, n, depth, kappa, _, _ = found
+        at_y = mixed(c, own, y)
+        presses = depth > dot(n, sub(mixed(c, own, end), at_y))
+        if presses == on[k] or not (presses or drops) or not may_change(part, k, found, presses, at, end, h):
+            continue
+        on[k] = presses
+        changed += 1
+        sign, rub = 1.0 if presses else -1.0, h * gamma_of(found, sliding(part, y, u, found)[1])
+        lay(part, k, found, h * h * kappa, rub, sign, A)
+        left = depth + dot(n, sub(at_y, mixed(c, own, x)))  # n·(y − x): h n·U where the step is linearised ahead
+        Z = mixed(led(free, own, c), own, w)
+        spread(c, own, law.force(sign * h * kappa * (left - h * dot(n, Z)), sign * rub, n, Z), b)
+    return changed
+
+
+@kernel
+def led(free, own, c):
+    """The weights c where a row is fixed, 0 where it is free."""
+    one, other = 0.0 if free[own[0]] else c[0], 0.0 if free[own[1]] else c[1]
+    return one, other, 0.0 if free[own[2]] else c[2], 0.0 if free[own[3]] else c[3]
+
+
+@kernel(empty=None, apart=None)
+def carry(part, free, at, h, end):
+    """Let the next iteration begin with the rows that press in this one; the arguments are those of `meet`."""
+    combine(1.0, at[0], h, at[3], end)
+    for k in range(count(part, at[1])):
+        part.on[part.turn[0] + 1, k] = pass_on(part, k, free, at, h, end)
+
+
+@kernel(empty=False, apart=False)
+def strays(colliders, free, at, h, end):
+    """Whether an iteration ends with a vertex too deep in a collider that is thick, seen from what its model knew; the
+    arguments are those of `meet`. Writes `end`.
+    """
+    x, y, _, w = at
+    combine(1.0, x, h, w, end)
+    for c in range(len(colliders.rows)):
+        own = colliders.rows[c]
+        for i in range(len(y)):
+            if own[touch.SHAPE, 0] == MESH and own[touch.LAW, touch.THICKNESS] > 0.0 and free[i]:
+                most = STRAY * own[touch.LAW, touch.THICKNESS] + h * CREEP
+                if touch.deeper(colliders, i, c, y, end, most):
+                    deep = touch.contact(colliders, end, i, c)[0]
+                    depth, _, _, n, _, _ = touch.contact(colliders, y, i, c)
+                    if deep - max(depth - dot(n, sub(load3(end, i), load3(y, i))), 0.0) > most:
+                        return True
+    return False
