@@ -25,9 +25,9 @@ from clothfit.base.arrays import Array, Elements
 from clothfit.derivative import adjoint
 from clothfit.engine.forces import contact, total
 from clothfit.engine.inputs.tables import pull_pins, set_direction, set_inputs, share_gradient
-from clothfit.engine.march import velocities, velocity
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.step import implicit
+from clothfit.engine.step.states import velocities, velocity
 from clothfit.engine.system import IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed

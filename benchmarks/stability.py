@@ -18,8 +18,8 @@ import numpy as np
 from clothfit.base import threads
 from clothfit.base.arrays import Array
 from clothfit.engine.fallbacks import NO_FALLBACKS
-from clothfit.engine.march import velocity
 from clothfit.engine.rollout import Rollout, rollout
+from clothfit.engine.step.states import velocity
 from clothfit.engine.system import System
 from clothfit.motion import divergence
 from clothfit.motion.divergence import Diverged

@@ -18,10 +18,10 @@ from clothfit.base.arrays import NO_NUMBERS, Array, Elements
 from clothfit.engine.forces import contact
 from clothfit.engine.inputs import tables
 from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradient, with_constant
-from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken, forms, work_of
 from clothfit.engine.solve import guess, linear
 from clothfit.engine.step import bdf2, explicit, implicit
+from clothfit.engine.step.states import state_before, velocities, velocity
 from clothfit.engine.system import BDF2, IMPLICIT, System, zeros
 from clothfit.engine.tape import Tape
 from clothfit.kernels.kernel import kernel

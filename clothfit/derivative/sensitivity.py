@@ -27,11 +27,11 @@ from clothfit.derivative.step_jacobian import differentiate, differentiate_globa
 from clothfit.engine.forces import contact as contacts
 from clothfit.engine.forces import springs
 from clothfit.engine.inputs.tables import led, moves_of, set_direction, set_inputs, with_constant
-from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
 from clothfit.engine.solve.joined import is_there
 from clothfit.engine.step import bdf2, implicit
+from clothfit.engine.step.states import state_before, velocities, velocity
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile, zeros
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load, load3, mul, splat, store, store3

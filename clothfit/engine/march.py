@@ -11,6 +11,8 @@ from clothfit.engine.inputs.tables import place_pins, power, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
 from clothfit.engine.step import bdf2, explicit, guard, implicit
+from clothfit.engine.step.states import state_before, velocity
+from clothfit.engine.work import rise
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, sub
 from clothfit.kernels.vectors import combine, copy, dot
@@ -19,42 +21,26 @@ HIT = 0.1
 """Share of the kinetic energy. With less, more steps change between the methods as values change, and fits stall there.
 """
 
-DONE, REFUSED, FAILED, CONTACTS = 0, 1, 2, 3
+DONE, REFUSED, FAILED, CONTACTS, GAINS = 0, 1, 2, 3, 4
 """How a run of steps ends: all are good; the next one is to be taken with the clamped system, its first guess is ready;
-it diverged; it is there, but its contacts added energy, and it is to be taken anew (`retake`).
+it diverged; it is there, but its contacts added energy, and it is to be taken anew (`retake`); the last one has gained
+energy beyond the work of what moves, and is to be mended (`touching.mend`).
 """
-
-
-@kernel
-def velocity(part, t):
-    """Velocity (n, 3) before step t of a Rollout."""
-    if t == 0:
-        return part.v
-    return part.w[t - 1, part.used[t - 1] - 1]
-
-
-@kernel
-def velocities(part, t):
-    """Velocities (N, n, 3) of the iterations of step t, as they were before the step was shortened."""
-    w, theta = part.w[t], part.theta[t]
-    if theta < 1.0:
-        w = w.copy()
-        last = w[part.used[t] - 1]
-        for i in range(len(last)):  # a power of ½: nothing is lost; `last /= theta` would add seconds of compilation
-            last[i, 0], last[i, 1], last[i, 2] = last[i, 0] / theta, last[i, 1] / theta, last[i, 2] / theta
-    return w
 
 
 @kernel(nogil=True)
 def run(system, tolerance, work, part, start, stop):
     """Fill a Rollout from its step `start` to below `stop` by implicit steps.
 
-    Returns the number of good steps since its beginning, and how the run ended: DONE, REFUSED, FAILED or CONTACTS.
+    Returns the number of good steps since its beginning, and how the run ended: DONE, REFUSED, FAILED, CONTACTS or
+    GAINS.
     """
     x, w, used, solves, capped, theta = part.x, part.w, part.used, part.solves, part.clamped, part.theta
     before = part.first
     first, energy, safe = work.solution, 0.0, system.springs.cap <= 1.0
     t, checked = start, start if guard.applies(system) else stop
+    watched = guard.watches(system.inputs, system)
+    own = guard.own_energy(system, x[t], velocity(part, t)) if watched else 0.0
     while t < stop:
         v = velocity(part, t)
         set_inputs(system.inputs, system, before + t)
@@ -89,6 +75,10 @@ def run(system, tolerance, work, part, start, stop):
         if not finite(x[t + 1]):
             return t, FAILED
         t += 1
+        if watched:
+            own = suspected(system, system, part, t - 1, own, False, work)
+            if own < 0.0:
+                return t, GAINS
     if checked < stop and shortened(system, part, stop - 1, energy) == guard.CONTACTS:
         return stop - 1, CONTACTS
     grant(part, stop - 1, system.h * given_in(system, before + stop - 1, velocity(part, stop)))
@@ -142,14 +132,6 @@ def finite(x):
     return True
 
 
-@kernel
-def state_before(part, t):
-    """Position and velocity (n, 3) one step before step t of a Rollout begins."""
-    if t == 0:
-        return part.x_before, part.v_before
-    return part.x[t - 1], velocity(part, t - 1)
-
-
 @kernel(nogil=True)
 def retake(early, tolerance, work, part, t):
     """Take step t anew with a system that knows contacts early, and shorten it if it still adds energy. Returns
@@ -180,7 +162,8 @@ def retake(early, tolerance, work, part, t):
 def run_bdf2(euler, inner, tolerance, work, part, start, stop):
     """What `run` does, for the two `bdf2.forms`."""
     x, first, safe = part.x, work.solution, euler.springs.cap <= 1.0
-    guarded = guard.applies(euler)
+    guarded, watched = guard.applies(euler), guard.watches(euler.inputs, euler)
+    own = guard.own_energy(euler, x[start], velocity(part, start)) if watched else 0.0
     energy = guard.energy(euler, x[start], velocity(part, start)) if guarded else 0.0
     if part.first + start == 0:
         part.budget[0] = energy
@@ -200,6 +183,10 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
             if part.used[t] == 0:
                 return t, REFUSED
             if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
+                if watched:
+                    own = suspected(euler, inner, part, t, own, True, work)
+                    if own < 0.0:
+                        return t + 1, GAINS
                 continue
             part.euler[t] = True
         contact.clear(euler.colliders)
@@ -220,7 +207,33 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
                 return t, CONTACTS
             grant(part, t, euler.h * given_in(euler, part.first + t, w))
             energy = guard.energy(euler, x[t + 1], w)
+        if watched:
+            own = suspected(euler, inner, part, t, own, False, work)
+            if own < 0.0:
+                return t + 1, GAINS
     return stop, DONE
+
+
+@kernel
+def suspected(euler, inner, part, t, before, second, work):
+    """What `guard.own_energy` is after step t, which began with so much, J; −1 where it rose, and the energy did by
+    more than the work of what moves, which is not known of colliders that grow.
+    """
+    v = velocity(part, t + 1)
+    after = guard.own_energy(euler, part.x[t + 1], v)
+    more = after - before - euler.h * given_in(euler, part.first + t, v)
+    if more <= guard.SUSPECT * before + guard.LEAST_RISE or touch.grows(euler.colliders):
+        return after
+    return -1.0 if gains(euler.inputs, euler, inner, part, t, second, work) else after
+
+
+@kernel(absent=False, apart=False)
+def gains(inputs, euler, inner, part, t, second, work):
+    """Whether the energy rises in step t by more than the work that is done in it."""
+    more, before, given = rise(euler, inner, part, t, second, velocity(part, t + 1), work)
+    if second:
+        more -= guard.SECOND_SLACK * before + 0.5 * abs(given)  # the mean of both steps' forces may do as much less
+    return guard.rises(before, before + more, 0.0)
 
 
 @kernel(empty=False, apart=False)

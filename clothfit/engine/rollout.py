@@ -189,6 +189,10 @@ def fill(
                     done, ended = advance(system, tolerance, work, part, done, end)
                 if ended == march.CONTACTS:
                     done, ended = retake(taken, tolerance, work, part, done)
+                if ended == march.GAINS:
+                    from clothfit.engine import touching  # which few scenes need
+
+                    touching.mend(taken, tolerance, work, part, done - 1)
                 look()
                 if ended == march.FAILED:
                     return int(done)

@@ -7,7 +7,8 @@ ends in, as with colliders (`forces.contact`). What still would pass through bec
 that draw it through itself and for explicit methods, of whose steps only the forces of near pairs are part.
 
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that is
-shortened, as `step.guard` does.
+shortened, as `step.guard` does. Where something moves, which may press into a shorter step, it is shortened to a
+sixteenth at the least, then taken anew with the clamped matrix, and of all that the one is kept that gains the least.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
@@ -27,7 +28,7 @@ from clothfit.engine.forces.selfcontact import pairs, rows, zones
 from clothfit.engine.forces.touch import lets_go
 from clothfit.engine.inputs.tables import place_pins, set_inputs
 from clothfit.engine.solve import guess, joined, linear
-from clothfit.engine.step import bdf2, guard, implicit
+from clothfit.engine.step import bdf2, guard, implicit, states
 from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import combine, copy
@@ -111,7 +112,7 @@ def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
             if ended == march.REFUSED:
                 own, room = with_pairs(forms.form(False, safe), work, surface, x, numbers)
                 ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
-        if ended != march.DONE or not len(pairs.meeting(surface, x, part.x[t + 1])):
+        if ended != march.GAINS and (ended != march.DONE or not len(pairs.meeting(surface, x, part.x[t + 1]))):
             return NOTHING, ended
     two = system.method == BDF2
     if two and (part.smooth(t - 1) if t else part.ready):
@@ -169,19 +170,59 @@ def pressed(
     made = separated(system, surface, part, t, numbers)
     if not second and may_be_shortened(whole, surface):
         w, halvings = part.w[t, part.used[t] - 1], guard.SHORTEST if guard.applies(system) else SHORTEST
-        tried = [gains(*given, False, made)]
-        while tried[-1] and len(tried) <= halvings:
-            shorten(0.5, system, x, w, after, made)
-            part.theta[t] *= 0.5
-            tried.append(gains(*given, False, made))
-        if tried[-1] and not part.clamped[t]:
+        left = ease(
+            part, t, lambda: gains(*given, False, made), lambda by: shorten(by, system, x, w, after, made), halvings
+        )
+        if left and not part.clamped[t]:
             return pressed(forms, tolerance, work, part, t, surface, False, safe=True)
-        longer = 2.0 ** (len(tried) - 1 - int(np.argmin(tried)))  # what moves may press into a shorter step
-        if longer > 1.0:
-            shorten(longer, system, x, w, after, made)
-            part.theta[t] *= longer
     # as compiled code is for arrays of one order: what NumPy picks out of columns has another
     return Touch(numbers[some], np.ascontiguousarray(on[:, some]), made), march.DONE
+
+
+def ease(
+    part: Rollout, t: int, gains: Callable[[], float], shorten: Callable[[float], None], halvings: int
+) -> float:  # fmt: skip
+    """Halve step t of a part until the energy rises no more, but not more often than that; what moves may press into a
+    shorter step, so of all that the one is kept that gains the least, which is returned, J.
+    """
+    tried = [gains()]
+    while tried[-1] and len(tried) <= halvings:
+        shorten(0.5)
+        part.theta[t] *= 0.5
+        tried.append(gains())
+    longer = 2.0 ** (len(tried) - 1 - int(np.argmin(tried)))
+    if longer > 1.0:
+        shorten(longer)
+        part.theta[t] *= longer
+    return min(tried)
+
+
+def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> None:
+    """Take step t of a part, after which the energy may be higher than what moves has given it, anew where it is: by
+    implicit Euler, shortened, or with the clamped system; for a cloth that does not touch itself.
+    """
+    from clothfit.engine.work import rise  # which few scenes need
+
+    def gains() -> float:
+        one, other = bdf2.forms(system)
+        more, before, _ = rise(one, other, part, t, False, part.velocity(t + 1), work)
+        return float(more) if guard.rises(before, before + more, 0.0) else 0.0
+
+    def halve(by: float) -> None:
+        shorten(by, euler, part.x[t], part.w[t, part.used[t] - 1], part.x[t + 1], None)
+
+    def anew(own: System) -> System:
+        part.euler[t], part.theta[t] = two, 1.0
+        attempt(bdf2.forms(own)[0], work, part, t, part.velocity(t), part.velocity(t).copy(), tolerance)
+        return own
+
+    two, system = forms.own.method == BDF2, forms.at(part, t)
+    if two and not part.euler[t]:
+        system = anew(system)
+    euler = bdf2.forms(system)[0]
+    if ease(part, t, gains, halve, SHORTEST) and not part.clamped[t]:
+        part.clamped[t], system = True, anew(forms.form(False, True))
+        ease(part, t, gains, halve, SHORTEST)
 
 
 def may_be_shortened(system: System, surface: pairs.Surface) -> bool:
@@ -212,7 +253,8 @@ def gains(
     if made is not None:
         given = zones.work(made, system.vertex, w)
         w[made.member] = made.found
-    more, before = rise(*bdf2.forms(system), part, t, second, joined, work)
+    one, other = bdf2.forms(system)
+    more, before, _ = rise(one, other, part, t, second, joined, work)
     w[:] = joined
     held = stored(surface, part.x[t], part.x[t], numbers)
     if part.theta[t] < 1.0 or made is not None:  # others may be near on the way
@@ -284,7 +326,7 @@ def begin(system, part, t, work):
     part.hit[t] = False
     part.euler[t] = True
     part.solves[t] = 0
-    copy(march.velocity(part, t), work.solution)
+    copy(states.velocity(part, t), work.solution)
     guess.advance(work.past, part.first + t, work.solution)
 
 
@@ -308,7 +350,7 @@ def attempt_second(system, work, part, t, v, first, tolerance):
     """The same for a BDF2 step, of which `system` is the inner one."""
     set_inputs(system.inputs, system, part.first + t)
     contact.clear(system.colliders)
-    x_before, v_before = march.state_before(part, t)
+    x_before, v_before = states.state_before(part, t)
     used, iterations, direct, _, _, _ = bdf2.step(
         system, part.x[t], v, x_before, v_before, first, tolerance, work, part.w[t], part.x[t + 1]
     )

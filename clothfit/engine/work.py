@@ -23,8 +23,8 @@ from clothfit.engine.forces import applied, contact, spheres, springs, vertex, w
 from clothfit.engine.forces.faces import add_along
 from clothfit.engine.inputs.tables import set_frame, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
-from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.step import bdf2, guard, implicit
+from clothfit.engine.step.states import state_before, velocities, velocity
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, mul, splat, sub
 from clothfit.kernels.vectors import combine, dot
@@ -51,7 +51,7 @@ def power(euler, inner, part, t, second, work):
 @kernel
 def rise(euler, inner, part, t, second, w, work):
     """How much the energy rises in step t, after which the velocity is w (n, 3), beyond the work that is done in it,
-    and what it is before, J, without pairs.
+    what it is before, both without pairs, and the work of what moves and of the wind, J.
     """
     set_frame(euler.inputs, euler, part.first + t)
     x, after = part.x[t], part.x[t + 1]
@@ -60,7 +60,7 @@ def rise(euler, inner, part, t, second, w, work):
     given += wind.powers(euler.faces, work.y, w, w)[0]
     done = euler.h * given + work_done(euler.inputs, part.first + t, x, after)
     done += vertex.energy(euler.vertex, x) - vertex.energy(euler.vertex, after)
-    return guard.energy(euler, after, w) - before - done, before
+    return guard.energy(euler, after, w) - before - done, before, euler.h * given
 
 
 @kernel

@@ -13,9 +13,9 @@ from helpers.physics import GRAVITY, KINDS, TIGHT, ball, gentle, relative, thing
 import clothfit
 from clothfit.derivative import adjoint
 from clothfit.engine.forces import spheres, springs, vertex
-from clothfit.engine.march import velocities, velocity
 from clothfit.engine.rollout import rollout
 from clothfit.engine.step import guard, implicit
+from clothfit.engine.step.states import velocities, velocity
 from clothfit.engine.system import BDF2, IMPLICIT, build
 
 pytestmark = pytest.mark.slow  # compiles a fit

@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 from helpers.derivatives import assert_derivatives
 from helpers.physics import rotation, scene, thing, xyz
+from helpers.surfaces import body, torus
 
 from clothfit import InvalidInput, find_controls, simulate
 from clothfit.cli.validate import judge
+from clothfit.engine import touching
 from clothfit.engine.forces import touch
-from clothfit.engine.forces.selfcontact import pairs
+from clothfit.engine.forces.selfcontact import pairs, zones
+from clothfit.engine.rollout import rollout
 from clothfit.engine.starts import sentences
 from clothfit.engine.system import build
 from clothfit.evaluation.touches import touches
 from clothfit.live.engine import Engine
+from clothfit.motion.energy import energies
 from clothfit.scene.fit_vector import elements, parameters
 from clothfit.scene.scene import dumps
 
@@ -101,6 +105,60 @@ def flagged(**fields):
 def test_derivatives_through_layers(method):
     # by BDF2 steps that would pass through each other are implicit ones, which switches within the long steps
     assert_derivatives(flagged(integrationMethod=method), 1e-13, 1e-10, switches=method == 3)
+
+
+def twisting(folder, frames, angle, rate):
+    """A ring about the y axis that bobs, and whose ends turn about the x axis by an angle in turn, rad, in 10 ms a
+    frame.
+    """
+    points, faces = torus(16, 8, 0.35, 0.18)
+    x, y, z = points.T
+    swing = np.sin(rate * 0.01 * np.arange(frames))[:, None]
+    turn = angle * swing * x / 0.35
+    moved = [x + 0 * turn, np.cos(turn) * y - np.sin(turn) * z + 0.05 * swing, np.sin(turn) * y + np.cos(turn) * z]
+    np.savez(folder / "twist.npz", positions=np.stack(moved, 2), times=0.01 * np.arange(frames))
+    law = {"friction": 0.4, "thickness": 0.01, "stiffness": 800.0}
+    return body((points, faces), motion={"file": str(folder / "twist.npz")}, **law)
+
+
+def test_derivatives_where_a_later_iteration_lets_go_of_what_an_earlier_one_met(tmp_path):
+    cloth = sheet(8, 0.9, 0.2, (0.01, 0.02), optimizationSettings="GG")
+    given = {"integrationMethod": 2, "forwardSubSteps": 2, "delta": 0.01, "optimizationIterations": 5}
+    made = scene(cloth, colliders=[twisting(tmp_path, 5, 1.76, 10.5)], tolerance=1e-13, **given)
+    part = rollout(build(made, 0), 4, 1e-13)[0]
+    assert part.used.tolist() == [2] * 4
+    assert part.met[3].any()
+    assert_derivatives(made, 1e-13, 1e-10, switches=True)
+
+
+@pytest.mark.parametrize(("seed", "alone"), [(5, False), (16, False), (10, True), (15, True)])
+def test_cloths_gain_little_energy_over_a_body_that_twists_fast(tmp_path, seed, alone):
+    """Zones join in them, and matrices are hardly definite: so steps are clamped and shortened. Without that the cloths
+    that are each `alone` come to 5 kJ and 63 MJ.
+    """
+    rng = np.random.default_rng(seed)
+    places, stiffnesses = 0.02 * rng.normal(size=(3, 2)), rng.uniform(60, 200, 3)
+    cloths = [sheet(8, 0.9, 0.24 + 0.03 * k, places[k], stiffness=stiffnesses[k]) for k in range(3)]
+    body = twisting(tmp_path, 61, rng.uniform(0.8, 1.8), rng.uniform(8, 20))
+    given = {"colliders": [body], "integrationMethod": 2, "delta": 0.01, "optimizationIterations": 61}
+    made = scene(*cloths, **given) if alone else layers(*cloths, **given)
+    motion = simulate(made)
+    found = energies(made, motion)
+    assert found.excess <= 0.01 * found.scale
+    assert motion.remedies.clamped_steps + motion.remedies.shortened_steps > 0
+    assert alone or [crossings(made, x) for x in motion.positions[::6]] == [0] * len(motion.positions[::6])
+
+
+def test_what_zones_join_in_a_shortened_step_is_what_they_would_join_in_one_of_that_length():
+    system = build(layers(sheet(3, 0.3, 0.0), sheet(3, 0.3, 0.1)), 0)
+    w = np.random.default_rng(0).normal(size=(18, 3))
+    made = zones.of_pairs(np.array([[0, 9, 10, 12], [4, 5, 13, 14]]), 18, w)
+    zones.join(made, system.vertex, w)
+    touching.shorten(0.25, system, system.x0, w, np.empty((18, 3)), made)
+    other = w.copy()
+    other[made.member] = made.found
+    zones.join(made, system.vertex, other)
+    np.testing.assert_allclose(other, w, rtol=1e-14)  # rounding
 
 
 def test_values_of_objects_that_are_simulated_together_stand_one_after_the_other():

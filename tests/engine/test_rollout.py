@@ -9,8 +9,9 @@ from helpers import physics
 from helpers.physics import GRAVITY, METHODS, TIGHT, VARIANTS, cloth, gentle, placed, rotation, thing, xyz
 
 from clothfit.base.limits import FARTHEST
-from clothfit.engine.march import finite, velocity
+from clothfit.engine.march import finite
 from clothfit.engine.rollout import rollout
+from clothfit.engine.step.states import velocity
 
 ALL = ["explicit", "symplectic", "implicit"]  # with one state before a step; test_bdf2 has more of that with two
 ORDERS = pytest.mark.parametrize(("method", "order"), [(name, 1 + (name == "bdf2")) for name in METHODS])

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.engine.march import velocity
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.step import guard
+from clothfit.engine.step.states import velocity
 from clothfit.engine.system import System, build
 from clothfit.scene.scene import Scene
 from helpers import physics

@@ -8,8 +8,8 @@ from helpers.physics import METHODS, scene, thing
 
 from clothfit.base.limits import FARTHEST
 from clothfit.engine import tape
-from clothfit.engine.march import velocity
 from clothfit.engine.rollout import rollout
+from clothfit.engine.step.states import velocity
 from clothfit.engine.system import build
 from clothfit.motion.divergence import OVERSTRETCHED, STATES_KEPT, Diverged, dump, overstretched_from, worst
 from clothfit.motion.simulate import simulate

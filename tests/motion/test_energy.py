@@ -12,8 +12,8 @@ from clothfit import Energy, InvalidInput, InvalidMotion, Motion, degrade, energ
 from clothfit.cli.common.console import Console
 from clothfit.cli.simulate import joules, show_energy
 from clothfit.engine.forces import springs, total, vertex, wind
-from clothfit.engine.march import velocity
 from clothfit.engine.rollout import rollout
+from clothfit.engine.step.states import velocity
 from clothfit.engine.system import all_elements, build, with_elements
 
 SMOOTH = {"interpolation": "smooth"}

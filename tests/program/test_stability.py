@@ -14,9 +14,9 @@ from helpers.physics import ball, scene, thing
 import clothfit
 from clothfit.base.arrays import Elements
 from clothfit.derivative.adjoint import Sweep
-from clothfit.engine.march import velocity
 from clothfit.engine.rollout import rollout
 from clothfit.engine.step import guard
+from clothfit.engine.step.states import velocity
 from clothfit.engine.system import BDF2, build
 from clothfit.motion.energy import CONTACT, GRAVITY, balances
 

@@ -354,6 +354,16 @@ def away_from(own, y_i):
     return distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))[0]
 
 
+@kernel(absent=False)
+def grows(colliders):
+    """Whether a collider grows or shrinks."""
+    for c in range(len(colliders.rows)):
+        own = colliders.rows[c]
+        if own[RATE, 0] != 0.0 or own[RATE, 1] != 0.0 or own[RATE, 2] != 0.0:
+            return True
+    return False
+
+
 @kernel
 def stretched(own, away, V):
     """V, and the velocity with which a collider that grows moves what is `away` from its centre; it is its own

@@ -17,15 +17,16 @@ them, as implicit springs from the surface on (`spheres.begins`): a convex energ
 the energy after that step becomes the budget, so that no later contact gives back what one took.
 
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
-wind, which brings energy, while air at rest only takes it away; where inputs change over time, or a cloth is let go by
-what it began inside of; and where the rise is below a thousandth. Where a cloth touches itself `touching` does this,
-with what pairs store. At `colliders` that stay where they are a step ends with the contacts that it knows (`contact`):
-what rises there are springs, as elsewhere.
+wind that stays, which brings energy, while air at rest only takes it away; where a cloth is let go by what it began
+inside of; and where the rise is below a thousandth. Where inputs change over time, a step after which the kinetic
+energy and that of the springs are higher by more than SUSPECT is compared with the work that was done in it (`work`);
+what gains by more than that is mended as where a cloth touches itself (`touching`). At `colliders` that stay where they
+are a step ends with the contacts that it knows (`forces.contact`): what rises there are springs, as elsewhere.
 """
 
 from __future__ import annotations
 
-from clothfit.engine.forces import total
+from clothfit.engine.forces import springs, total
 from clothfit.engine.forces.spheres import contact
 from clothfit.engine.forces.touch import lets_go
 from clothfit.engine.inputs.tables import energetic, power
@@ -44,6 +45,14 @@ CONTACT_SLACK = 0.1
 """A rise above the budget by contacts that is tolerated, relative to the budget or, if that is more, the energy before.
 """
 
+SUSPECT = 0.05
+"""A rise of the kinetic energy and that of springs in a step, relative to them, from which on it is asked where that
+comes from, where something moves.
+"""
+
+SECOND_SLACK = 0.02
+"""The same of BDF2 steps where something moves: their forces are those between the last two steps."""
+
 NONE, SPRINGS, CONTACTS = 0, 1, 2
 """What added energy in a step."""
 
@@ -59,6 +68,21 @@ def applies(system):
     if energetic(system.inputs) or lets_go(system.colliders):
         return False
     return system.guarded and system.method == IMPLICIT and (still or not faces.drag.any() or len(faces.corners) == 0)
+
+
+@kernel(absent=False)
+def watches(inputs, system):
+    """Whether it is looked where the energy of steps comes from, as something moves, and they may be shortened; the
+    work of what pulls vertices to places is not known.
+    """
+    held = lets_go(system.colliders) or len(inputs.fitted.pin) > 0 or inputs.gain.shape[1] > 0
+    return system.guarded and system.method >= IMPLICIT and energetic(inputs) and not held
+
+
+@kernel
+def own_energy(system, x, v):
+    """The kinetic energy of a state x, v (n, 3) and that of its springs, J."""
+    return moving(system.vertex, v)[0] + springs.energy(system.springs, x)
 
 
 @kernel
