@@ -15,6 +15,7 @@ Both are looked for where boxes overlap (`boxes`), in time about proportional to
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -24,9 +25,21 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.eigen import connected_components
 from clothfit.engine.forces.boxes import Parts, overlapping, parts
 from clothfit.engine.forces.law import remaining
-from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, LEFT, distance, passes, past_each_other, side
+from clothfit.engine.forces.selfcontact.nearest import (
+    CORNER,
+    EDGE,
+    LEFT,
+    ROUNDING,
+    closest,
+    distance,
+    passes,
+    past_each_other,
+    side,
+)
 from clothfit.engine.forces.selfcontact.rows import Contact
 from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import load3, mul, splat
+from clothfit.kernels.vectors import dot
 
 FASTEST = 0.5
 """Speed, m/s, with which what crosses at the start is drawn back, at most."""
@@ -278,11 +291,30 @@ def reach(surface, x, after, more, kind, pairs, numbers):
     for m in range(len(pairs)):
         number = pair_of(surface, kind, np.int64(pairs[m, 0]), np.int64(pairs[m, 1]), own)
         if counts(surface, kind, own):
-            least = distance(kind, own, x) - (past_each_other(kind, own, x, after) + more) / (1.0 - LEFT)
+            r = closest(kind, own, x)[2]
+            delta, way = sqrt(dot(r, r)), past_each_other(kind, own, x, after) + more
+            least = delta - way / (1.0 - LEFT)
             if least < surface.thickness and least < thickness_of(surface, kind, own):
-                numbers[count] = number
-                count += 1
+                # along a fixed direction they are never nearer on straight ways than at one of both ends
+                between = min(delta, apart(kind, own, mul(splat(1.0 / delta), r), after) - more)
+                nearest = max(thickness_of(surface, kind, own), LEFT * min(delta, surface.thickness))
+                if not between > nearest + ROUNDING * way:
+                    numbers[count] = number
+                    count += 1
     return count
+
+
+@kernel
+def apart(kind, own, n, y):
+    """How far the two of a pair are apart along a direction n (lanes) at y (n, 3), the first one before the other."""
+    low, high = 1e300, -1e300
+    for e in range(4):
+        place = dot(n, load3(y, own[e]))
+        if e == 0 or (e == 1 and kind == EDGE):
+            low = min(low, place)
+        else:
+            high = max(high, place)
+    return low - high
 
 
 @kernel
