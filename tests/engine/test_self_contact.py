@@ -175,7 +175,7 @@ def test_boxes_that_overlap_are_those_of_brute_force():
     meet = (low[:, None] <= top).all(axis=2) & (other <= high[:, None]).all(axis=2)
     each_other = np.triu((low[:, None] <= high).all(axis=2) & (low <= high[:, None]).all(axis=2), 1)
     for given, expected in (((own, others), meet), ((own, own), each_other), ((nothing, others), meet[:0])):
-        found = boxes.overlapping(*given, points, points).tolist()
+        found = boxes.overlapping(*given, points, 0 * points, 0.0, 0.0).tolist()
         assert sorted(map(tuple, found)) == sorted(map(tuple, np.argwhere(expected).tolist()))
 
 

@@ -187,9 +187,9 @@ def distance(bodies, b, i, p):
 def crosses(bodies, b, p, q):
     """Whether the way from p to q (lanes) enters body b through a triangle."""
     tree, node, end = bodies.tree, bodies.node[b], bodies.node[b + 1]
-    way = where_less(p, q, p, q), where_less(p, q, q, p)
+    way, still = (where_less(p, q, p, q), where_less(p, q, q, p)), (splat(0.0), splat(0.0))
     while node < end:
-        if not boxes.meet(boxes.bounds(tree.box[node]), way):
+        if not boxes.meet(boxes.bounds(tree.box[node]), way, still):
             node = tree.skip[node]
             continue
         for f in range(tree.first[node], tree.last[node]):

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import lane0, lane1, lane2, load3, pack, where_less
+from clothfit.kernels.lanes.operations import add, lane0, lane1, lane2, load3, pack, splat, sub, where_less
 
 Numbers: TypeAlias = npt.NDArray[np.int64]
 
@@ -87,45 +87,47 @@ def parts(vertices: Indices, place: Array) -> Parts:
     return Parts(np.ascontiguousarray(vertices[order]), order, tree)
 
 
-def overlapping(one: Parts, other: Parts, low: Array, high: Array) -> Indices:
-    """The pairs (M, 2) of one and of another that overlap, or of those of one kind among themselves, the lower number
-    first. Each reaches from the lowest to the highest of what its vertices have of low and high (V, 3).
+def overlapping(one: Parts, other: Parts, place: Array, way: Array, room: float, stray: float) -> Indices:
+    """The pairs (M, 2) of one and of another, or of those of one kind among themselves, the lower number first, that
+    may come nearer than some room, m, where each vertex goes straight from its place by its way, (V, 3) each, and ends
+    no farther than `stray`, m, from there along each axis.
     """
-    alike = one is other
-    one = fitted(one, low, high)
-    other = one if alike else fitted(other, low, high)
-    room = np.empty((ROOM * len(one.number), 2), np.int32)
-    while (count := search(one, other, alike, low, high, room)) > len(room):
-        room = np.empty((count, 2), np.int32)
-    return room[:count]
+    alike, low, high = one is other, place - 0.5 * room, place + 0.5 * room
+    own = fitted(one, low, high), fitted(one, way - stray, way + stray)
+    others = own if alike else (fitted(other, low, high), fitted(other, way - stray, way + stray))
+    found = np.empty((ROOM * len(one.number), 2), np.int32)
+    while (count := search(one, other, own, others, alike, low, high, found)) > len(found):
+        found = np.empty((count, 2), np.int32)
+    return found[:count]
 
 
-def fitted(own: Parts, low: Array, high: Array) -> Parts:
-    """The same parts with boxes of their own, where they are now."""
-    own = own._replace(tree=own.tree._replace(box=np.empty_like(own.tree.box)))
-    refit(own.tree, 0, len(own.tree.skip), own.vertices, low, high)
-    return own
+def fitted(own: Parts, low: Array, high: Array) -> Array:
+    """The boxes (N, 6) of the nodes about what their vertices have."""
+    tree = own.tree._replace(box=np.empty_like(own.tree.box))
+    refit(tree, 0, len(tree.skip), own.vertices, low, high)
+    return tree.box
 
 
 @kernel
-def search(one, other, alike, low, high, room):
-    """Write the pairs that overlap, as many as there is room for; returns how many there are."""
+def search(one, other, own, others, alike, low, high, found):
+    """Write the pairs that may meet, as many as there is room for; returns how many there are."""
     count = 0
     for leaf in range(len(one.tree.skip)):
         if one.tree.first[leaf] == one.tree.last[leaf]:
             continue
-        whole, node = bounds(one.tree.box[leaf]), leaf if alike else 0
+        whole, way, node = bounds(own[0][leaf]), bounds(own[1][leaf]), leaf if alike else 0
         while node < len(other.tree.skip):
-            if not meet(bounds(other.tree.box[node]), whole):
+            slack = past(way, bounds(others[1][node]))
+            if not meet(whole, bounds(others[0][node]), slack):
                 node = other.tree.skip[node]
                 continue
             for f in range(other.tree.first[node], other.tree.last[node]):
                 box = corners(other.vertices[f], low, high)
                 for e in range(one.tree.first[leaf], f if alike and node == leaf else one.tree.last[leaf]):
-                    if meet(corners(one.vertices[e], low, high), box):
-                        if count < len(room):
+                    if meet(corners(one.vertices[e], low, high), box, slack):
+                        if count < len(found):
                             a, b = one.number[e], other.number[f]
-                            room[count, 0], room[count, 1] = (b, a) if alike and b < a else (a, b)
+                            found[count, 0], found[count, 1] = (b, a) if alike and b < a else (a, b)
                         count += 1
             node += 1
     return count
@@ -137,22 +139,29 @@ def corners(own, low, high):
     lowest, highest = load3(low, own[0]), load3(high, own[0])
     for e in range(1, len(own)):
         below, above = load3(low, own[e]), load3(high, own[e])
-        lowest, highest = where_less(below, lowest, below, lowest), where_less(above, highest, highest, above)
+        lowest, highest = where_less(below, lowest, below, lowest), where_less(highest, above, above, highest)
     return lowest, highest
 
 
 @kernel
 def bounds(box):
-    """The lowest and the highest of a box of a tree (lanes)."""
+    """The same of a box of a tree."""
     return pack(box[0], box[1], box[2], 0.0), pack(box[3], box[4], box[5], 0.0)
 
 
 @kernel
-def meet(one, other):
-    """Whether two boxes have a point in common, each from its lowest to its highest (lanes)."""
-    (a, b), (c, d) = one, other
-    x = lane0(a) <= lane0(d) and lane0(c) <= lane0(b)
-    return x and lane1(a) <= lane1(d) and lane1(c) <= lane1(b) and lane2(a) <= lane2(d) and lane2(c) <= lane2(b)
+def past(way, other):
+    """How far one goes below another, and that below the one, at most, for the bounds of their ways (lanes, ≤ 0)."""
+    none, below, above = splat(0.0), sub(other[0], way[1]), sub(way[0], other[1])
+    return where_less(below, none, below, none), where_less(above, none, above, none)
+
+
+@kernel
+def meet(one, other, slack):
+    """Whether two boxes have a point in common, or may have on ways that go `past` each other by some slack."""
+    one_gap, other_gap = add(sub(other[0], one[1]), slack[0]), add(sub(one[0], other[1]), slack[1])
+    gap = where_less(one_gap, other_gap, other_gap, one_gap)
+    return lane0(gap) <= 0.0 and lane1(gap) <= 0.0 and lane2(gap) <= 0.0
 
 
 @kernel

@@ -3,10 +3,10 @@
 Who touches is a row: a vertex at a collider (`touch`: planes, round cones, boxes, closed meshes), or the closest points
 of two parts of the cloth (`selfcontact.rows`). Of row k these say
 
-    its four vertices, their weights c, n, d, κ, μ, and what else they ask to have back (`row`),
+    its four vertices, their weights c, n, d, κ, μ, the velocity V of what they go past, and what else it asks to have
+    back (`row`),
     whether a step that takes the vertex of a collider by a way, from where it is linearised, knows it (`knows`), and
     before that whether it surely does not (`is_far`),
-    the velocity V of what the vertices go past (`other_side`),
     how c, n, d, V and κ change with the vertices (`changes`, `add_back`),
 
 the rest is here, once for all. With U = Σ cᵢ uᵢ − V, S = Σ cᵢ sᵢ and Z = Σ cᵢ wᵢ − V, vertex i feels cᵢ T, with the T
@@ -48,11 +48,11 @@ DROPS = 4
 STRAY = 0.5
 """How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
 
-count, row, most, is_far, knows, other_side, lay, is_reached, may_change, changes, add_back, leaving, pass_on = (
+count, row, most, is_far, knows, lay, is_reached, may_change, changes, add_back, leaving, pass_on = (
     of_kind({touch.Colliders: getattr(touch, name), rows.Contact: getattr(rows, name)})
     for name in (
-        "count", "row", "most", "is_far", "knows", "other_side", "lay", "is_reached", "may_change", "changes",
-        "add_back", "leaving", "pass_on",
+        "count", "row", "most", "is_far", "knows", "lay", "is_reached", "may_change", "changes", "add_back", "leaving",
+        "pass_on",
     )
 )  # fmt: skip
 
@@ -61,23 +61,18 @@ count, row, most, is_far, knows, other_side, lay, is_reached, may_change, change
 
 
 @kernel
-def sliding(part, y, u, found):
-    """V and U of a row."""
-    V = other_side(part, y, found)
-    return V, sub(mixed(found[1], found[0], u), V)
-
-
-@kernel
-def gamma_of(found, U):
-    """γ of a row."""
-    return rubbing(found[4] * found[3], found[5], found[2], U)[1]
+def sliding(found, u):
+    """γ and U of a row."""
+    own, c, n, depth, kappa, mu, V, _ = found
+    U = sub(mixed(c, own, u), V)
+    return rubbing(kappa * depth, mu, n, U)[1], U
 
 
 @kernel(empty=0.0, apart=0.0)
 def energy(part, y):
     total = 0.0  # ½ κ d²
     for k in range(count(part, y)):
-        _, _, _, depth, kappa, _, _ = row(part, y, k)
+        _, _, _, depth, kappa, _, _, _ = row(part, y, k)
         total += 0.5 * kappa * max(depth, 0.0) * max(depth, 0.0)
     return total
 
@@ -88,9 +83,8 @@ def damping_power(part, y, u, w):
     for k in range(count(part, y)):
         found = row(part, y, k)
         if found[3] > 0.0 and knows(part, y, k, found, splat(0.0)):
-            V, U = sliding(part, y, u, found)
-            past = sub(mixed(found[1], found[0], w), V)
-            total -= gamma_of(found, U) * dot(across(found[2], U), past)
+            gamma, U = sliding(found, u)
+            total -= gamma * dot(across(found[2], U), sub(mixed(found[1], found[0], w), found[6]))
     return total
 
 
@@ -102,11 +96,10 @@ def power(part, y, u, w, s, h, begin, f):
     total = 0.0
     for k in range(count(part, y)):
         found = row(part, y, k)
-        own, c, n, depth, kappa, _, _ = found
+        own, c, n, depth, kappa, _, V, _ = found
         if knows(part, y, k, found, way_of(k % len(y), u, w, s, h)):
-            V, U = sliding(part, y, u, found)
             push = kappa * (depth - dot(n, mixed(c, own, s)))
-            T = law.force(push, gamma_of(found, U), n, sub(mixed(c, own, w), V))
+            T = law.force(push, sliding(found, u)[0], n, sub(mixed(c, own, w), V))
             spread(c, own, T, f)
             total += dot(T, V) + push * leaving(part, found, begin)
     return total
@@ -122,10 +115,10 @@ def way_of(i, u, w, s, h):
 def add_force(part, y, u, f):
     for k in range(count(part, y)):
         found = row(part, y, k)
-        own, c, n, depth, kappa, _, _ = found
+        own, c, n, depth, kappa, _, _, _ = found
         if knows(part, y, k, found, splat(0.0)):
-            U = sliding(part, y, u, found)[1]
-            spread(c, own, law.force(kappa * depth, gamma_of(found, U), n, U), f)
+            gamma, U = sliding(found, u)
+            spread(c, own, law.force(kappa * depth, gamma, n, U), f)
 
 
 @kernel(empty=None, apart=None)
@@ -140,10 +133,9 @@ def damp_row(part, k, y, u, scale, q, out):
     if not part.depth[k] > 0.0:
         return
     found = row(part, y, k)
-    own, c, n, depth, _, mu, _ = found
+    own, c, n, depth, _, mu, _, _ = found
     if depth > 0.0 and mu > 0.0 and knows(part, y, k, found, splat(0.0)):
-        gamma = gamma_of(found, sliding(part, y, u, found)[1])
-        spread(c, own, mul(splat(-scale * gamma), across(n, mixed(c, own, q))), out)
+        spread(c, own, mul(splat(-scale * sliding(found, u)[0]), across(n, mixed(c, own, q))), out)
 
 
 @kernel(empty=0.0, apart=0.0)
@@ -154,11 +146,10 @@ def add_step(part, y, u, h, ahead, A, b):
         if is_far(part, k, way):
             continue
         found = row(part, y, k)
-        own, c, n, depth, kappa, _, _ = found
+        own, c, n, depth, kappa, _, V, _ = found
         part.depth[k] = depth
         if knows(part, y, k, found, way):
-            V, U = sliding(part, y, u, found)
-            rub = h * gamma_of(found, U)
+            rub = h * sliding(found, u)[0]
             lay(part, k, found, h * h * kappa, rub, 1.0, A)
             if len(b) > 0:
                 stored += 0.5 * kappa * max(depth, 0.0) * depth
@@ -180,10 +171,9 @@ def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
     if is_far(part, k, way):
         return
     found = row(part, y, k)
-    own, c, n, depth, kappa, mu, more = found
+    own, c, n, depth, kappa, mu, V, more = found
     if knows(part, y, k, found, way):
-        V, U = sliding(part, y, u, found)
-        S, Z, L = mixed(c, own, s), sub(mixed(c, own, w), V), mixed(c, own, lam)
+        U, S, Z, L = sliding(found, u)[1], mixed(c, own, s), sub(mixed(c, own, w), V), mixed(c, own, lam)
         vectors, by_law = law.pull((kappa, mu, depth, n, U), S, Z, L)
         spread(c, own, mul(splat(h), vectors[1]), gu)
         add_back(part, found, vectors, by_law, (y, u, w, s, lam), h, grad, gy)
@@ -200,10 +190,9 @@ def add_pushforward(part, y, u, w, s, dy, du, direction, h, out):
         if is_far(part, k, way):
             continue
         found = row(part, y, k)
-        own, c, n, depth, kappa, mu, more = found
+        own, c, n, depth, kappa, mu, V, more = found
         if knows(part, y, k, found, way):
-            V, U = sliding(part, y, u, found)
-            S, Z = mixed(c, own, s), sub(mixed(c, own, w), V)
+            U, S, Z = sliding(found, u)[1], mixed(c, own, s), sub(mixed(c, own, w), V)
             dc, dn, ddelta, dV, dkappa = changes(part, y, found, dy, direction)
             dU, dZ = add(mixed(dc, own, u), sub(mixed(c, own, du), dV)), sub(mixed(dc, own, w), dV)
             dmu = direction.friction[more[0]] if len(direction.friction) > 0 else 0.0
@@ -273,14 +262,14 @@ def meet(part, free, at, h, end, drops, A, b):
         if not is_reached(part, k, free, y, end, h * CREEP):
             continue
         found = row(part, y, k)
-        own, c, n, depth, kappa, _, _ = found
+        own, c, n, depth, kappa, _, _, _ = found
         at_y = mixed(c, own, y)
         presses = depth > dot(n, sub(mixed(c, own, end), at_y))
         if presses == on[k] or not (presses or drops) or not may_change(part, k, found, presses, at, end, h):
             continue
         on[k] = presses
         changed += 1
-        sign, rub = 1.0 if presses else -1.0, h * gamma_of(found, sliding(part, y, u, found)[1])
+        sign, rub = 1.0 if presses else -1.0, h * sliding(found, u)[0]
         lay(part, k, found, h * h * kappa, rub, sign, A)
         left = depth + dot(n, sub(at_y, mixed(c, own, x)))  # n·(y − x): h n·U where the step is linearised ahead
         Z = mixed(led(free, own, c), own, w)

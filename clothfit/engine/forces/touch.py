@@ -196,7 +196,8 @@ def row(colliders, y, k):
     i = k - c * len(y)
     depth, curve, bend, n, t, spot = contact(colliders, y, i, c)
     kappa, mu = colliders.rows[c, LAW, STIFFNESS], colliders.rows[c, LAW, FRICTION]
-    return (i, i, i, i), (1.0, 0.0, 0.0, 0.0), n, depth, kappa, mu, (c, 1.0, curve, bend, t, spot)
+    V = surface_velocity(colliders, y, i, c, spot)
+    return (i, i, i, i), (1.0, 0.0, 0.0, 0.0), n, depth, kappa, mu, V, (c, 1.0, curve, bend, t, spot)
 
 
 @kernel
@@ -224,7 +225,7 @@ def is_far(colliders, k, way):
 @kernel
 def knows(colliders, y, k, found, way):
     """Whether a step by `way` from y_i knows a vertex: inside, met, or about to enter, seen from where it is."""
-    (i, _, _, _), _, n, depth, _, _, more = found
+    (i, _, _, _), _, n, depth, _, _, _, more = found
     if depth > 0.0 or colliders.on[colliders.turn[0], k]:
         return True
     if depth - dot(n, way) <= 0.0:
@@ -237,11 +238,6 @@ def knows(colliders, y, k, found, way):
     if measured(bodies, own, i, add(y_i, way))[0] < least:
         return True
     return slack == 0.0 and meshes.crosses(bodies, int(own[SHAPE, 1]), seen(own, y_i), seen(own, add(y_i, way)))
-
-
-@kernel
-def other_side(colliders, y, found):
-    return surface_velocity(colliders, y, found[0][0], found[6][0], found[6][5])
 
 
 @kernel
@@ -286,7 +282,7 @@ def led_by(found, at, h):
 def pass_on(colliders, k, free, at, h, end):
     """Whether a vertex presses, and is outside at its end."""
     found = row(colliders, at[1], k)
-    (i, _, _, _), _, n, depth, _, _, more = found
+    (i, _, _, _), _, n, depth, _, _, _, more = found
     if not (free[i] and knows(colliders, at[1], k, found, led_by(found, at, h))):
         return False
     presses = depth - dot(n, sub(load3(end, i), load3(at[1], i))) > 0.0
@@ -295,7 +291,7 @@ def pass_on(colliders, k, free, at, h, end):
 
 @kernel
 def changes(colliders, y, found, dy, direction):
-    (i, _, _, _), _, n, _, _, _, (c, _, curve, bend, t, spot) = found
+    (i, _, _, _), _, n, _, _, _, _, (c, _, curve, bend, t, spot) = found
     offset = offset_of(direction)
     dy_i = sub(load3(dy, i), offset)
     dn = fma(splat(curve), across(n, dy_i), mul(splat(bend * dot(t, dy_i)), t))
@@ -305,7 +301,7 @@ def changes(colliders, y, found, dy, direction):
 
 @kernel
 def add_back(colliders, found, vectors, by_law, at, h, grad, gy):
-    (i, _, _, _), _, n, _, _, _, (c, _, curve, bend, t, spot) = found
+    (i, _, _, _), _, n, _, _, _, _, (c, _, curve, bend, t, spot) = found
     by_n, by_U, _, by_Z, _ = vectors
     own = colliders.rows[c]
     by_y = fma(splat(curve), across(n, by_n), mul(splat(bend * dot(t, by_n)), t))
@@ -326,7 +322,7 @@ def leaving(colliders, found, begin):
     """How fast a collider pushes out what it held of a vertex, in the step from a time, s, m/s."""
     if len(colliders.begin) == 0:
         return 0.0
-    (time, h), c = begin, found[6][0]
+    (time, h), c = begin, found[7][0]
     held_then = remaining(time, colliders.release[c]) - colliders.rows[c, SHAPE, 2]
     return held_then / h * colliders.begin[c, found[0][0], 0]
 

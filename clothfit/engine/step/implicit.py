@@ -25,7 +25,6 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import contact, total
-from clothfit.engine.forces.selfcontact import rows
 from clothfit.engine.inputs.tables import couple, move_pins, pull_pins, pull_through, push_pins, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.solve.joined import joined
@@ -147,7 +146,7 @@ def step(system, x, v, first, tolerance, work, iterates):
             assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
             hold_fixed(free, b)
             copy(iterates[k - 1], iterates[k])
-        touching = k == 0 and (rows.is_there(system.contact) or contact.touches(system.colliders))
+        touching = k == 0 and (contact.touches(system.contact) or contact.touches(system.colliders))
         rough = max(tolerance, ROUGH) if touching else tolerance  # later ones begin near their solution
         more, more_direct, solved = linear.solve(A, b, rough, work.solver, iterates[k], anyhow)
         iterations += more

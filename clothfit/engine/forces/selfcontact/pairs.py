@@ -15,6 +15,7 @@ Both are looked for where boxes overlap (`boxes`), in time about proportional to
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -24,9 +25,12 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.eigen import connected_components
 from clothfit.engine.forces.boxes import Parts, overlapping, parts
 from clothfit.engine.forces.law import remaining
-from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, LEFT, distance, passes, past_each_other, side
+from clothfit.engine.forces.selfcontact import nearest
+from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, LEFT, distance, past_each_other
 from clothfit.engine.forces.selfcontact.rows import Contact
 from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import load3, mul, splat
+from clothfit.kernels.vectors import dot
 
 FASTEST = 0.5
 """Speed, m/s, with which what crosses at the start is drawn back, at most."""
@@ -157,7 +161,7 @@ def look_up(surface, x, numbers):
     for k in range(len(numbers)):
         kind[k] = vertices_of(surface, numbers[k], vertices[k])
         thickness[k] = thickness_of(surface, kind[k], vertices[k])
-        sides[k] = side(kind[k], vertices[k], x)
+        sides[k] = nearest.side(kind[k], vertices[k], x)
         d = np.searchsorted(surface.drawn, numbers[k]) if surface.left > 0.0 else len(surface.drawn)
         if d < len(surface.drawn) and surface.drawn[d] == numbers[k]:
             thickness[k] = surface.thickness - surface.left * (surface.thickness + surface.beyond[d])
@@ -258,10 +262,9 @@ def around(surface: Surface, x: Array, after: Array, stray: float) -> Indices:
     """The numbers, ascending, of the pairs that may be near at x, pass through each other from there, or be near where
     they end, no vertex farther than `stray`, m, from `after`, (n, 3).
     """
-    low, high = np.minimum(x, after - stray), np.maximum(x, after + stray)
-    low, high = low - 0.5 * surface.thickness, high + 0.5 * surface.thickness
-    corners = overlapping(surface.points, surface.faces, low, high)
-    edges = overlapping(surface.lines, surface.lines, low, high)
+    motion = x, after - x, surface.thickness, stray
+    corners = overlapping(surface.points, surface.faces, *motion)
+    edges = overlapping(surface.lines, surface.lines, *motion)
     found = []
     for kind, pairs in ((CORNER, corners), (EDGE, edges)):
         numbers = np.empty(len(pairs), np.int64)
@@ -278,17 +281,36 @@ def reach(surface, x, after, more, kind, pairs, numbers):
     for m in range(len(pairs)):
         number = pair_of(surface, kind, np.int64(pairs[m, 0]), np.int64(pairs[m, 1]), own)
         if counts(surface, kind, own):
-            least = distance(kind, own, x) - (past_each_other(kind, own, x, after) + more) / (1.0 - LEFT)
+            r = nearest.closest(kind, own, x)[2]
+            delta, way = sqrt(dot(r, r)), past_each_other(kind, own, x, after) + more
+            least = delta - way / (1.0 - LEFT)
             if least < surface.thickness and least < thickness_of(surface, kind, own):
-                numbers[count] = number
-                count += 1
+                # along a fixed direction they are never nearer on straight ways than at one of both ends
+                between = min(delta, apart(kind, own, mul(splat(1.0 / delta), r), after) - more)
+                least = max(thickness_of(surface, kind, own), LEFT * min(delta, surface.thickness))
+                if not between > least + nearest.ROUNDING * way:
+                    numbers[count] = number
+                    count += 1
     return count
+
+
+@kernel
+def apart(kind, own, n, y):
+    """How far the two of a pair are apart along a direction n (lanes) at y (n, 3), the first one before the other."""
+    low, high = 1e300, -1e300
+    for e in range(4):
+        place = dot(n, load3(y, own[e]))
+        if e == 0 or (e == 1 and kind == EDGE):
+            low = min(low, place)
+        else:
+            high = max(high, place)
+    return low - high
 
 
 @kernel
 def is_passing(surface, kind, own, x, after):
     """Whether a pair would pass through itself from x to `after`."""
-    return passes(kind, own, x, after, surface.thickness, thickness_of(surface, kind, own))
+    return nearest.passes(kind, own, x, after, surface.thickness, thickness_of(surface, kind, own))
 
 
 @kernel
@@ -301,7 +323,7 @@ def is_near(surface, kind, own, x):
 def pierced(surface: Surface) -> Indices:
     """The pairs (M, 2) of an edge and a triangle that it passes through at the start."""
     x, edges, triangles = surface.start, surface.edges, surface.triangles
-    found = overlapping(surface.lines, surface.faces, x, x)
+    found = overlapping(surface.lines, surface.faces, x, np.zeros_like(x), 0.0, 0.0)
     ends, corners = edges[found[:, 0]], triangles[found[:, 1]]
     apart = ~(ends[:, :, None] == corners[:, None]).any(axis=(1, 2))
     found, (p, q), (a, b, c) = found[apart], x[ends[apart]].swapaxes(0, 1), x[corners[apart]].swapaxes(0, 1)

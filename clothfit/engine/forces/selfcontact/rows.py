@@ -57,7 +57,8 @@ def row(contact, y, k):
     if free == nearest.BOTH and nearest.side(kind, own, y) != contact.side[k]:
         delta = -delta
     ends, n, more = (own[0], own[1], own[2], own[3]), mul(splat(1.0 / delta), r), (-1, share, free, r, delta, kind)
-    return ends, c, n, contact.thickness[k] - delta, contact.stiffness * share, contact.friction, more
+    depth, kappa = contact.thickness[k] - delta, contact.stiffness * share
+    return ends, c, n, depth, kappa, contact.friction, splat(0.0), more
 
 
 @kernel
@@ -76,13 +77,8 @@ def knows(contact, y, k, found, way):
 
 
 @kernel
-def other_side(contact, y, found):
-    return splat(0.0)
-
-
-@kernel
 def lay(contact, k, found, push, rub, sign, A):
-    own, c, n, _, _, _, _ = found
+    own, c, n, _, _, _, _, _ = found
     on = 0.5 + 0.5 * sign
     keep(A.joined, k, c, n, on * push, on * rub)
     low, high = law.block(sign * push, sign * rub, n)
@@ -109,7 +105,7 @@ def may_change(contact, k, found, presses, at, end, h):
 
 @kernel
 def changes(contact, y, found, dy, direction):
-    own, c, n, _, _, _, (_, share, free, r, delta, kind) = found
+    own, c, n, _, _, _, _, (_, share, free, r, delta, kind) = found
     dc, dn, ddelta = nearest.moved(kind, own, y, free, c, r, delta, n, dy)
     more = nearest.share_change(own, y, dy) if share < 1.0 else 0.0
     return dc, dn, ddelta, splat(0.0), contact.stiffness * more
@@ -117,7 +113,7 @@ def changes(contact, y, found, dy, direction):
 
 @kernel
 def add_back(contact, found, vectors, by_law, at, h, grad, gy):
-    own, c, n, _, _, _, (_, share, free, r, delta, kind) = found
+    own, c, n, _, _, _, _, (_, share, free, r, delta, kind) = found
     by_c = (
         weight_slope(own[0], vectors, at), weight_slope(own[1], vectors, at), weight_slope(own[2], vectors, at),
         weight_slope(own[3], vectors, at),
@@ -146,18 +142,12 @@ def pass_on(contact, k, free, at, h, end):
     return contact.on[contact.turn[0], k]
 
 
-@kernel(absent=False)
-def is_there(contact):
-    """Whether there are pairs."""
-    return len(contact.kind) > 0
-
-
 @kernel
 def depths(contact, y, s):
     """d − n·S (P,): how deep, m, each pair is for the model of a step that ends at y + s."""
     found = np.zeros(len(contact.kind))
     for k in range(len(contact.kind)):
-        own, c, n, depth, _, _, _ = row(contact, y, k)
+        own, c, n, depth, _, _, _, _ = row(contact, y, k)
         found[k] = depth - dot(n, mixed(c, own, s))
     return found
 
@@ -167,7 +157,7 @@ def stopped(contact, mass, x, v):
     """The kinetic energy, J, of the two of each pair towards each other, at x with velocities v (n, 3)."""
     total = 0.0
     for k in range(len(contact.kind)):
-        own, c, n, _, _, _, _ = row(contact, x, k)
+        own, c, n, _, _, _, _, _ = row(contact, x, k)
         light, towards = 0.0, min(dot(n, mixed(c, own, v)), 0.0)
         for e in range(4):
             light += c[e] * c[e] * contact.free[own[e]] / mass[own[e]]
