@@ -2,7 +2,6 @@
 columns at once against one forward sweep for each; and what the fields of the kinds mean.
 """
 
-import numba
 import numpy as np
 import pytest
 from helpers.costs import simulate_all
@@ -18,7 +17,6 @@ from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.fit_vector import acting, parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
-SLOW_WITHOUT = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow otherwise")
 
 OWN = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
 ALL = {"windVel": True, "gravity": True}
@@ -72,7 +70,6 @@ def assert_right(objective, p):
     assert report.product < PRODUCT  # linear systems are solved to 1e-14
 
 
-@SLOW_WITHOUT
 @pytest.mark.parametrize(("kind", "method", "newton"), CASES)
 def test_the_gradient_is_the_derivative_of_the_cost(kind, method, newton):
     given = long(kind, method, newton)
@@ -82,7 +79,6 @@ def test_the_gradient_is_the_derivative_of_the_cost(kind, method, newton):
         assert_right(Objective(given, truth(given)), at)
 
 
-@SLOW_WITHOUT
 @pytest.mark.parametrize(("method", "newton"), VARIANTS[:-1])
 def test_the_gradient_by_all_kinds_of_several_cloths_that_share_the_wind(method, newton):
     others = sheet("nn", 2, 3), sheet("GL", 2, 2, fit={"springRestLength": "G"})

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from helpers.marks import fits
 from helpers.strangers import sheet
 
 from clothfit import InvalidMotion, cost_and_gradient, estimate, evaluate, simulate, with_parameters
@@ -69,7 +68,7 @@ def read(path, **said):
     return load(path, SCENE, Reading(**said)).motion
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize("written", [as_npz, as_obj, as_ply])
 def test_points_on_the_surface_have_the_values_of_the_cloth(tmp_path, written):
     scan = read(written(tmp_path, cloud()))
@@ -79,7 +78,7 @@ def test_points_on_the_surface_have_the_values_of_the_cloth(tmp_path, written):
     assert evaluate(TRUTH, fit.scene, target=scan).fitted.rmse < 1e-7
 
 
-@fits
+@pytest.mark.slow
 def test_noise_holes_and_strangers_move_a_fit_by_little(tmp_path):
     """2 mm of noise in 24 frames of 320 points leave a factor uncertain by some 0.1 %."""
     scan = read(as_npz(tmp_path, cloud(noise=2e-3, lost=80, strangers=8)))
