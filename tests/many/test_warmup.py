@@ -132,7 +132,6 @@ def test_parts_are_reported_as_they_are_done(monkeypatch):
     small = {"one": lambda: numba.njit(lambda x: x)(1), "two": lambda: None}
     for name in ("SMALL_PARTS", "PARTS"):
         monkeypatch.setattr(f"clothfit.many.warmup.{name}", small)
-    monkeypatch.setattr("clothfit.many.warmup.processors", lambda: 1)
     parts = use_everything(heard.append, small=True)
     assert parts == heard
     assert [(part.name, part.compiled) for part in parts] == [("one", 1), ("two", 0)]
