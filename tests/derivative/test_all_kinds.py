@@ -5,12 +5,12 @@ columns at once against one forward sweep for each; and what the fields of the k
 import numpy as np
 import pytest
 from helpers.costs import simulate_all
+from helpers.derivatives import assert_right
 from helpers.physics import METHODS, TIGHT, VARIANTS, ball, cloth, dense_matrix, scene, sheet, xyz
 from scipy.sparse import csc_array
 
 from clothfit.derivative import sensitivity
 from clothfit.derivative.sensitivity import Solver, columns, sweep, tangents
-from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
 from clothfit.engine.step import implicit
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
@@ -61,13 +61,6 @@ def truth(given, seed=12):
     p = parameters(given)
     moved = p * 1.15 * np.exp(0.1 * np.random.default_rng(seed).normal(size=p.shape))
     return simulate(with_parameters(given, moved), tolerance=TIGHT)
-
-
-def assert_right(objective, p):
-    report = check(objective, p, seed=4)
-    assert report.order > ORDER
-    assert report.difference < DIFFERENCE  # rounding of the cost, 1e-13, over the step
-    assert report.product < PRODUCT  # linear systems are solved to 1e-14
 
 
 @pytest.mark.parametrize(("kind", "method", "newton"), CASES)
