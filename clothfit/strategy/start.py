@@ -40,7 +40,7 @@ from clothfit.objective.objective import Objective
 from clothfit.objective.target import first_step
 from clothfit.scene.block import Block
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.directions import keys
+from clothfit.scene.directions import keys, places
 from clothfit.scene.factors import geometric_mean
 from clothfit.scene.fit_vector import bounds, of_kinds, parameters
 from clothfit.scene.kinds import LETTERED
@@ -267,12 +267,8 @@ def spring_areas(cloth: Cloth, area: Array) -> Array:
 def summed(keys: NDArray[np.int64], values: Array, wanted: NDArray[np.int64]) -> Array:
     """Sum of the values of each wanted key; 0 where there is none."""
     distinct, group = np.unique(keys, return_inverse=True)
-    if not len(distinct):
-        return np.zeros(len(wanted))
     sums = np.bincount(group.reshape(-1), weights=values, minlength=len(distinct))
-    place = np.clip(np.searchsorted(distinct, wanted), 0, len(distinct) - 1)
-    found: Array = np.where(distinct[place] == wanted, sums[place], 0.0)
-    return found
+    return np.append(sums, 0.0)[places(wanted, distinct)]
 
 
 def start_warnings(objective: Objective, p: Array) -> list[str]:
