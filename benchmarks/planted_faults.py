@@ -135,8 +135,8 @@ FAULTS = (
           "count = found.word(5) - found.word(4)", "formats/test_markers.py formats"),
     Fault("formats/gltf: tangent of a spline", "self.values[index, 1], span * self.values[index, 2]",
           "self.values[index, 1], span * self.values[index, 0]", "formats/test_glb.py formats"),
-    Fault("meshes/mesh: bending of a side", "np.where(bends, share * 2 * area, traction)",
-          "np.where(bends, share * area, traction)", "meshes/test_mesh.py meshes"),
+    Fault("meshes/mesh: bending of a side", "np.where(bends, share * 2 * each, traction)",
+          "np.where(bends, share * each, traction)", "meshes/test_mesh.py meshes"),
     Fault("meshes/problems: parts of joined vertices", "_parts(mesh.parts, number[lot])", "_parts(mesh.parts, number)",
           "meshes/test_problems.py meshes"),
     # motions and what is said of them

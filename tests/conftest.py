@@ -6,7 +6,6 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
-import numba
 import pytest
 from helpers.scenes import trial, write_scene
 from hypothesis import HealthCheck, settings
@@ -23,12 +22,10 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # the others compile as well: no proces
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as quick what is not marked as slow, so that `-m quick` selects it; without compilation only that is run."""
+    """Mark as quick what is not marked as slow, so that `-m quick` selects it."""
     for item in items:
         if item.get_closest_marker("slow") is None:
             item.add_marker("quick")
-        elif numba.config.DISABLE_JIT:
-            item.add_marker(pytest.mark.skip(reason="hundreds of steps need compilation"))
 
 
 def pytest_collection_finish() -> None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -105,7 +105,7 @@ class Descent:
 
     def __init__(
         self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf, patient: bool = False,
-        keep: Callable[[Descent], object] | None = None, so_far: Progress | None = None,
+        keep: Callable[[Descent], object] | None = None, so_far: Search | None = None,
     ) -> None:  # fmt: skip
         """`limit`: evaluations, at most; `patient`: whether it may take all the time there is; `keep` gets the descent
         after each evaluation; `so_far`: where one with the same forces was that this goes on with.
@@ -121,14 +121,18 @@ class Descent:
         loop.steepest = loop.steepest or size
         self.best = Best(f, loop.x, loop.u, value, size)
         if so_far is not None:
-            self.values, self.before, self.idle, self.most, loop.evaluations = so_far
+            self.values, loop.evaluations = list(so_far.values), so_far.evaluations
+            self.before, self.idle, self.most = so_far.before, so_far.idle, so_far.most
         self.begun = self.place()  # where L-BFGS last began anew
 
     def place(self) -> Search:
         """What a checkpoint has of it."""
         loop = self.loop
-        so_far = Progress(self.values[-1 - STALL :], self.before, self.idle, self.most, loop.evaluations)
-        return Search(loop.path, self.best.f, loop.rate, "", **loop.way, tolerance=loop.tolerance, **so_far._asdict())
+        return Search(
+            loop.path, self.best.f, loop.rate, "", **loop.way, tolerance=loop.tolerance,
+            values=self.values[-1 - STALL :], before=self.before, idle=self.idle, most=self.most,
+            evaluations=loop.evaluations,
+        )  # fmt: skip
 
     def run(self) -> Status:
         """Descend until it has converged or no longer gets better; a deadline or an interrupt leaves the best."""
@@ -268,25 +272,12 @@ def solved(
     fixed, cloth = task.scene.cloths[task.cloth].fixed, task.cloth
     task = task._replace(keys=[own for key in task.keys if len((own := without_fixed(key, fixed)).vertices)])
     steps = max((key.step for key in task.keys), default=1)
-    so_far = None
-    if cloth in kept.searches:
-        loop, f, ended, so_far = kept.restored(task)
-    else:
-        loop, f, ended = begun(task, alone[: steps + 1], report)
+    so_far = kept.searches.get(cloth)
+    loop, f, ended = begun(task, alone[: steps + 1], report) if so_far is None else restored(task, so_far)
     descent = Descent(loop, f, report, patient=patient, keep=partial(kept.note, cloth), so_far=so_far)
     status = descent.run() if ended is None else ended
     kept.note(cloth, descent, status)
     return loop, descent, status
-
-
-class Progress(NamedTuple):
-    """What decides how long a descent goes on."""
-
-    values: list[float]  # the best so far after each of the last evaluations
-    before: float
-    idle: int
-    most: float  # of the penalty
-    evaluations: int
 
 
 @dataclass
@@ -301,10 +292,10 @@ class Search:
     penalty: float
     steepest: float  # slope where it began
     tolerance: float = TOLERANCE
-    values: Sequence[float] = ()
+    values: Sequence[float] = ()  # the best so far after each of the last evaluations
     before: float = np.inf
     idle: int = 0
-    most: float = np.inf
+    most: float = np.inf  # of the penalty
     evaluations: int = 0
 
 
@@ -333,16 +324,6 @@ class Kept:
     file: Checkpoint | None
     searches: dict[int, Search]
 
-    def restored(self, task: Task) -> tuple[ClosedLoop, Array, Status | None, Progress]:
-        """The loop of a cloth, the forces to go on with, how its search ended, if it has, and what it came to."""
-        own = self.searches[task.cloth]
-        with interrupts.grace(np.inf):
-            loop = ClosedLoop(task, own.path, own.rate)
-        loop.resume(own.multipliers, own.penalty, own.steepest)
-        loop.tolerance = own.tolerance
-        so_far = Progress(list(own.values), own.before, own.idle, own.most, own.evaluations)
-        return loop, own.forces, Status(own.ended) if own.ended else None, so_far
-
     def note(self, cloth: int, descent: Descent, ended: Status | None = None) -> None:
         """Keep where L-BFGS last began anew, as one that goes on from there ends as it would have ended, or where the
         search ended.
@@ -352,6 +333,15 @@ class Kept:
         over = str(ended) if ended in (Status.CONVERGED, Status.STALLED) else ""
         self.searches[cloth] = descent.begun if ended is None else replace(descent.place(), ended=over)
         self.file.keep(lambda: packed(self.searches), now=ended is not None)
+
+
+def restored(task: Task, own: Search) -> tuple[ClosedLoop, Array, Status | None]:
+    """The closed loop of such a search, the forces to go on with, and how it ended, if it has."""
+    with interrupts.grace(np.inf):
+        loop = ClosedLoop(task, own.path, own.rate)
+    loop.resume(own.multipliers, own.penalty, own.steepest)
+    loop.tolerance = own.tolerance
+    return loop, own.forces, Status(own.ended) if own.ended else None
 
 
 def begun(task: Task, alone: Array, report: Report) -> tuple[ClosedLoop, Array, Status | None]:

@@ -21,7 +21,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.meshes.mesh import any_sides
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.directions import keys
+from clothfit.scene.directions import keys, places
 
 
 class Roles(NamedTuple):
@@ -46,11 +46,11 @@ def roles(cloth: Cloth) -> Roles:
     ends, met = np.sort(cloth.springs, axis=1), any_sides(cloth.triangles)
     second = met.first != np.arange(len(met.first))
     across = np.stack([met.opposite, met.opposite[met.first]], axis=1)[second]
-    own, (known, at) = keys(ends), np.unique(keys(across), return_index=True)
-    traction = np.isin(own, keys(met.edge))
-    bending = ~traction & np.isin(own, known)
+    own = keys(ends)
+    traction, at = np.isin(own, keys(met.edge)), places(own, keys(across))
+    bending = ~traction & (at >= 0)
     hinges = ends.copy()
-    hinges[bending] = met.edge[second][at[np.searchsorted(known, own[bending])]]
+    hinges[bending] = met.edge[second][at[bending]]
     return Roles(traction, bending, hinges)
 
 
@@ -78,11 +78,5 @@ def carried(cloth: Cloth, role: Roles) -> Array:
 def springs_of(cloth: Cloth, role: Roles, edges: Indices) -> Indices:
     """The spring along each of some edges (…, 2); −1 where there is none."""
     known = np.flatnonzero(role.traction)
-    own = keys(np.sort(cloth.springs[known], axis=1))
-    order = np.argsort(own)
-    wanted = keys(np.sort(edges.reshape(-1, 2), axis=1))
-    if not len(known):
-        return np.full(edges.shape[:-1], -1, np.int32)
-    at = np.minimum(np.searchsorted(own[order], wanted), len(known) - 1)
-    found = np.where(own[order][at] == wanted, known[order][at], -1).astype(np.int32)
-    return found.reshape(edges.shape[:-1])
+    at = places(keys(edges.reshape(-1, 2)), keys(cloth.springs[known]))
+    return np.append(known, -1)[at].astype(np.int32).reshape(edges.shape[:-1])

@@ -38,6 +38,7 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
+from clothfit.base.errors import InvalidInput
 from clothfit.kernels import once
 from clothfit.kernels.dependencies import digest, types_text
 from clothfit.kernels.trusted import Untrusted, made, opened
@@ -48,6 +49,8 @@ FILE_MARK = b"clothfit kernel 1\n"  # what a file begins with; then the SHA-256 
 DAY = 24 * 3600.0  # s
 VERSIONS = f"2 {numba.__version__} {sys.version}"  # of the files' form, of numba, of Python
 config: Any = numba.config  # numba has no types
+if config.DISABLE_JIT:
+    raise InvalidInput("NUMBA_DISABLE_JIT is set, and nothing runs without compiled code; unset it")
 
 
 @cache
@@ -240,9 +243,9 @@ class KernelCache(FunctionCache):
 
 
 def is_kept(function: Callable[..., object]) -> bool:
-    """Whether there is compiled code of a kernel; True as well where nothing is compiled."""
+    """Whether there is compiled code of a kernel."""
     own = stem(getattr(function, "py_func", function)) + "-"
-    return bool(config.DISABLE_JIT) or any(name.startswith(own) for name in _names())
+    return any(name.startswith(own) for name in _names())
 
 
 def _names() -> list[str]:

@@ -4,7 +4,6 @@ Compiled code is kept on disk by `cache`. `error_model="numpy"`: a division by z
 per-step check notices, instead of a branch at every division. No fast-math flag: fusing a·b + c into one rounding
 (`contract`) would gain a sixth, but which products are fused depends on what is inlined where, and that differs
 between code just compiled and the same code from the cache; without it, repeated runs agree to the last bit.
-With NUMBA_DISABLE_JIT=1 the same functions run as plain Python.
 
 Most kernels are only called by kernels. The code that makes a function callable from Python, which takes a structure
 of thirty arrays apart, is then a third of what there is to compile. So each kernel is two functions for numba: one
@@ -22,7 +21,6 @@ from functools import cached_property
 from typing import Any, TypeVar, overload
 
 from clothfit.base.errors import NotCompiled
-from clothfit.base.threads import interpreted
 
 F = TypeVar("F", bound=Callable[..., object])
 R = TypeVar("R", bound=type)
@@ -94,7 +92,9 @@ class OfPart(Kernel):
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function, if there is the part."""
-        return self.absent if is_absent(arguments[0], self.rows) else super().__call__(*arguments)
+        part = arguments[0]
+        is_absent = part is None or (self.rows and not len(part[0]))
+        return self.absent if is_absent else super().__call__(*arguments)
 
     @cached_property
     def inner(self) -> Any:
@@ -105,7 +105,7 @@ class OfPart(Kernel):
 
 
 class OfKind(Kernel):
-    """A kernel that is another one for each class that its first argument may have."""
+    """One name for kernels that do the same for NamedTuples of several classes, their first arguments."""
 
     def __init__(self, kernels: dict[type, Kernel]) -> None:
         super().__init__(next(iter(kernels.values())).py_func, False)
@@ -117,26 +117,6 @@ class OfKind(Kernel):
         from clothfit.kernels import compiling
 
         return compiling.for_kernels_of_kind(self.kernels)
-
-
-def of_kind(kernels: dict[type, Any]) -> Any:
-    """One name for kernels that do the same for NamedTuples of several classes, their first arguments."""
-    return (lambda part, *others: kernels[type(part)](part, *others)) if interpreted() else OfKind(kernels)
-
-
-def is_absent(part: Any, rows: bool) -> bool:
-    """Whether a part is not there."""
-    return part is None or (rows and not len(part[0]))
-
-
-def in_python(function: Callable[..., object], absent: object, rows: bool) -> Callable[..., object]:
-    """What such a kernel is in plain Python."""
-
-    @functools.wraps(function)
-    def of_part(part: object, *others: Any) -> object:
-        return absent if is_absent(part, rows) else function(part, *others)
-
-    return of_part
 
 
 class InPython:
@@ -182,11 +162,5 @@ def kernel(
     if rows and apart is ...:
         raise TypeError(f"{function.__name__}: what has no call without rows is called apart")
     missing = empty if rows else absent
-    made: Any
-    if interpreted():
-        made = function if missing is ... else in_python(function, missing, rows)
-    elif missing is ...:
-        made = Kernel(function, nogil, apart)
-    else:
-        made = OfPart(function, nogil, missing, apart, rows)
+    made: Any = Kernel(function, nogil, apart) if missing is ... else OfPart(function, nogil, missing, apart, rows)
     return made  # type: ignore[no-any-return]

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from clothfit.base import interrupts
-from clothfit.base.threads import interpreted
 
 T = TypeVar("T")
 
@@ -25,8 +24,8 @@ _here = threading.local()
 
 def processors() -> int:
     """Processors that may be used."""
-    if interpreted() or getattr(_here, "busy", False):
-        return 1  # the interpreter runs one thread at a time; other parts have taken the other processors
+    if getattr(_here, "busy", False):
+        return 1  # other parts have taken the other processors
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
         if os.environ.get(name, "").strip() == "1":
             return 1

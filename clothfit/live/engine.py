@@ -28,7 +28,7 @@ from clothfit.engine.inputs.sampling import axes
 from clothfit.live.changes import changed
 from clothfit.live.moving import Grip, Moving
 from clothfit.motion.divergence import Diverged, Fault, States, worst
-from clothfit.scene.scene import Scene, check_is_scene
+from clothfit.scene.scene import Scene, check_is_scene, owner
 
 LATE = 0.25
 """Seconds behind the clock from which on the clock waits: a slow machine plays slowly, and does not catch up."""
@@ -281,9 +281,7 @@ class Engine:
         counts = self._scene.vertex_counts
         if isinstance(vertex, bool) or not isinstance(vertex, (int, np.integer)) or not 0 <= vertex < sum(counts):
             raise InvalidInput(f"there is no vertex {vertex!r}; the scene has {sum(counts)}")
-        ends = np.cumsum(counts)
-        index = int(np.searchsorted(ends, vertex, side="right"))
-        return index, int(vertex - ends[index] + counts[index])
+        return owner(int(vertex), counts)
 
     # ---- the thread
 

@@ -7,15 +7,9 @@ strip is treated as large.
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
-from functools import partial
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import numba
@@ -30,8 +24,6 @@ from clothfit.fit.estimate import estimate, record_target
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels import raster
 from clothfit.kernels.cache import KernelCache
-from clothfit.kernels.helper import ALONE
-from clothfit.kernels.parallel import processors
 from clothfit.motion.degrade import degrade
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
@@ -81,26 +73,11 @@ def warm_up(report: Callable[[Part], None] = lambda part: None, small: bool = Fa
 
 
 def use_everything(report: Callable[[Part], None], small: bool) -> list[Part]:
-    """Run everything that is compiled, part by part, from the first on; where there is a second processor, another
-    process takes those from the last on.
-    """
-    left, parts, lock = list(SMALL_PARTS if small else PARTS), list[Part](), threading.Lock()
-
-    def take(place: int, run: Callable[[str], Part]) -> None:
-        while left:
-            with lock:
-                name = left.pop(place) if left else None
-            if name:
-                parts.append(run(name))
-                report(parts[-1])
-
-    with helped(len(left) > 1 and processors() > 1) as other:
-        beside = threading.Thread(target=take, args=(-1, other)) if other else None
-        if beside:
-            beside.start()
-        take(0, used)
-        if beside:
-            beside.join()
+    """Run everything that is compiled, part by part; on a second processor `kernels.helper` compiles along."""
+    parts = []
+    for name in SMALL_PARTS if small else PARTS:
+        parts.append(used(name))
+        report(parts[-1])
     return parts
 
 
@@ -113,69 +90,15 @@ def used(name: str) -> Part:
 
 
 @contextmanager
-def helped(wanted: bool) -> Iterator[Callable[[str], Part] | None]:
-    """Within the block another process runs parts, one at a time, if that is wanted; the two compile nothing twice."""
-    before = os.environ.get(ALONE)
-    os.environ[ALONE] = "1"  # neither starts another one
-    try:
-        with subprocess.Popen(
-            [sys.executable, "-c", SERVE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        ) if wanted else nullcontext() as child:  # fmt: skip
-            yield partial(_ran, child) if child else None
-            if child and child.stdin:
-                child.stdin.close()
-    finally:
-        os.environ.pop(ALONE)
-        if before is not None:
-            os.environ[ALONE] = before
-
-
-SERVE = "from clothfit.many import warmup; warmup.serve()"
-
-
-def _ran(child: subprocess.Popen[str], name: str) -> Part:
-    """A part that the other process ran; if it has ended, this one does."""
-    try:
-        assert child.stdin is not None
-        assert child.stdout is not None
-        print(name, file=child.stdin, flush=True)
-        answer = json.loads(child.stdout.readline())
-    except (OSError, ValueError):
-        return used(name)
-    KernelCache.names.update(answer["names"])
-    KernelCache.failed |= answer["failed"]
-    return Part(name, answer["compiled"], answer["seconds"])
-
-
-def serve() -> None:
-    """Run the parts whose names come from standard input."""
-    kernel_cache.warn = lambda message: None  # the other process says so
-    for line in sys.stdin:
-        part = used(line.strip())
-        own = {"names": sorted(KernelCache.names), "failed": KernelCache.failed}
-        print(json.dumps({**part._asdict(), **own}), flush=True)
-
-
-@contextmanager
 def compilations() -> Iterator[list[str]]:
-    """Collect the names of the functions that are compiled within the block."""
+    """After the block, the names of the functions that were compiled within it."""
     found: list[str] = []
-
-    class Listener(event.Listener):
-        def on_start(self, event: Any) -> None:
-            dispatcher = event.data["dispatcher"]
-            if isinstance(dispatcher, CPUDispatcher):  # not callbacks into Python, which every process compiles anew
-                found.append(f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__name__}")
-
-        def on_end(self, event: Any) -> None:
-            pass
-
-    listener = Listener()
-    event.register("numba:compile", listener)
-    try:
+    with event.install_recorder("numba:compile") as recorder:
         yield found
-    finally:
-        event.unregister("numba:compile", listener)
+    for _, each in recorder.buffer:
+        dispatcher = each.data["dispatcher"]
+        if each.is_start and isinstance(dispatcher, CPUDispatcher):  # not callbacks, which every process compiles anew
+            found.append(f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__name__}")
 
 
 @contextmanager

@@ -225,14 +225,8 @@ def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Sprin
     when a spring would have no length, or more than two triangles share an edge.
     """
     share = BENDING_SHARE if bending is True else float(bending)
-    met = sides(mesh.triangles)
-    bends = met.first != np.arange(len(met.first))
-    across = np.sort(np.stack([met.opposite, met.opposite[met.first]], axis=1), axis=1)
-    ends = np.where(bends[:, None], across, met.edge)
-    area = np.repeat(areas(mesh), 3)
-    traction = np.bincount(met.first, weights=area, minlength=len(area))
-    strength = stiffness * np.where(bends, share * 2 * area, traction)
-
+    ends, area, bends = stretched(sides(mesh.triangles), areas(mesh), share)
+    strength = stiffness * area
     chosen = np.full(len(bends), True) if share else ~bends
     ends, strength, bends = ends[chosen], strength[chosen], bends[chosen]
     e = mesh.positions[ends[:, 0]] - mesh.positions[ends[:, 1]]
@@ -241,6 +235,18 @@ def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Sprin
         a, b = ends[length2.argmin()]
         raise InvalidInput(f"vertices {a} and {b} need a spring but are at the same place; weld or move them")
     return Springs(ends, strength / length2, bends)
+
+
+def stretched(met: Sides, area: Array, share: float) -> tuple[Indices, Array, Flags]:
+    """Of each side: the ends (2,) of a spring, the area that it stands for, m², and whether it bends. It runs along the
+    side where that is the first at its edge, else across the edge. `area` (T,) are those of the triangles, of which
+    bending springs stand for a `share`.
+    """
+    bends = met.first != np.arange(len(met.first))
+    across = np.sort(np.stack([met.opposite, met.opposite[met.first]], axis=1), axis=1)
+    each = np.repeat(area, 3)
+    traction = np.bincount(met.first, weights=each, minlength=len(each))
+    return np.where(bends[:, None], across, met.edge), np.where(bends, share * 2 * each, traction), bends
 
 
 def masses(mesh: Mesh, density: float) -> Array:

@@ -24,7 +24,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import counted, metres
 from clothfit.formats.axes import AUTO, ORDER, SURFACE
-from clothfit.motion.feet import Faces
+from clothfit.motion.feet import Faces, nearest
 from clothfit.scene.mesh_numbering import triangles_of
 from clothfit.scene.scene import Scene
 
@@ -48,9 +48,6 @@ such points that are left out without a refusal.
 
 LEAST = 0.1
 """Extent of the points relative to the mesh: less is no picture of it."""
-
-CANDIDATES = 16
-"""Triangles of about one size, the nearest by their centres, that are looked at."""
 
 PRIOR, DETERMINED = 1e-4, 5.0
 """ε relative to the largest diagonal of BᵀB; and how much larger than that of points noise of a vertex may be."""
@@ -237,28 +234,22 @@ def weights_of_corners(corners: Indices, weights: Array, vertices: int) -> csr_a
 
 def places(points: Array, start: Array, triangles: Indices) -> Places:
     """The places of points (m, 3) in the nearest of the triangles (T, 3) of a mesh at `start` (N, 3)."""
-    from scipy.spatial import KDTree
-
-    sides = np.stack([start[triangles[:, (k + 1) % 3]] - start[triangles[:, k]] for k in range(3)], axis=1)
-    edge = np.linalg.norm(sides, axis=2)
-    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    whole = np.flatnonzero(area > 1e-9 * edge.max(axis=1) ** 2)
-    triangles, edge = triangles[whole], edge[whole]
-    least = np.full(len(points), np.inf)
-    best = np.zeros(len(points), int)
-    kinds = np.floor(np.log2(edge.max(axis=1)))  # triangles of one size are near where their centres are
-    for kind in np.unique(kinds):
-        own = np.flatnonzero(kinds == kind)
-        tree = KDTree(start[triangles[own]].mean(axis=1))
-        near = own[tree.query(points, k=np.arange(1, min(CANDIDATES, len(own)) + 1))[1]]
-        for candidate in near.T:
-            away = distances(points, *start[triangles[candidate]].transpose(1, 0, 2))
-            best = np.where(away < least, candidate, best)
-            least = np.minimum(least, away)
-    corners = triangles[best]
+    edge, area = edges(start, triangles), np.linalg.norm(np.cross(*sides(start, triangles)[:2]), axis=1)
+    whole = triangles[area > 1e-9 * edge.max(axis=1) ** 2]
+    corners, away = nearest(points, start, whole)
     weights = barycentric(points, *start[corners].transpose(1, 0, 2))
     offset = ((points - start[corners[:, 0]]) * normals(start, corners)).sum(axis=1)
-    return Places(corners, weights, offset, least, edge[best].mean(axis=1))
+    return Places(corners, weights, offset, away, edges(start, corners).mean(axis=1))
+
+
+def sides(x: Array, triangles: Indices) -> Array:
+    """The vectors (3, m, 3) along the sides of triangles (m, 3) at x (N, 3)."""
+    return np.stack([x[triangles[:, (k + 1) % 3]] - x[triangles[:, k]] for k in range(3)])
+
+
+def edges(x: Array, triangles: Indices) -> Array:
+    """The lengths (m, 3) of the sides of triangles."""
+    return np.asarray(np.linalg.norm(sides(x, triangles), axis=2).T)
 
 
 def normals(x: Array, corners: Indices) -> Array:
@@ -275,17 +266,6 @@ def barycentric(p: Array, a: Array, b: Array, c: Array) -> Array:
     whole = ee * gg - eg * eg
     second, third = (gg * pe - eg * pg) / whole, (ee * pg - eg * pe) / whole
     return np.stack([1.0 - second - third, second, third], axis=1)
-
-
-def distances(p: Array, a: Array, b: Array, c: Array) -> Array:
-    """Distances (m,) of points p (m, 3) from triangles with the corners a, b, c (m, 3)."""
-    weights = barycentric(p, a, b, c)
-    plane = np.linalg.norm(p - np.einsum("mk,kmc->mc", weights, np.stack([a, b, c])), axis=1)
-    sides = []
-    for u, v in ((a, b), (b, c), (c, a)):
-        along = np.clip(((p - u) * (v - u)).sum(axis=1) / ((v - u) ** 2).sum(axis=1), 0.0, 1.0)
-        sides.append(np.linalg.norm(p - u - along[:, None] * (v - u), axis=1))
-    return np.asarray(np.where((weights >= 0.0).all(axis=1), plane, np.min(sides, axis=0)))
 
 
 def estimated(points: Array, seen: Flags, found: Places, scene: Scene, start: Array) -> tuple[Array, Flags, Array]:

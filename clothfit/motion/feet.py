@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.engine.forces import triangle
+from clothfit.engine.forces import bodies, triangle
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, mul, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
@@ -112,3 +112,21 @@ def find(points, x, triangles, begin, near, faces, weights, normals, gaps, insid
         faces[i], gaps[i], inside[i] = best, dot(n, way), part == triangle.FACE
         weights[i, 0], weights[i, 1], weights[i, 2] = 1.0 - wb - wc, wb, wc
         store3(n, normals, i)
+
+
+def nearest(points: Array, x: Array, triangles: Indices) -> tuple[Indices, Array]:
+    """The corners (m, 3) of those triangles (T, 3) of a mesh at x (N, 3) that points (m, 3) are nearest to, of all of
+    them, and how far the points are from them (m,), m.
+    """
+    mesh = bodies.build([bodies.Surface(x, triangles, np.zeros_like(triangles))], len(points))
+    distances = np.empty(len(points))
+    measure(mesh, np.ascontiguousarray(points), distances)
+    return mesh.triangles[mesh.last[0]], distances
+
+
+@kernel
+def measure(mesh, points, distances):
+    """Write the distances of points; `mesh.last` then has the triangle that each is nearest to."""
+    for i in range(len(points)):
+        p = load3(points, i)
+        distances[i] = np.sqrt(bodies.look(mesh, bodies.nearest(mesh, 0, i, p)[0], p)[3])

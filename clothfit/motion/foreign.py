@@ -81,6 +81,10 @@ MUCH_NEARER = 0.2
 """A change that leaves less than this share of the distance is worth trying."""
 
 
+NPZ = Format("npz", NATIVE, "", SCENE)
+"""This program's own files, whose motions need not begin at time 0."""
+
+
 class Alignment(NamedTuple):
     """How well the beginning of a motion fits the scene."""
 
@@ -221,12 +225,17 @@ def _meshes(
     return content, reading, []
 
 
-def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Reading, name: str) -> Loaded:
+def _foreign(
+    read: Animation, found: Format, scene: Scene | None, reading: Reading, name: str,
+    counts: tuple[int, ...] | None = None, weights: Array | None = None,
+) -> Loaded:  # fmt: skip
+    """What a file has as a motion of a scene; of this program's own files with the vertices of objects, and weights.
+    """
     axes = reading.axes(read.axes)
     points = read.positions.shape[1]
     times, rate, timed = _times(read, scene, reading)
     notes = list(read.notes)
-    if times[0] != 0:
+    if times[0] != 0 and found is not NPZ:
         notes.append(f"its first frame, at {times[0]:g} s, is taken as the start")
         times = times - times[0]
     positions = to_scene(read.positions, axes, own=True)
@@ -237,10 +246,9 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     check_positions(positions, observed, name)
     matches, corresponds = None, Correspondence()
     if scene is not None and reading.bind == SCAN:
-        normals = read.normals
+        normals = None if read.normals is None else to_scene(read.normals, axes) / axes.scale
         if normals is None and read.triangles is not None:
-            normals = np.stack([normals_at(each, read.triangles) for each in read.positions])
-        normals = None if normals is None else to_scene(normals, axes) / axes.scale
+            normals = np.stack([normals_at(each, facing(read.triangles, axes)) for each in positions])
         positions, observed, corresponds, note = _of_scan(positions, observed, normals, scene, name)
         notes.append(note)
     elif scene is not None and _are_markers(read, found, scene, reading):
@@ -257,13 +265,16 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
         asked = replace(reading, bind=ORDER) if found.markers and reading.bind is None else reading  # in their table
         made = _bound(positions, observed, scene, asked, axes, name)
         positions, observed, corresponds = made.positions, made.observed, made.correspondence
+        weights = weights if weights is None or made.order is None else weights[:, made.order]
         if made.note:
             notes.append(made.note)
         elif corresponds.kind == SAME and points != positions.shape[1]:
             notes.append(f"its vertices are those of the mesh before welding to {positions.shape[1]}")
-    own: Any = scene or Points((points,), name)
+    own: Any = scene or Points(counts or (points,), name)
     _check_count(positions.shape[1], own, name)
     arrays = {"positions": positions, "times": times, "observed": observed}
+    if weights is not None and corresponds.mesh is None:
+        arrays["weights"] = weights
     motion = replace(check_motion(arrays, own, name), unit=axes.scale, correspondence=corresponds)
     known = Interpretation(name, found.name, axes, 0, points, 0.0, rate, tuple(notes), matches)
     loaded = Loaded(motion, known, read.triangles, read.names if scene is None else None, timed)
@@ -376,29 +387,9 @@ def _native(
         other = scene is None or sum(counts) not in (0, sum(scene.vertex_counts))
         own: Any = Points(counts, name) if other else scene
         motion = read_motion(file, own, name)
-    rate = f"{_rate(motion.times)} by its own times" if timed else _per_step(scene)
-    if reading.fps is not None:
-        motion = replace(motion, times=np.arange(len(motion.times)) / reading.fps)
-        rate, timed = f"{reading.fps:g} frames a second as given", True
-    axes, points, notes = reading.axes(SCENE), motion.positions.shape[1], list[str]()
-    _check_count(points, own, name)
-    if axes != SCENE:
-        motion = replace(motion, positions=to_scene(motion.positions, axes, own=True), unit=axes.scale)
-    if scene is not None and reading.bind == SCAN:
-        normals = None if triangles is None else np.stack([normals_at(x, triangles) for x in motion.positions])
-        x, seen, corresponds, note = _of_scan(motion.positions, motion.seen(), normals, scene, name)
-        motion = replace(
-            motion, positions=x, observed=seen, vertex_counts=scene.vertex_counts, correspondence=corresponds,
-            weights=None,
-        )  # fmt: skip
-        notes.append(note)
-    elif scene is not None:
-        notes += [] if marked or motion.observed is None else unseen_share(~motion.observed)
-        made = _bound(motion.positions, motion.seen(), scene, reading, axes, name)
-        motion = _as_bound(motion, made, scene)
-        notes += [made.note] if made.note else []
-    taken = Interpretation(name, "npz", axes, 0, points, 0.0, rate, tuple(notes))
-    return _as_asked(Loaded(motion, taken, triangles, timed=timed), scene, reading)
+    own_times, seen = motion.times if timed else None, motion.observed if marked else None
+    read = Animation(motion.positions, SCENE, own_times, triangles, seen)
+    return _foreign(read, NPZ, scene, reading, name, counts, motion.weights)
 
 
 def _scanned(cloud: dict[str, NDArray[Any]], scene: Scene | None, reading: Reading, name: str) -> Loaded:
@@ -410,7 +401,7 @@ def _scanned(cloud: dict[str, NDArray[Any]], scene: Scene | None, reading: Readi
     if "normals" in cloud:
         normals = [(each, None) for each in np.split(cloud["normals"].astype(float), cloud["first"][1:-1])]
         read = replace(read, normals=np.nan_to_num(of_scan(normals, SCENE).positions))
-    return _foreign(read, Format("npz", NATIVE, "", SCENE), scene, replace(reading, bind=SCAN), name)
+    return _foreign(read, NPZ, scene, replace(reading, bind=SCAN), name)
 
 
 def _cloud(file: IO[bytes], name: str) -> dict[str, NDArray[Any]] | None:
@@ -440,17 +431,6 @@ def _cloud(file: IO[bytes], name: str) -> dict[str, NDArray[Any]] | None:
             right = own.shape == shape and own.dtype.kind in "fiu"
             require(right, f"{name}: {key}", f"has shape {own.shape} and type {own.dtype}, {shape} numbers fit")
     return found
-
-
-def _as_bound(motion: Motion, made: Bound, scene: Scene) -> Motion:
-    """A motion of this program as the scene has it; weights of points that are no vertices go."""
-    if made.correspondence.kind == SAME and motion.vertex_counts == scene.vertex_counts:
-        return motion
-    return replace(
-        motion, positions=made.positions, observed=None if made.observed.all() else made.observed,
-        vertex_counts=scene.vertex_counts, correspondence=made.correspondence,
-        weights=None if motion.weights is None or made.order is None else motion.weights[:, made.order],
-    )  # fmt: skip
 
 
 def _is_strange(file: IO[bytes]) -> bool:

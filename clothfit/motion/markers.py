@@ -18,7 +18,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import counted, metres, shown
 from clothfit.formats.files import name_of
 from clothfit.formats.markers import table_of, text_of
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import Scene, owner
 
 MAP_COLUMNS = ("marker", "object", "vertex")
 
@@ -85,7 +85,8 @@ def matched(
     columns, vertices = (list(each) for each in zip(*pairs, strict=True))
     gaps = np.linalg.norm(first[columns] - initial(scene)[vertices], axis=1)
     gaps[~ever[columns]] = np.nan
-    each = [Match(names[i], *owner(v, scene), float(gap)) for i, v, gap in zip(columns, vertices, gaps, strict=True)]
+    found = zip(columns, vertices, gaps, strict=True)
+    each = [Match(names[i], *owner(v, scene.vertex_counts), float(gap)) for i, v, gap in found]
     places = np.array(columns, np.int32), np.array(vertices, np.int32)
     return Matches(tuple(each), *places, omission, path is not None)
 
@@ -97,19 +98,12 @@ def nearest(points: Array, scene: Scene) -> list[int]:
     return [int(vertex) for vertex in np.ravel(KDTree(initial(scene)).query(points)[1])]
 
 
-def owner(vertex: int, scene: Scene) -> tuple[int, int]:
-    """The object of a vertex that is numbered through the scene, and its number there."""
-    ends = np.cumsum(scene.vertex_counts)
-    cloth = int(np.searchsorted(ends, vertex, side="right"))
-    return cloth, vertex - int(ends[cloth] - scene.vertex_counts[cloth])
-
-
 def check_apart(pairs: Sequence[tuple[int, int]], names: Sequence[str], scene: Scene, name: str) -> None:
     """Raise InvalidMotion where two markers have the same vertex."""
     markers: dict[int, int] = {}
     for marker, vertex in pairs:
         if vertex in markers:
-            cloth, own = owner(vertex, scene)
+            cloth, own = owner(vertex, scene.vertex_counts)
             both = f"markers {shown(names[markers[vertex]])} and {shown(names[marker])}"
             raise InvalidMotion(
                 f"{name}: {both} both belong to objects[{cloth}] vertex {own}; say with --map which vertex each is, or "

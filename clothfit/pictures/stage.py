@@ -18,8 +18,9 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.inputs.sampling import centres_at, winds
+from clothfit.formats.animation import normals_at
 from clothfit.kernels.raster import fill, fill_sphere
-from clothfit.pictures.camera import LIGHT, Camera, direction, framed, normals, project, shaped, thinned
+from clothfit.pictures.camera import LIGHT, Camera, direction, framed, project, shaped, thinned
 from clothfit.pictures.picture_file import CLOTHS, GROUND, RED, SPHERE_COLOUR, TARGET_COLOUR, Colour
 from clothfit.pictures.solids import Solid, solids
 from clothfit.scene.cloth import Cloth
@@ -190,7 +191,8 @@ def surface(
     on: Stage, places: Array, triangles: Indices, colours: Array, back: float, image: Array, depth: Array
 ) -> None:
     """Draw triangles (K, 3) between places (n, 3) along right, up and forward, moved `back` from the camera, m."""
-    towards, pixels = vertex_normals(places, triangles), in_pixels(on, places + (0.0, 0.0, back), image.shape[1])
+    towards = normals_at(places, triangles[np.isfinite(places[triangles]).all(axis=(1, 2))])
+    pixels = in_pixels(on, places + (0.0, 0.0, back), image.shape[1])
     fill(pixels, towards, triangles, colours, TO_LIGHT, BACK_BRIGHTNESS, image, depth)
 
 
@@ -203,17 +205,6 @@ def in_pixels(on: Stage, places: Array, width: int) -> Array:
     """Pixels, counted downwards, of places (…, 2) along right and up, m, in an image so wide; depths stay."""
     flat = pixels_per_metre(on, width) * (places[..., :2] - (on.camera.low[0], on.camera.high[1])) * (1.0, -1.0)
     return np.concatenate([flat, places[..., 2:]], axis=-1)
-
-
-def vertex_normals(places: Array, triangles: Indices) -> Array:
-    """Normals (n, 3) of places (n, 3): the sum of those of the faces that meet there, each as long as twice its area;
-    faces with a corner that is not finite do not count.
-    """
-    known = np.isfinite(places[triangles]).all(axis=(1, 2))
-    own, found = normals(places, triangles[known]), np.zeros(places.shape)
-    for corner in range(3):
-        np.add.at(found, triangles[known, corner], own)
-    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300))
 
 
 def flat(on: Stage, frame: int, x: Array) -> Array:

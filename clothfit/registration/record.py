@@ -26,6 +26,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, listed
 from clothfit.motion.motion import Motion, at_frames
 from clothfit.motion.times import TIME_SLACK
+from clothfit.scene.scene import owner
 
 NUMBERS: dict[str, int | slice] = {
     "rate": 0, "offset": 1, "rotation": slice(2, 5), "translation": slice(5, 8), "scale": 8,
@@ -204,7 +205,7 @@ class Markers:
     def summary(self, counts: Sequence[int]) -> dict[str, Any]:
         """As --json gives it, with vertices of objects that have these counts of them."""
         def of(vertex: int) -> dict[str, Any]:
-            return dict(zip(("object", "vertex"), placed(vertex, counts), strict=True))
+            return dict(zip(("object", "vertex"), owner(vertex, counts), strict=True))
 
         swapped = [
             {"object": of(v[0])["object"], "vertices": [of(each)["vertex"] for each in v], "frame": frame}
@@ -235,14 +236,7 @@ class Markers:
         return found
 
 
-def placed(vertex: int, counts: Sequence[int]) -> tuple[int, int]:
-    """The object of a vertex that is numbered through the scene, and its number there."""
-    ends = np.cumsum(counts)
-    own = int(np.searchsorted(ends, vertex, side="right"))
-    return own, vertex - int(ends[own]) + int(counts[own])
-
-
 def named(vertex: int, counts: Sequence[int]) -> str:
     """A vertex as messages name it."""
-    own, number = placed(vertex, counts)
+    own, number = owner(vertex, counts)
     return f"objects[{own}] vertex {number}"

@@ -63,6 +63,15 @@ def keys(pairs: npt.NDArray[np.integer[Any]]) -> Keys:
     return np.asarray((low << 32) + high)
 
 
+def places(wanted: Keys, known: Keys) -> Slots:
+    """Where each wanted key is first among the known ones; −1 where it is not."""
+    distinct, first = np.unique(known, return_index=True)
+    if not len(distinct):
+        return np.full(len(wanted), -1)
+    at = np.minimum(np.searchsorted(distinct, wanted), len(distinct) - 1)
+    return np.where(distinct[at] == wanted, first[at], -1)
+
+
 def edges_of(triangles: Indices) -> Edges:
     """The edges of the triangles (T, 3)."""
     sides = triangles[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Indices
 from clothfit.scene import directions
 from clothfit.scene.cloth import ELSEWHERE, Cloth, Layout
 from clothfit.scene.directions import ACROSS, ALONG, DIAGONAL, NONE, Edges, Keys, Slots
@@ -111,23 +111,13 @@ def families_of(positions: Array, triangles: Indices, springs: Indices, given: A
     edges = directions.edges_of(triangles)
     of_edge = directions.classes(positions, triangles, edges, given)
     for keys, family in (_rows(edges, of_edge), _hinges(triangles, edges, of_edge)):
-        known, of = _found(key, keys, family)
-        found[known] = of[known]
-    known, of = _found(key, edges.key, of_edge)
-    first = np.zeros(len(key), bool)
+        at = directions.places(key, keys)
+        found[at >= 0] = family[at[at >= 0]]
+    at, first = directions.places(key, edges.key), np.zeros(len(key), bool)
     first[np.unique(key, return_index=True)[1]] = True
-    known &= first | (found == OTHER)  # of two springs between the same vertices that may be either one bends
-    found[known] = of[known]
+    known = (at >= 0) & (first | (found == OTHER))  # of two springs between the same vertices one bends
+    found[known] = of_edge[at[known]]
     return found
-
-
-def _found(key: Keys, keys: Keys, family: Slots) -> tuple[Flags, Slots]:
-    """Which springs (S,) have one of these keys, and the family that it has; where a key is there twice, its first."""
-    if not len(keys):
-        return np.zeros(len(key), bool), np.full(len(key), OTHER)
-    keys, first = np.unique(keys, return_index=True)
-    at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
-    return keys[at] == key, family[first[at]]
 
 
 def _hinges(triangles: Indices, edges: Edges, of_edge: Slots) -> tuple[Keys, Slots]:

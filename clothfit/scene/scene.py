@@ -145,11 +145,9 @@ class Scene(checks.ReadOnly):
 
     def place_of(self, cloth: int, vertex: int) -> tuple[int, int]:
         """The object, and the number in it, of a vertex among those of a cloth and of what is simulated with it."""
-        for i in self.together(cloth):
-            if vertex < self.vertex_counts[i]:
-                return i, vertex
-            vertex -= self.vertex_counts[i]
-        raise IndexError(vertex)
+        objects = self.together(cloth)
+        found, own = owner(vertex, self.vertex_counts[objects.start : objects.stop])
+        return objects[found], own
 
     def check_apart(self, what: str) -> None:
         """Raise InvalidInput where objects touch each other: `what` takes each for itself."""
@@ -489,6 +487,13 @@ def _scene(
         **inputs,
         self_contact=self_contact(document),
     )
+
+
+def owner(vertex: int, counts: Sequence[int]) -> tuple[int, int]:
+    """The object of a vertex that is numbered through objects of these counts of vertices, and its number there."""
+    ends = np.cumsum(counts)
+    cloth = int(np.searchsorted(ends, vertex, side="right"))
+    return cloth, vertex - int(ends[cloth]) + counts[cloth]
 
 
 def _cloth(item: dict[str, Any], place: str, folder: str, problems: list[str]) -> Cloth | None:

@@ -33,13 +33,14 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
-from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
+from clothfit.meshes.mesh import BENDING_SHARE, Mesh, any_sides, areas, stretched
 from clothfit.objective.comparison import WHOLE
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import first_step
 from clothfit.scene.block import Block
 from clothfit.scene.cloth import Cloth
+from clothfit.scene.directions import keys, places
 from clothfit.scene.factors import geometric_mean
 from clothfit.scene.fit_vector import bounds, of_kinds, parameters
 from clothfit.scene.kinds import LETTERED
@@ -257,31 +258,17 @@ def proportions(cloth: Cloth) -> tuple[Array, Array]:
 
 def spring_areas(cloth: Cloth, area: Array) -> Array:
     """The area (S,) that each spring stands for, m²; 0 where it is neither an edge nor bends over one."""
-    n = len(cloth.mass)
-    sides = np.sort(cloth.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    opposite, shared = cloth.triangles[:, [2, 0, 1]].reshape(-1), np.repeat(area, 3)
-    key = sides[:, 0].astype(np.int64) * n + sides[:, 1]
-    order = np.argsort(key, kind="stable")
-    pairs = np.flatnonzero(np.diff(key[order]) == 0)  # two triangles at one edge
-    first, second = order[pairs], order[pairs + 1]
-    across = np.sort(np.stack([opposite[first], opposite[second]], axis=1), axis=1)
-    bend_key = across[:, 0].astype(np.int64) * n + across[:, 1]
-    bend_area = BENDING_SHARE * 2.0 * shared[second]
-    ends = np.sort(cloth.springs, axis=1)
-    own = ends[:, 0].astype(np.int64) * n + ends[:, 1]
-    traction = summed(key, shared, own)
-    return np.where(traction > 0, traction, summed(bend_key, bend_area, own))
+    ends, shared, bends = stretched(any_sides(cloth.triangles), area, BENDING_SHARE)
+    own = keys(cloth.springs)
+    traction, across = (summed(keys(ends[some]), shared[some], own) for some in (~bends, bends))
+    return np.where(traction > 0, traction, across)
 
 
 def summed(keys: NDArray[np.int64], values: Array, wanted: NDArray[np.int64]) -> Array:
     """Sum of the values of each wanted key; 0 where there is none."""
     distinct, group = np.unique(keys, return_inverse=True)
-    if not len(distinct):
-        return np.zeros(len(wanted))
     sums = np.bincount(group.reshape(-1), weights=values, minlength=len(distinct))
-    place = np.clip(np.searchsorted(distinct, wanted), 0, len(distinct) - 1)
-    found: Array = np.where(distinct[place] == wanted, sums[place], 0.0)
-    return found
+    return np.append(sums, 0.0)[places(wanted, distinct)]
 
 
 def start_warnings(objective: Objective, p: Array) -> list[str]:

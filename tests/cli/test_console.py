@@ -113,7 +113,6 @@ def test_a_terminal_has_a_bar_that_leaves_no_trace(monkeypatch, capsys):
     assert "\x1b[?25h" in terminal.getvalue().removeprefix(shown)  # the cursor is back after an interrupt
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_the_first_compilation_is_announced_and_no_other():
     heard = []
 

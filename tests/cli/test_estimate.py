@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.paths import DOCS
 from helpers.scenes import (
     cloth,
@@ -37,7 +36,7 @@ from clothfit.motion.motion import save_motion
 from clothfit.optimise.progress import Progress
 from clothfit.scene.scene import load, save
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 KEYS = {
     "schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds",

@@ -4,7 +4,6 @@ import re
 from dataclasses import replace
 
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import cloth, document, even, names, sphere, trial, write_scene
 
 from clothfit import evaluate, load
@@ -12,7 +11,7 @@ from clothfit.cli.common.console import COMPILING
 from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.work_precision import grid
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 KEYS = {"schema_version", "command", "diverged", "frames", "rmse", "max_error", "horizon", "parameters"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "median_relative_deviation", "max_relative_deviation"}

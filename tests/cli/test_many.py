@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import environment, even, names, trial, write_scene
 
 from clothfit.cli.parts import estimate_many
@@ -20,7 +19,7 @@ from clothfit.motion.motion import save_motion
 from clothfit.optimise.checkpoint import decoded
 from clothfit.scene.scene import load
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 FEW = "--method l-bfgs-b --max-evaluations 6 --no-intervals"
 

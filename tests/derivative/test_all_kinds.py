@@ -2,23 +2,21 @@
 columns at once against one forward sweep for each; and what the fields of the kinds mean.
 """
 
-import numba
 import numpy as np
 import pytest
 from helpers.costs import simulate_all
+from helpers.derivatives import assert_right
 from helpers.physics import METHODS, TIGHT, VARIANTS, ball, cloth, dense_matrix, scene, sheet, xyz
 from scipy.sparse import csc_array
 
 from clothfit.derivative import sensitivity
 from clothfit.derivative.sensitivity import Solver, columns, sweep, tangents
-from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
 from clothfit.engine.step import implicit
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.fit_vector import acting, parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
-SLOW_WITHOUT = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow otherwise")
 
 OWN = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
 ALL = {"windVel": True, "gravity": True}
@@ -65,14 +63,6 @@ def truth(given, seed=12):
     return simulate(with_parameters(given, moved), tolerance=TIGHT)
 
 
-def assert_right(objective, p):
-    report = check(objective, p, seed=4)
-    assert report.order > ORDER
-    assert report.difference < DIFFERENCE  # rounding of the cost, 1e-13, over the step
-    assert report.product < PRODUCT  # linear systems are solved to 1e-14
-
-
-@SLOW_WITHOUT
 @pytest.mark.parametrize(("kind", "method", "newton"), CASES)
 def test_the_gradient_is_the_derivative_of_the_cost(kind, method, newton):
     given = long(kind, method, newton)
@@ -82,7 +72,6 @@ def test_the_gradient_is_the_derivative_of_the_cost(kind, method, newton):
         assert_right(Objective(given, truth(given)), at)
 
 
-@SLOW_WITHOUT
 @pytest.mark.parametrize(("method", "newton"), VARIANTS[:-1])
 def test_the_gradient_by_all_kinds_of_several_cloths_that_share_the_wind(method, newton):
     others = sheet("nn", 2, 3), sheet("GL", 2, 2, fit={"springRestLength": "G"})

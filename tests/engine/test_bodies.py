@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers import physics
 from helpers.derivatives import assert_derivatives
-from helpers.marks import fits
 from helpers.obstacles import RUB, ring, with_room
 from helpers.physics import METHODS, full, relative, scene, sheet, thing, xyz
 from helpers.surfaces import block, body, sphere, torus
@@ -238,7 +237,7 @@ TURN = np.array([[1, 1, 0], [-1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2)
 TURNS = [("implicit", 1, False), ("implicit", 1, True), ("implicit", 3, True), ("bdf2", 1, True)]
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "newton", "turning"), TURNS)
 def test_gradient_and_tangent_of_contacts_that_a_step_ends_in(method, newton, turning):
     made = over(turning, method, newton)

@@ -7,7 +7,6 @@ import pytest
 from helpers import matrices
 from helpers.matrices import dense_solution, free_but, in_order, joined, lanes_of, right_side, scrambled
 from helpers.physics import dense_matrix
-from helpers.scenes import needs_compiler
 
 from clothfit.engine.solve import cg, linear, minres, multigrid, sparse
 from clothfit.engine.solve.multigrid import LAST_SWEEPS
@@ -356,7 +355,6 @@ def physical(side):
 
 
 @LARGE
-@needs_compiler  # a minute and a half otherwise
 def test_refinement_hardly_adds_iterations(monkeypatch):
     by_cycles, by_sweeps = [], []
     for side in (24, 48):

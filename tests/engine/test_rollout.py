@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 
-import numba
 import numpy as np
 import pytest
 from helpers import physics
@@ -50,7 +49,6 @@ def test_a_spring_converges_to_the_continuous_damped_oscillator(method, order):
 
 @ORDERS
 @pytest.mark.parametrize("newton", [1, 3])
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of steps of a cloth are slow without compilation")
 def test_a_swinging_cloth_converges(method, order, newton):
     one = cloth(3, 3, size=0.5, damping=0.5, dragCoefficient=0.2, springStiffness=[8.0] * 16, vertMass=[0.1] * 9)
     h, fields = 0.3 / np.array([240, 480, 960, 1920]), {"windVel": xyz((1, 0, 2)), "forwardSubSteps": newton}

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers import physics
 from helpers.hard import crushed, energies
-from helpers.marks import fits
 from helpers.physics import METHODS, STATES, TIGHT, ball, cloth, dense_forces, full, relative
 
 from clothfit.base.arrays import Elements
@@ -150,7 +149,7 @@ def hanging(method, k):
     return memory.x[::k]
 
 
-@fits
+@pytest.mark.slow
 def test_a_hanging_cloth_is_five_times_nearer_to_the_converged_motion_than_by_euler_steps():
     finest, finer = (hanging(BDF2, k) for k in (32, 16))
     exact, by_steps = finest + (finest - finer) / 3, [(IMPLICIT, 1), (BDF2, 1), (BDF2, 2), (BDF2, 4)]

@@ -6,7 +6,6 @@ import threading
 import numba
 import numpy as np
 import pytest
-from helpers.scenes import needs_compiler
 
 from clothfit.engine.solve import two_threads
 from clothfit.engine.solve.two_threads import SERVES, STOP
@@ -71,7 +70,6 @@ def test_with_one_processor_all_is_done_alone(monkeypatch):
     assert done.sum(axis=1).tolist() == [1000, 0]
 
 
-@needs_compiler
 @pytest.mark.usefixtures("two")
 def test_two_threads_do_each_share_once():
     worker = two_threads.worker()
@@ -81,7 +79,6 @@ def test_two_threads_do_each_share_once():
         assert (done.sum(axis=0) == 1).all()
 
 
-@needs_compiler
 @pytest.mark.usefixtures("two")
 def test_the_second_thread_ends_with_the_block_that_fails():
     worker, done = two_threads.worker(), np.zeros((2, 10), np.int64)
@@ -98,7 +95,6 @@ def test_the_second_thread_ends_with_the_block_that_fails():
     assert (use(worker)[0].sum(axis=0) == 1).all()
 
 
-@needs_compiler
 @pytest.mark.usefixtures("two")
 def test_the_second_thread_ends_when_an_interrupt_comes_before_it_serves(monkeypatch):
     worker, done = two_threads.worker(), np.zeros((2, 10), np.int64)
@@ -133,10 +129,9 @@ def test_a_second_thread_that_does_not_come_is_not_waited_for():
     (None, 4, {}, 4), (None, None, {}, 1),  # where processes have no processors of their own
     (2, None, {"NUMBA_NUM_THREADS": "2"}, 2), (2, None, {"NUMBA_NUM_THREADS": " 1 "}, 1),
     (2, None, {"OMP_NUM_THREADS": "2"}, 2), (2, None, {"OMP_NUM_THREADS": " 1 "}, 1),
-    (2, None, {"NUMBA_DISABLE_JIT": "1"}, 1),  # interpreted code runs alone
 ])  # fmt: skip
 def test_the_processors_are_those_of_the_process_unless_one_is_asked_for(monkeypatch, own, all_there, wish, count):
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_DISABLE_JIT"):
+    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
     for name, value in wish.items():
         monkeypatch.setenv(name, value)

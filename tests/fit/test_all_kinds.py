@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.physics import ball, xyz
 from helpers.scenes import cloth, document, load_text, write_scene
 
@@ -19,7 +18,7 @@ from clothfit.objective.identifiability import identifiable
 from clothfit.scene.scene import dumps, load
 from clothfit.strategy.start import neutral
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 LENGTHS = load(document(cloth(3, 3))).cloths[0].lengths
 RNG = np.random.default_rng(31)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import even
 from scipy import stats
 
@@ -12,7 +11,7 @@ from clothfit import degrade, load, parameters, with_parameters
 from clothfit.fit.alternatives import RARE, Alternatives
 from clothfit.fit.estimate import estimate, record_target
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 SIGMA, ROWS = 0.1, 200
 FITTED, OTHERS = np.arange(3, dtype=np.int32), np.arange(3, 5, dtype=np.int32)

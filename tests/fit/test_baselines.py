@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import even
 
 from clothfit import as_motion, load, parameters
@@ -14,7 +13,7 @@ from clothfit.fit.residual_hints import as_it_came, still
 from clothfit.objective.objective import Objective
 from clothfit.optimise.status import Status
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 
 def gaps():

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import cloth, document, even, trial
 from scipy import stats
 
@@ -27,7 +26,7 @@ from clothfit.report import findings
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.kinds import KIND
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 
 def chain(ends, fixed, settings="nL", **fields):

@@ -5,7 +5,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import changed, cloth, document, even, load_text, trial
 
 import clothfit
@@ -20,7 +19,7 @@ from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import dumps, load
 from clothfit.strategy.start import neutral_start
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 ALONE = ("auto", "momentum")
 BOUNDED = {"bounds": {"stiffness": [LOWER, UPPER]}}

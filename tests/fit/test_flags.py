@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from helpers.marks import fits
 from helpers.scenes import even, problems
 
 from clothfit.base.errors import InvalidInput
@@ -63,7 +62,7 @@ def test_a_scene_may_leave_it_to_the_fit_and_keeps_that_in_its_text():
     assert problem.startswith('fit: "all" is not one of "auto"')
 
 
-@fits
+@pytest.mark.slow
 def test_a_scene_that_leaves_it_to_the_fit_is_fitted():
     scene = load(even("nn", 20, fit="auto"))
     motion = record_target(load(even("nn", 20, damping=0.4)))

@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers.marks import fits
 from helpers.scenes import even
 
 from clothfit import degrade, estimate, simulate
@@ -91,7 +90,7 @@ def test_each_of_several_targets_has_its_own_path():
     assert [len(pair[1].cloths[0].pins) for pair in found.target[1:]] == [0, 1]
 
 
-@fits
+@pytest.mark.slow
 def test_a_fit_finds_the_stiffness_where_the_edge_follows_and_is_far_off_where_it_is_held():
     scene, motion = waved()
     found = estimate(scene, motion, start=20.0)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers.marks import compiled, fits
 from helpers.scenes import even, trial
 from helpers.strangers import small
 
@@ -47,7 +46,6 @@ def rmse_over(found, motion, part):
     return np.sqrt(((own.positions - motion.positions) ** 2).sum(axis=2)[part].mean())
 
 
-@compiled
 def test_a_fit_without_the_last_frames_is_that_of_a_shorter_target_and_they_are_judged_as_an_evaluation_does(noisy):
     found, short = estimate(SCENE, noisy, holdout=0.25), estimate(SCENE, as_motion(SCENE, noisy.positions[:15]))
     assert parameters(found.scene).tolist() == parameters(short.scene).tolist()
@@ -59,7 +57,6 @@ def test_a_fit_without_the_last_frames_is_that_of_a_shorter_target_and_they_are_
     assert found.frames == 15
 
 
-@compiled
 def test_vertices_that_are_kept_out_do_not_touch_the_fit(noisy):
     ((_, kept),) = zip(*split(SCENE, experiments(SCENE, noisy), 0.3, "vertices"), strict=True)
     chosen = seen(kept.motion).any(axis=0)
@@ -76,7 +73,6 @@ def test_vertices_that_are_kept_out_do_not_touch_the_fit(noisy):
     assert pair[1].holdout.rmse > 1.0
 
 
-@compiled
 def test_without_a_target_it_is_the_scenes_own_motion_that_is_split():
     found = estimate(load(even("nG", 10, 3, 3)), holdout=0.5)
     assert found.frames == 5
@@ -190,7 +186,6 @@ def choice(truth, of="frames", budget=BUDGET, letters="nL"):
     return chosen(whole, None, parameters(scene), ENOUGH, of, budget), whole
 
 
-@fits
 @pytest.mark.parametrize(
     ("truth", "of", "letters"),
     [("F", "frames", "nL"), ("F", "vertices", "nL"), ("R", "frames", "nG"), ("R", "vertices", "nL")],
@@ -208,7 +203,6 @@ def test_a_truth_of_few_values_has_a_model_of_few_values_whatever_is_flagged(tru
         assert each.seconds >= 0
 
 
-@fits
 def test_a_budget_that_is_used_up_ends_the_choice_with_what_it_has():
     found, whole = choice("R", budget=5)
     assert [each.model for each in found.judged] in ([], ["F"])
@@ -219,7 +213,6 @@ def test_a_budget_that_is_used_up_ends_the_choice_with_what_it_has():
     assert flagged.cost(found.p) <= flagged.cost(start)
 
 
-@fits
 @pytest.mark.parametrize("fault", [Diverged("far", 1), MemoryError(), np.linalg.LinAlgError("singular")], ids=repr)
 def test_a_fault_ends_the_choice_with_what_it_has(monkeypatch, fault):
     original = ladder.rung
@@ -244,7 +237,6 @@ def own(frames=20, **fields):
     return Objective(scene, simulate(scene, tolerance=1e-12), 1e-10, scene.frames)
 
 
-@fits
 def test_a_part_of_the_frames_judges_where_there_are_enough():
     whole = own(20)
     fitted, kept = parted(whole, "frames")
@@ -255,7 +247,6 @@ def test_a_part_of_the_frames_judges_where_there_are_enough():
     assert parted(short, "frames") == (short, None)
 
 
-@fits
 def test_the_error_of_values_is_that_of_their_motion_and_those_that_diverge_are_the_worst():
     goal, explicit = own(), own(10, integrationMethod=0, delta=0.001)
     p = parameters(goal.scene)
@@ -264,7 +255,6 @@ def test_the_error_of_values_is_that_of_their_motion_and_those_that_diverge_are_
     assert judged([Rung("F", 1, 0.1, np.array([1e12]), 2.0)], explicit) == [Judged("F", 1, 0.1, np.inf, 2.0)]
 
 
-@fits
 @pytest.mark.parametrize(("factor", "noise", "enough"), [(2.0, 1e-3, ENOUGH), (1.3, 0.0, 1e-6)])
 def test_finer_models_are_left_out_where_noise_is_left_or_nothing(factor, noise, enough):
     scene = small("nL", 30)

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import cloth, document, even
 
 from clothfit import degrade, load
@@ -20,7 +19,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 STIFF, NOISE = 9e3, 1e-3  # N/m, which a weight of 0.6 N stretches by 0.07 mm; m
 

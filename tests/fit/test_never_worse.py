@@ -4,7 +4,6 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import trial
 from helpers.strangers import small
 
@@ -14,7 +13,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.search import BestSoFar
 from clothfit.strategy.ladder import as_model
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 FRAMES = 24
 ROUNDING = 1e-9

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.interrupting import interrupt_after
-from helpers.marks import fits
 from helpers.scenes import load_text
 from helpers.strangers import DRAG, WIND, sheet, small, windy, with_finer_steps
 
@@ -93,7 +92,7 @@ def settled(goal, start=None, state=None, **options):
     return fit
 
 
-@fits
+@pytest.mark.slow
 def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen(coarse):
     fit = settled(coarse, state=STATE._replace(model="F", substeps=4, integrator=BDF2))
     assert (fit.model, fit.step, fit.known) == ("F", (4, BDF2), False)
@@ -106,7 +105,7 @@ def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen(coarse):
             as_before(fit)
 
 
-@fits
+@pytest.mark.slow
 def test_shorter_steps_fit_what_was_chosen_and_nothing_else():
     goal = objective(*finer("nL", fit={"windVel": "G", "gravity": "G"}))
     fit = settled(goal, state=STATE._replace(best=np.ones(4), left_out=("wind",), model="F"))
@@ -115,14 +114,14 @@ def test_shorter_steps_fit_what_was_chosen_and_nothing_else():
     assert by.scene.delta == goal.scene.delta / 8
 
 
-@fits
+@pytest.mark.slow
 def test_nothing_is_chosen_where_nobody_asks(coarse):
     fit = settled(coarse)
     assert fit.search.objective is coarse
     assert (fit.known, fit.wanted, fit.judged, fit.model, fit.step, fit.tried) == (False, None, None, "", None, ())
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"substeps": "auto"}, {"substeps": "auto", "model": "auto"}])
 def test_the_values_that_are_chosen_cost_what_the_search_says(options):
     scene, motion = finer("LL" if "model" in options else "nL")
@@ -140,7 +139,7 @@ def test_the_values_that_are_chosen_cost_what_the_search_says(options):
 # --- fits
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "more"), [(IMPLICIT, {}), (BDF2, {}), (IMPLICIT, {"vertVel": "G"})])
 def test_a_truth_by_one_factor_is_fitted_by_one_factor_and_one_velocity_stays_one(method, more):
     scene, motion = one_factor(method=method, of_cloth=more)
@@ -154,7 +153,7 @@ def test_a_truth_by_one_factor_is_fitted_by_one_factor_and_one_velocity_stays_on
     np.testing.assert_allclose(fit.scene.cloths[0].stiffness, 40.0, rtol=0.02)
 
 
-@fits
+@pytest.mark.slow
 def test_the_step_is_chosen_unless_it_is_to_be_kept():
     scene, motion = finer("nF", method=BDF2)
     free, kept = estimate(scene, motion, intervals=False), estimate(scene, motion, intervals=False, keep_step=True)
@@ -165,7 +164,7 @@ def test_the_step_is_chosen_unless_it_is_to_be_kept():
     assert free.rmse <= min(each.rmse for each in free.steps) * (1 + 1e-6)
 
 
-@fits
+@pytest.mark.slow
 def test_the_editors_step_is_kept_with_a_hint_unless_a_number_is_asked_for_by_the_integrator_that_is_nearer():
     scene, motion = finer("nF", method=IMPLICIT)
     fit = estimate(scene, motion, intervals=False)
@@ -199,7 +198,7 @@ def chosen_by(request):
     return options, scene, motion, goal.rmse(goal.cost(parameters(scene)))
 
 
-@fits
+@pytest.mark.slow
 def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(chosen_by):
     options, scene, motion, first = chosen_by
     seen, original = [], Objective.simulate
@@ -220,7 +219,7 @@ def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(
         assert found is None or found.rmse <= first * (1 + 1e-5), last
 
 
-@fits
+@pytest.mark.slow
 def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(chosen_by):
     options, scene, motion, _ = chosen_by
     fit = estimate(scene, motion, intervals=False, **options, budget=1e-9)  # not enough for one evaluation
@@ -234,7 +233,7 @@ def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(chosen_by)
 # --- and is resumed
 
 
-@fits
+@pytest.mark.slow
 def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_path, monkeypatch):
     scene, motion = finer("nL")
     fitted, rung, done = [], ladder.rung, 2
@@ -256,7 +255,7 @@ def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_pa
     assert found.cost <= first.cost
 
 
-@fits
+@pytest.mark.slow
 def test_a_fit_that_is_resumed_keeps_what_was_chosen(tmp_path, monkeypatch):
     options = {"substeps": "auto", "model": "auto"}
     scene, motion = finer("nL")

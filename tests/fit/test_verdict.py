@@ -7,7 +7,6 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from helpers.interrupting import interrupt_after
-from helpers.marks import FITS
 from helpers.scenes import even, trial
 
 from clothfit import Diverged, degrade, load
@@ -18,7 +17,7 @@ from clothfit.fit.estimate import estimate, record_target
 from clothfit.report.log import intervals
 from clothfit.scene.kinds import KIND
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 
 @cache

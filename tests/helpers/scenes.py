@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numba
 import pytest
 
 import clothfit.scene.scene
@@ -149,4 +148,3 @@ def tokens(text: str) -> list[str]:
     """The tokens of a JSON text, white space included."""
     return re.findall(r'"(?:[^"\\]|\\.)*"|[\[\]{}:,]|\s+|[^\s\[\]{}:,"]+', text)
 
-needs_compiler = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="interpreted, one thread runs at a time")

@@ -21,7 +21,6 @@ from clothfit.kernels.cache import KernelCache
 
 pytestmark = pytest.mark.slow  # starts processes
 
-compiles = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 has_owners = pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system's folders have no owners")
 
 
@@ -279,7 +278,6 @@ def doubled(x):
     return x + x
 
 
-@compiles
 def test_a_function_is_compiled_once_for_each_type(places):
     first, second = compiled(doubled), compiled(doubled)
     for value in (2, 2.5):
@@ -289,7 +287,6 @@ def test_a_function_is_compiled_once_for_each_type(places):
     assert len(list(places[0].iterdir())) == 2
 
 
-@compiles
 def test_code_with_classes_that_are_no_more_is_compiled_anew(places):
     compiled(doubled)(2)
     (file,) = places[0].iterdir()
@@ -303,13 +300,11 @@ def times(k):
     return lambda x: k * x
 
 
-@compiles
 def test_functions_of_one_name_and_line_are_told_apart_by_what_they_hold(places):
     makers = [compiled(times(k)) for k in (2, 3)]
     assert [maker(5) for maker in makers] == [10, 15]
 
 
-@compiles
 def test_where_nothing_can_be_kept_it_runs_and_says_so_once(places, monkeypatch):
     heard = []
     monkeypatch.setattr(kernel_cache, "warn", heard.append)
@@ -321,7 +316,6 @@ def test_where_nothing_can_be_kept_it_runs_and_says_so_once(places, monkeypatch)
     assert heard[0].startswith(f"compiled code cannot be kept, so every start compiles again: {places[0]}: ")
 
 
-@compiles
 def test_from_python_that_is_a_warning(places):
     for folder in places:
         block(folder)
@@ -359,7 +353,6 @@ print("numba.cpython.unicode" in sys.modules)
 """
 
 
-@compiles
 def test_what_is_loaded_runs_as_when_it_was_compiled_faults_and_all_and_loads_no_strings(tmp_path):
     (tmp_path / "module.py").write_text(MODULE)
     where = environment(NUMBA_CACHE_DIR=str(tmp_path / "cache"), PYTHONPATH=os.pathsep.join([str(tmp_path), *sys.path]))
@@ -373,7 +366,6 @@ def test_what_is_loaded_runs_as_when_it_was_compiled_faults_and_all_and_loads_no
 # --- commands
 
 
-@compiles
 def test_a_command_mends_a_damaged_cache_says_that_it_compiles_and_then_says_it_no_more(tmp_path):
     """All that is kept is copied, so that only the one damaged function is compiled."""
     scene = write_scene(tmp_path, trial("nG", 5, 3, 3))

@@ -8,8 +8,6 @@ from helpers.modules import module_of
 
 from clothfit.kernels.dependencies import digest, types_text
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-
 TEXT = '''
 """A module."""
 from typing import NamedTuple

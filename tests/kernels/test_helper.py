@@ -5,16 +5,12 @@ import pickle
 import subprocess
 import sys
 
-import numba
 import pytest
 from helpers.scenes import environment
 
 from clothfit.kernels import helper
 
-pytestmark = [
-    pytest.mark.slow,  # starts processes
-    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled"),
-]
+pytestmark = pytest.mark.slow  # starts processes
 
 INFER = """
 import numba, numpy as np

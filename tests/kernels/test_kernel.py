@@ -4,7 +4,6 @@ import hashlib
 import subprocess
 import sys
 
-import numba
 import pytest
 from helpers.compiled import copied
 from helpers.paths import TESTS
@@ -38,7 +37,6 @@ print(module.bits(), end="")
 """
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_compiled_now_or_cached_the_bits_are_the_same(tmp_path):
     here = bits()  # so that all is compiled
     folder = copied(tmp_path, *CALLED)

@@ -12,8 +12,6 @@ from clothfit.kernels import cache, compiling
 from clothfit.kernels.kernel import kernel, objmode
 from clothfit.kernels.linking import Linked
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-
 
 @kernel
 def part(pair, k):

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 
-import numba
 import pytest
 from helpers.scenes import environment
 
@@ -105,7 +104,6 @@ print(outer(1.0), *(sum(each.stats.cache_misses.values()) for each in (outer.out
 """
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_processes_that_need_a_kernel_at_once_compile_it_once(tmp_path):
     (tmp_path / "module.py").write_text(MODULE)
     where = environment(NUMBA_CACHE_DIR=str(tmp_path / "cache"), PYTHONPATH=os.pathsep.join([str(tmp_path), *sys.path]))

@@ -100,7 +100,7 @@ def test_a_deadline_is_heard_by_all_parts():
 
 def test_within_a_part_there_is_one_processor(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_DISABLE_JIT"):
+    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
     assert processors() == 2
     assert together([processors, processors]) == [1, 1]

@@ -12,8 +12,6 @@ import pytest
 from clothfit.kernels.kernel import kernel, record
 from clothfit.many.warmup import compilations
 
-compiles = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-
 
 @record
 class Inner(NamedTuple):
@@ -79,7 +77,6 @@ def test_tuples_within_a_record_are_read_with_the_strides_of_their_arrays():
     assert out.tolist() == [*(own.pair[1][:2] + 0.25 * np.einsum("ijk,ij->k", table, weights)), 8.0, 9.0]
 
 
-@compiles
 def test_a_call_leaves_no_reference_behind():
     own, out = made(), np.zeros(2)
     entry(own, out)
@@ -115,7 +112,6 @@ def test_an_absent_part_has_its_value_wherever_it_is_called():
     assert (of_part(np.array([3.0]), 2.0), with_part(np.array([3.0]), 2.0)) == (6.0, 7.0)
 
 
-@compiles
 def test_nothing_is_compiled_for_a_part_that_is_absent():
     @kernel(absent=None)
     def touch(part, x):
@@ -164,7 +160,6 @@ def test_a_kernel_that_is_called_apart_gives_what_it_returns_or_its_error(apart)
         thrice(101.0)
 
 
-@compiles
 def test_there_is_code_of_it_when_it_is_needed_and_once(apart):
     twice, thrice, relu = apart
     relu(-1.0)
@@ -174,7 +169,6 @@ def test_there_is_code_of_it_when_it_is_needed_and_once(apart):
     assert len(twice.inner.overloads) == 1
 
 
-@compiles
 @pytest.mark.parametrize("address", [lambda *_: signal.raise_signal(signal.SIGINT), lambda *_: 0])
 def test_what_ends_its_compilation_is_raised_by_the_call_and_the_next_call_compiles_it(apart, monkeypatch, address):
     """Ctrl-C meanwhile, or before all else: then there is no code, and no reason why."""
@@ -186,7 +180,6 @@ def test_what_ends_its_compilation_is_raised_by_the_call_and_the_next_call_compi
     assert thrice(1.0) == 3.0
 
 
-@compiles
 def test_python_calls_the_same_code_as_kernels_do(apart):
     twice, thrice, _ = apart
     thrice(1.0)
@@ -196,7 +189,6 @@ def test_python_calls_the_same_code_as_kernels_do(apart):
     assert len(found) <= 1  # of the call
 
 
-@compiles
 @pytest.mark.parametrize("marks", [{"apart": 1}, {"apart": True}, {"apart": None}])
 def test_an_example_of_another_type_than_the_result_is_an_error(marks):
     @kernel(**marks)
@@ -207,7 +199,6 @@ def test_an_example_of_another_type_than_the_result_is_an_error(marks):
         half.address((numba.float64,))
 
 
-@compiles
 def test_marks_that_contradict_each_other_are_an_error():
     def first(part):
         return part[0]
@@ -218,7 +209,6 @@ def test_marks_that_contradict_each_other_are_an_error():
         _ = kernel(absent=0.0, apart=0)(first).inner
 
 
-@compiles
 def test_arguments_by_name_are_an_error(apart):
     twice = apart[0]
 
@@ -248,7 +238,6 @@ def length(own):
     return len(own)
 
 
-@compiles
 def test_what_a_record_cannot_hold_is_an_error():
     assert length(nested(8)) == 1
     for own, message in ((nested(9), "more than 8 tuples"), (Only(1j), "holds no complex128")):

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 from helpers.browsers import PATIENCE, browser, differing, pixels
-from helpers.marks import FITS
 from helpers.scenes import document, even
 
 from clothfit.fit.estimate import record_target
@@ -16,7 +15,7 @@ pytest.importorskip("tornado")
 from clothfit.live.engine import Engine
 from clothfit.live.server import Serving
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 SIZE = {"width": 1000, "height": 700}
 LONG = 600_000  # ms: the process of a fit may have to compile

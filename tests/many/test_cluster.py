@@ -10,7 +10,6 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import environment, trial, write_scene
 
 from clothfit import InvalidInput, estimate
@@ -20,7 +19,7 @@ from clothfit.many.estimate_many import fit_all
 from clothfit.scene.scene import dumps, load
 
 distributed = pytest.importorskip("distributed", reason="distributed is not installed; there is no cluster")
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 FEW = {"method": "l-bfgs-b", "intervals": False, "max_evaluations": 40}
 

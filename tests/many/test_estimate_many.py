@@ -5,7 +5,6 @@ import signal
 from types import SimpleNamespace
 
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import trial, write_scene
 
 from clothfit import InvalidInput, degrade
@@ -15,7 +14,7 @@ from clothfit.many.job import Outcome, numbered
 from clothfit.many.processes import Processes
 from clothfit.scene.scene import dumps, load
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 FEW = {"method": "l-bfgs-b", "max_evaluations": 8}
 SOME = {"max_evaluations": 9, "intervals": False}

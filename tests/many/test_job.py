@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import cloth, document, even, trial, write_scene
 
 from clothfit.base import interrupts
@@ -22,7 +21,7 @@ from clothfit.objective.identifiability import identifiable
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.scene import dumps, load
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 FEW = {"method": "l-bfgs-b", "max_evaluations": 5}
 

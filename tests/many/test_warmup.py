@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import numba
-from helpers.marks import FITS
+import pytest
 from helpers.scenes import cloth, environment, sphere, started, trial, write_scene
 
 import clothfit
@@ -16,7 +16,7 @@ from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels.cache import KernelCache
 from clothfit.many.warmup import NEVER, PARTS, Part, called, strip_scene, use_everything, warm_up
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 # Runs warmup, then commands, and prints what of the compiled code was asked for after warmup for the first time. As it
 # makes no difference whether that is already on the disk, nothing need be compiled for this test.
@@ -132,7 +132,6 @@ def test_parts_are_reported_as_they_are_done(monkeypatch):
     small = {"one": lambda: numba.njit(lambda x: x)(1), "two": lambda: None}
     for name in ("SMALL_PARTS", "PARTS"):
         monkeypatch.setattr(f"clothfit.many.warmup.{name}", small)
-    monkeypatch.setattr("clothfit.many.warmup.processors", lambda: 1)
     parts = use_everything(heard.append, small=True)
     assert parts == heard
     assert [(part.name, part.compiled) for part in parts] == [("one", 1), ("two", 0)]

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.marks import fits
 from helpers.strangers import sheet
 
 from clothfit import InvalidMotion, cost_and_gradient, estimate, simulate, with_parameters
@@ -39,7 +38,7 @@ def seen(tmp_path):
     return read
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("positions", "kind", "within"),
     [

@@ -1,6 +1,5 @@
 """The accounts of energy: closed forms, the very forces of the steps, and what each integrator does to the total."""
 
-import numba
 import numpy as np
 import pytest
 from helpers.obstacles import box, capsule, plane
@@ -19,7 +18,6 @@ from clothfit.engine.system import all_elements, build, with_elements
 SMOOTH = {"interpolation": "smooth"}
 STILL = {"windVel": xyz((0, 0, 0))}
 NO_WEIGHT = {"gravity": xyz((0, 0, 0))}
-SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of steps are slow without compilation")
 RISE = 1e-12
 """Of the most energy in one place: sums of some hundred terms, and differences of positions over a step."""
 
@@ -121,7 +119,6 @@ def test_a_linear_step_loses_the_squares_of_the_changes_of_all_that_is_linear(to
     assert found.excess == 0.0
 
 
-@SLOW
 @pytest.mark.parametrize(("method", "newton", "order"), [
     ("explicit", 1, 1), ("symplectic", 1, 1), ("implicit", 1, 1), ("implicit", 8, 1), ("bdf2", 1, 2),
 ])  # fmt: skip
@@ -153,7 +150,6 @@ def test_the_velocities_of_bdf2_steps_are_those_that_it_took():
 # --- what the integrators do
 
 
-@SLOW
 @pytest.mark.parametrize("method", ["implicit", "bdf2"])
 @pytest.mark.parametrize("shape", [
     ball((0, 0, 0), 0.3), plane(), box(lengths=(0.5, 0.4, 0.5)), capsule(radius=0.15, radius2=0.15, height=0.5),
@@ -175,7 +171,6 @@ def swing(method, h, **fields):
     return scene(made, integrationMethod=METHODS[method], delta=h)
 
 
-@SLOW
 @pytest.mark.parametrize("kind", ["pendulum", "cloth"])
 def test_the_symplectic_method_keeps_the_energy_within_bounds_over_20000_steps(kind):
     h = 0.005
@@ -193,7 +188,6 @@ def test_the_symplectic_method_keeps_the_energy_within_bounds_over_20000_steps(k
     assert np.abs(means[1:10].mean() - means[10:].mean()) < 0.01 * bound
 
 
-@SLOW
 def test_the_explicit_method_gains_what_the_implicit_one_loses():
     found = {method: account(swing(method, 0.002), 2000) for method in METHODS}
     assert found["explicit"].numerical[-1] < -5 * abs(found["symplectic"].numerical[-1])
@@ -211,7 +205,6 @@ IMPLICIT = {
 }
 
 
-@SLOW
 @pytest.mark.parametrize("name", list(IMPLICIT))
 def test_the_implicit_method_never_gains_energy_without_input(name):
     found = account(IMPLICIT[name], 1001)

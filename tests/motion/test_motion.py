@@ -3,7 +3,6 @@
 import io
 import pickle
 
-import numba
 import numpy as np
 import pytest
 from helpers.paths import SHARED
@@ -113,7 +112,6 @@ def test_a_simulation_that_diverges_says_where_and_keeps_what_is_good(method):
     np.testing.assert_array_equal(good.positions, error.motion.positions)
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="100 steps of 288 vertices are slow without compilation")
 @pytest.mark.skipif(
     not (SHARED / "reference" / "side.npz").is_file(), reason="../shared with the reference motion is not there"
 )

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from helpers.costs import simulate_all
-from helpers.marks import FITS
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, sphere, trial
 
@@ -14,7 +13,7 @@ from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.strategy.start import neutral_start
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 MAIN = load(even("LG"))
 MAIN_MASS, ONE_SPRING = MAIN.blocks[0], cloth(4, 4, springs=[0, 1], springStiffness=[1.0])

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.derivatives import assert_right
-from helpers.marks import FITS
 from helpers.physics import METHODS, TIGHT, ball, scene, thing, xyz
 from helpers.scenes import cloth, even, trial
 from helpers.strangers import small
@@ -28,7 +27,7 @@ from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.objective.run import KEPT
 from clothfit.scene.block import flagged
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("implicit", 5)]
 SETTINGS = ["nG", "nL", "Gn", "GG", "GL", "Ln", "LG", "LL"]

@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 from helpers.derivatives import assert_right
-from helpers.marks import FITS
 from helpers.paths import ROOT
 from helpers.physics import TIGHT, scene
 from helpers.scenes import cloth, document, even
@@ -16,7 +15,7 @@ from clothfit.motion.times import interpolated
 from clothfit.objective.memory_needs import snapshot_bytes, state_bytes
 from clothfit.objective.objective import Objective
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 FRAMES = 12
 

@@ -88,7 +88,6 @@ def test_the_matrix_and_the_sample_agree():
     np.testing.assert_allclose((matrix @ x.reshape(6, 9)).reshape(5, 3, 3), found, atol=1e-15)
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="slow without compilation")
 @pytest.mark.parametrize("method", ["symplectic", "implicit"])
 def test_within_a_step_the_velocity_is_the_one_after_it(method):
     made = scene(cloth(3, 3), integrationMethod=METHODS[method], delta=0.005)

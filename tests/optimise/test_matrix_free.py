@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth, even, trial
 from scipy import stats
@@ -23,7 +22,7 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 from clothfit.strategy import trajectory_fit
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 
 def trajectory(frames=10, noise=0.0, rmse=0.0, heavier=1.0, **options):

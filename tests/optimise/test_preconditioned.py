@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from helpers.marks import fits
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.motion.degrade import degrade
@@ -174,7 +173,7 @@ def search_of(letters="nR", noise=None, off=1.2, **fields):
     return Search(Objective(scene, target, 1e-10), off * parameters(scene), 0.0, 10**6)
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize("letters", ["nR", "LL"])
 def test_the_metric_is_the_root_of_the_normal_equations_with_a_ridge(letters):
     search = search_of(letters)
@@ -189,7 +188,7 @@ def test_the_metric_is_the_root_of_the_normal_equations_with_a_ridge(letters):
     np.testing.assert_allclose(L @ L.T, wanted, rtol=1e-12, atol=1e-12 * np.abs(wanted).max())
 
 
-@fits
+@pytest.mark.slow
 def test_a_matrix_that_rounding_has_made_indefinite_has_a_larger_ridge(monkeypatch):
     search = search_of()
     part = Trajectory(search, search.objective)
@@ -201,7 +200,7 @@ def test_a_matrix_that_rounding_has_made_indefinite_has_a_larger_ridge(monkeypat
     assert 1e-6 < added[0] < 1e-3  # not more than what is needed, times STEEPER
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize("why", ["no room", "diverged", "overflow", "no cost"])
 def test_there_is_no_metric_where_there_is_no_sensitivity(monkeypatch, why):
     search = search_of()
@@ -230,7 +229,7 @@ def reached(search, method):
     return search.best.cost
 
 
-@fits
+@pytest.mark.slow
 def test_a_round_of_an_exact_model_ends_at_the_floor_of_its_noise():
     search = search_of("nR", noise=1e-4)
     truth = search.objective.cost(search.start / 1.2)
@@ -240,7 +239,7 @@ def test_a_round_of_an_exact_model_ends_at_the_floor_of_its_noise():
     assert search.best.cost > 0.9 * truth
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize("letters", ["nR", "RR"])
 def test_a_descent_ends_where_scipys_does(letters):
     found = reached(search_of(letters), minimise)
@@ -248,7 +247,7 @@ def test_a_descent_ends_where_scipys_does(letters):
     assert found <= 1.01 * reached(search_of(letters), lambda search: minimise_by_scipy(search, "l-bfgs-b"))
 
 
-@fits
+@pytest.mark.slow
 def test_without_a_metric_the_coordinates_themselves_do(monkeypatch):
     monkeypatch.setattr(preconditioned, "metric", lambda *_: None)
     search = search_of()
@@ -256,7 +255,7 @@ def test_without_a_metric_the_coordinates_themselves_do(monkeypatch):
     assert reached(search, minimise) < before
 
 
-@fits
+@pytest.mark.slow
 def test_a_descent_that_is_over_does_nothing():
     search = search_of()
     search.visit(search.start)

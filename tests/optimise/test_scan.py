@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth, even
 
@@ -12,7 +11,7 @@ from clothfit.optimise.scan import POINTS, Course, brackets, grid, is_minimum, m
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters
 from clothfit.scene.scene import load
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 
 def flag(settings="nG", frames=80, nx=4, ny=3, stiffness=30.0, mass=0.01, **fields):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.scenes import even
 from scipy import optimize
 
@@ -13,7 +12,7 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.scene import load
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 
 def search_of(settings, start, budget, **fields):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from helpers.costs import jacobian, residual, simulate_all
-from helpers.marks import FITS
 from helpers.physics import METHODS, TIGHT, scene, xyz
 from helpers.scenes import cloth, even, trial
 
@@ -24,7 +23,7 @@ from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import acting, parameters, with_parameters
 from clothfit.scene.scene import load
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 FITS = {"damping": "G", "vertVel": "G", "springRestLength": "L"}
 SETTINGS = {

@@ -17,6 +17,7 @@ from clothfit.control.control import course
 from clothfit.engine.forces.touch import build, depths
 from clothfit.engine.inputs.sampling import states
 from clothfit.engine.system import build as build_system
+from clothfit.formats.animation import normals_at
 from clothfit.kernels.raster import fill, fill_sphere, lit
 from clothfit.pictures import gif
 from clothfit.pictures import stage as scenery
@@ -24,7 +25,7 @@ from clothfit.pictures.camera import project
 from clothfit.pictures.picture_file import CLOTHS, GROUND
 from clothfit.pictures.plots import chosen
 from clothfit.pictures.solids import box, capsule, solids
-from clothfit.pictures.stage import BEHIND, bare, drawn, good_frames, pins, sightings, stage, vertex_normals, wind
+from clothfit.pictures.stage import BEHIND, bare, drawn, good_frames, pins, sightings, stage, wind
 from clothfit.scene.cloth import CAPSULE
 
 AWAY = np.array([0.0, 0.0, -1.0])  # a light from the camera
@@ -92,7 +93,7 @@ def test_a_sphere_is_as_near_as_its_surface():
 
 def test_normals_of_a_saddle_of_faces_are_weighted_by_area():
     x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 3.0]])
-    found = vertex_normals(x, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+    found = normals_at(x, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
     assert found[0] == pytest.approx(np.array([3.0, 0.0, 1.0]) / np.sqrt(10.0))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.paths import BENCHMARKS
-from helpers.scenes import environment, names, needs_compiler, trial, write_scene
+from helpers.scenes import environment, names, trial, write_scene
 
 import clothfit
 from clothfit.base import writing
@@ -119,7 +119,6 @@ def test_an_interrupt_while_loading_is_one_line(tmp_path, name, kind, more):
     assert said.lstrip() == "error: interrupted\n"  # click may end the line that a terminal shows ^C on
 
 
-@needs_compiler
 def test_an_interrupt_in_the_first_compilation_is_one_line(tmp_path):
     said = interrupted(tmp_path, COMPILING, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     assert said.splitlines()[-1] == "error: interrupted"

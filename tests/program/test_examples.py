@@ -1,7 +1,6 @@
 """The example scenes: what they promise, that they come from their generators, and that fits find their values."""
 
 
-import numba
 import numpy as np
 import pytest
 from helpers.modules import script
@@ -24,7 +23,6 @@ SETTINGS = {  # what is fitted, how many values that is, and the vertices that a
 }
 
 pytestmark = pytest.mark.slow  # compiles a fit
-compiled = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="whole motions are slow without compilation")
 
 
 @pytest.fixture(params=SETTINGS)
@@ -108,7 +106,6 @@ def test_a_scene_has_the_inputs_that_it_says(name, places):
         assert depth[:, ~own.fixed].max() < 0.02  # m; the first steps push out what is in
 
 
-@compiled
 @pytest.mark.parametrize(("name", "frames"), [("cape", 40), ("tablecloth", 15), ("curtain", SHORT), ("flag", SHORT)])
 def test_a_fit_finds_the_values_of_a_motion_played_with_others(name, frames):
     scene = clothfit.load(WORLD / f"{name}.json")
@@ -118,7 +115,6 @@ def test_a_fit_finds_the_values_of_a_motion_played_with_others(name, frames):
     np.testing.assert_allclose(clothfit.parameters(found.scene), true, rtol=1e-4)
 
 
-@compiled
 def test_a_fit_finds_the_gusts_of_a_table():
     flag, calm = (clothfit.load(WORLD / f"{name}.json") for name in ("flag", "calm"))
     calm = calm.with_step(calm.delta, SHORT)

@@ -3,7 +3,6 @@
 import re
 import shutil
 
-import numba
 import numpy as np
 import pytest
 from helpers.modules import script
@@ -68,7 +67,6 @@ def test_the_garments_are_sewn_and_open_where_they_should_be():
         assert 0.2 < np.ptp(points, axis=0).max() < 2.5  # m
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motion needs compilation")
 def test_the_commands_make_a_film(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)

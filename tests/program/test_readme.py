@@ -11,7 +11,6 @@ from contextlib import redirect_stderr, redirect_stdout, suppress
 
 import click
 import pytest
-from helpers.marks import FITS
 from helpers.paths import ROOT
 
 import clothfit
@@ -24,7 +23,7 @@ PAGES = {path.name: path.read_text("utf-8") for path in sorted((ROOT / "docs").g
 PAGES = {"first": (ROOT / "README.md").read_text("utf-8"), **PAGES}
 SHOWN = re.compile(r"^\$ clothfit (.*)\n((?:(?!\$).*\n)*)", re.MULTILINE)  # a command and what it prints
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 
 def blocks(language, page="first"):

@@ -5,7 +5,6 @@ import re
 from functools import cache
 from types import ModuleType
 
-import numba
 import pytest
 from helpers.modules import script
 from helpers.pages import broken_links, ragged_tables
@@ -70,7 +69,6 @@ def test_every_function_says_what_it_raises_or_returns():
     }  # fmt: skip
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits need compilation")
 @pytest.mark.parametrize("name", [name for name in EXAMPLES if name != PYTHON.START])
 @pytest.mark.slow  # some compile a fit
 def test_an_example_runs_and_gives_what_the_page_shows(name, tmp_path, monkeypatch):

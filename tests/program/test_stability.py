@@ -7,7 +7,6 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.paths import BENCHMARKS
 from helpers.physics import ball, scene, thing
 
@@ -30,7 +29,7 @@ CASES = hard_cases.CASES
 STILL = [name for name, case in CASES.items() if not case.windy]
 WINDY = [name for name, case in CASES.items() if case.windy]
 STEPS, TOLERANCE = 100, 1e-5
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 
 def totals(system, steps=STEPS):

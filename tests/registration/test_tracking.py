@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from helpers.marks import fits
 from helpers.strangers import sheet
 
 from clothfit import InvalidMotion, cost_and_gradient, estimate, evaluate, simulate, with_parameters
-from clothfit.formats.axes import RIGHT, Reading, from_scene
+from clothfit.formats.animation import normals_at
+from clothfit.formats.axes import RIGHT, Reading, facing, from_scene
 from clothfit.motion.correspondence import normals
 from clothfit.motion.foreign import load
 from clothfit.objective.experiment import Experiment
@@ -69,7 +69,7 @@ def read(path, **said):
     return load(path, SCENE, Reading(**said)).motion
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize("written", [as_npz, as_obj, as_ply])
 def test_points_on_the_surface_have_the_values_of_the_cloth(tmp_path, written):
     scan = read(written(tmp_path, cloud()))
@@ -79,7 +79,7 @@ def test_points_on_the_surface_have_the_values_of_the_cloth(tmp_path, written):
     assert evaluate(TRUTH, fit.scene, target=scan).fitted.rmse < 1e-7
 
 
-@fits
+@pytest.mark.slow
 def test_noise_holes_and_strangers_move_a_fit_by_little(tmp_path):
     """2 mm of noise in 24 frames of 320 points leave a factor uncertain by some 0.1 %."""
     scan = read(as_npz(tmp_path, cloud(noise=2e-3, lost=80, strangers=8)))
@@ -109,6 +109,13 @@ def test_points_with_normals_of_another_side_are_left_out(tmp_path):
     scan = read(as_npz(tmp_path, frames, normals=sides))
     given = tracked(Experiment(scan, SCENE)).motion.correspondence
     assert given.seen[0].mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_the_faces_of_a_mesh_in_other_axes_give_the_normals_of_its_points(tmp_path):
+    own = {"positions": from_scene(MOTION.positions, RIGHT), "triangles": facing(TRIANGLES, RIGHT)}
+    np.savez(tmp_path / "mesh.npz", times=MOTION.times, **own)
+    found = load(tmp_path / "mesh.npz", SCENE, Reading(handedness="right", bind="scan")).motion.correspondence
+    np.testing.assert_allclose(found.normals[-1], normals_at(MOTION.positions[-1], TRIANGLES), atol=1e-12)  # rounding
 
 
 def test_a_mesh_in_another_pose_is_placed_on_the_first_frame(tmp_path):

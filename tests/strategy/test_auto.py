@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, document, even, trial
 
@@ -27,7 +26,7 @@ from clothfit.scene.scene import load
 from clothfit.strategy import auto, trajectory_fit
 from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_ladder, by_momentum, check_tolerance
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 NEVER = 0.0  # an RMSE that no fit reaches
 

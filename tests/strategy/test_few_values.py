@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.marks import fits
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.objective.objective import Objective
@@ -27,7 +26,7 @@ def test_many_values_are_not_settled():
     assert search.budget.evaluations == known
 
 
-@fits
+@pytest.mark.slow
 def test_a_few_steps_come_to_the_minimum_of_a_model_that_differs():
     search, other = (search_of("nF", of_cloth={"damping": "G"}) for _ in range(2))
     search.visit(search.start)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from helpers.strangers import sheet
@@ -63,7 +62,6 @@ def test_t_is_that_of_fits_without_each_block():
     assert found == pytest.approx(np.abs(whole) / error, rel=1e-10)
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 @pytest.mark.parametrize(("slope", "turns"), [(0.0, False), (2.0, True)])
 def test_gravity_turns_where_the_target_falls_aslant_and_nowhere_else(slope, turns):
     true = falling((slope, -0.8 * G, 0.0))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.engine.system import BDF2
@@ -11,7 +10,7 @@ from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
 from clothfit.strategy.frame_blocks import Choice, kept_out, needed, without
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 
 def test_blocks_kept_out_cost_what_fits_without_them_leave_there():

@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers.marks import fits
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.motion.degrade import degrade
@@ -119,7 +118,7 @@ def test_each_model_contains_those_before_it(coarse, fine):
         np.testing.assert_allclose(getattr(found.cloths[0], name), getattr(wanted.cloths[0], name), rtol=1e-9)
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize("model", "FRML")
 def test_a_stage_begins_with_the_cost_of_the_best_before(model):
     search = search_of()
@@ -130,7 +129,7 @@ def test_a_stage_begins_with_the_cost_of_the_best_before(model):
     np.testing.assert_allclose(ladder.found(part, search.objective.scene), p, rtol=1e-12)
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [2, 3])
 def test_no_model_ends_above_a_smaller_one(method):
     search = search_of("nL", 24, count=8, method=method)
@@ -146,7 +145,7 @@ def test_no_model_ends_above_a_smaller_one(method):
     assert search.best.p.tolist() == search.rungs[-1].p.tolist()
 
 
-@fits
+@pytest.mark.slow
 def test_one_factor_is_found_from_far_away():
     truth = small("nF", 24)
     start = with_parameters(truth, np.array([0.4]))
@@ -157,7 +156,7 @@ def test_one_factor_is_found_from_far_away():
     assert search.best.p == pytest.approx([2.5 * parameters(start)[0]], rel=0.01)
 
 
-@fits
+@pytest.mark.slow
 def test_a_fit_that_is_late_ends_with_its_first_model_and_says_so():
     search = search_of("nL")
     search.longest = 0.0
@@ -180,7 +179,7 @@ def carried(search, end=None):
     ladder.carried(search, ladder.part_of(search, "F", search.start), method)
 
 
-@fits
+@pytest.mark.slow
 @pytest.mark.parametrize("end", [KeyboardInterrupt(), MemoryError()], ids=repr)
 def test_the_best_point_of_a_stage_is_kept_whatever_ends_it(end):
     search = search_of("nL")
@@ -190,7 +189,7 @@ def test_the_best_point_of_a_stage_is_kept_whatever_ends_it(end):
     np.testing.assert_allclose(search.best.p, 1.01 * search.start, rtol=1e-12)
 
 
-@fits
+@pytest.mark.slow
 def test_only_the_end_of_the_budget_ends_the_stages_after_it():
     search = search_of("nL")
     for status in (Status.CONVERGED, Status.STALLED):
@@ -200,7 +199,7 @@ def test_only_the_end_of_the_budget_ends_the_stages_after_it():
     assert caught.value.status == Status.LIMIT
 
 
-@fits
+@pytest.mark.slow
 def test_a_stage_is_judged_by_the_cost_of_the_whole():
     search = search_of("nL")
     search.visit(search.start)

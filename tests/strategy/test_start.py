@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS, fits
 from helpers.physics import scene, thing
 from helpers.scenes import changed, cloth, document, even, sphere, trial
 from helpers.strangers import WIND, windy
@@ -37,7 +36,7 @@ from clothfit.strategy.start import (
     values_by,
 )
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 FINEST = 10**0.125
 """Ratio of neighbouring values on the finest grid."""
@@ -304,7 +303,6 @@ def test_parameters_by_the_same_flags_are_taken_as_they_are():
     np.testing.assert_array_equal(values_by(scene, scene), parameters(scene))
 
 
-@fits
 def test_gusts_are_found_from_still_air():
     true = gusty(SWINGING + [(1, 1, 1)], wind=(0, 0, 0), frames=100)
     found = clothfit.estimate(

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.marks import FITS
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.engine.system import BDF2, IMPLICIT
@@ -18,7 +17,7 @@ from clothfit.scene.fit_vector import parameters
 from clothfit.strategy.continuation import frame_interval, last_time, with_interval, with_substeps
 from clothfit.strategy.step_choice import COUNTS, chosen, finer
 
-pytestmark = FITS
+pytestmark = pytest.mark.slow
 
 ENOUGH = 1e-8  # m, as in a fit
 

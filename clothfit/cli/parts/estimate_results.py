@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import click
@@ -337,18 +338,11 @@ KEYS = ("iteration", "evaluations", "seconds", "cost", "rmse", "step", "stage", 
 
 def earlier(path: str) -> list[dict[str, Any]]:
     """The iterations in the log of an earlier part of the same fit; lines that are none are left out."""
-    if not os.path.isfile(path):
-        return []
-    found = []
-    with open(path, encoding="utf-8", errors="replace") as file:
-        for line in file:
-            try:
-                item = json.loads(line)
-            except (ValueError, RecursionError):
-                continue
-            if isinstance(item, dict) and all(isinstance(item.get(key), int) for key in ("iteration", "evaluations")):
-                found.append(item)
-    return found
+    from clothfit.report.log import parsed
+
+    lines = Path(path).read_text("utf-8", errors="replace").splitlines() if os.path.isfile(path) else []
+    items = [item for item in map(parsed, lines) if item]
+    return [each for each in items if all(isinstance(each.get(key), int) for key in ("iteration", "evaluations"))]
 
 
 class FitLog:

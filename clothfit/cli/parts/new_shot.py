@@ -139,18 +139,14 @@ def with_back(frames: Array, mesh: Mesh) -> tuple[Array, Mesh]:
     """An open surface of frames (F, n, 3) as a closed one: with a back behind its faces, and a rim."""
     import numpy as np
 
+    from clothfit.formats.animation import normals_at
     from clothfit.meshes.mesh import any_sides
+    from clothfit.pictures.camera import normals
 
     triangles, count = mesh.triangles, len(mesh.positions)
     depth = PART_OF_A_SIZE * float(np.linalg.norm(np.ptp(frames[0], axis=0)))
-    a, b, c = (frames[:, triangles[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
-    normal = np.zeros_like(frames)
-    for k in range(3):
-        np.add.at(np.swapaxes(normal, 0, 1), triangles[:, k], np.swapaxes(face, 0, 1))
-    length = np.linalg.norm(normal, axis=2, keepdims=True)
-    up = face[0].sum(axis=0)[1]  # what is level is solid below
-    back = frames - np.copysign(depth, up) * normal / np.where(length > 0.0, length, 1.0)
+    up = normals(frames[0], triangles).sum(axis=0)[1]  # what is level is solid below
+    back = frames - np.copysign(depth, up) * np.stack([normals_at(each, triangles) for each in frames])
     met = any_sides(triangles)
     uses = np.bincount(met.first, minlength=len(met.edge))[met.first]
     rim = np.flatnonzero(uses == 1)

@@ -35,7 +35,7 @@ from clothfit.engine.forces.law import CREEP, across, rubbing
 from clothfit.engine.forces.selfcontact import rows
 from clothfit.engine.forces.surfaces import MESH
 from clothfit.engine.solve.joined import mixed, spread
-from clothfit.kernels.kernel import kernel, of_kind
+from clothfit.kernels.kernel import OfKind, kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sub
 from clothfit.kernels.vectors import combine, dot
 
@@ -49,7 +49,7 @@ STRAY = 0.5
 """How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
 
 count, row, most, is_far, knows, lay, is_reached, may_change, changes, add_back, leaving, pass_on = (
-    of_kind({touch.Colliders: getattr(touch, name), rows.Contact: getattr(rows, name)})
+    OfKind({touch.Colliders: getattr(touch, name), rows.Contact: getattr(rows, name)})
     for name in (
         "count", "row", "most", "is_far", "knows", "lay", "is_reached", "may_change", "changes", "add_back", "leaving",
         "pass_on",

@@ -1,5 +1,5 @@
-"""Four numbers at once: compiled intrinsics, and their NumPy twin.
+"""Several numbers at once: intrinsics of numba.
 
-compiled and plain have the same functions; operations chooses between them.
-To add an operation: write it in compiled and plain, name it in operations, and compare the two in the tests.
+`compiled` and `compiled_singles` have them, in double and in single precision; kernels import their names from
+`operations`. To add one: write it, name it in `operations`, and say in the tests what it is with NumPy.
 """

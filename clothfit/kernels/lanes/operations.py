@@ -30,23 +30,19 @@ with 4f, but of eight for column4f, and of eight where it ends with 8f:
     clear4f(v)          v with 0 in lane 3               sum16(v)              halves added to halves
 
 The arrays of `load` and `store` may be of float32: what is kept is rounded, what is computed is not. Indices are not
-checked. With NUMBA_DISABLE_JIT=1 the same functions work on NumPy arrays of four numbers. Else they are
-names, for which numba takes what `compiled` has when it compiles a kernel that uses them.
+checked. These are names, for which numba takes what `compiled` has when it compiles a kernel that uses them.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from clothfit.base.threads import interpreted
-from clothfit.kernels.lanes import plain, plain_singles
-
-SINGLES = frozenset(name for name in vars(plain_singles) if name.endswith(("16", "f")))
-"""The operations on single precision."""
+SINGLES = ("16", "f")
+"""How the names of operations on single precision end."""
 
 
 class Operation:
-    """An operation of compiled kernels."""
+    """An operation."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -59,41 +55,34 @@ class Operation:
         from clothfit.kernels.lanes import compiled, compiled_singles
 
         cpu_target.typing_context.refresh()  # which learns of operations that were imported just now
-        own = compiled_singles if self.name in SINGLES else compiled
+        own = compiled_singles if self.name.endswith(SINGLES) else compiled
         return cpu_target.typing_context.resolve_value_type(getattr(own, self.name))
 
 
-class Plain:
-    """The operations of kernels that are not compiled, by their names."""
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(plain_singles if name in SINGLES else plain, name)
-
-
-class Compiled:
-    """The operations of compiled kernels, by their names."""
+class Named:
+    """All operations, by their names."""
 
     def __getattr__(self, name: str) -> Operation:
         return Operation(name)
 
 
-chosen: Any = Plain() if interpreted() else Compiled()
+named: Any = Named()
 
-load, store, load3, store3 = chosen.load, chosen.store, chosen.load3, chosen.store3
-load4, store4, column, store_column = chosen.load4, chosen.store4, chosen.column, chosen.store_column
-splat, pack, clear3, turn = chosen.splat, chosen.pack, chosen.clear3, chosen.turn
-spread0, spread1, spread2 = chosen.spread0, chosen.spread1, chosen.spread2
-lane0, lane1, lane2 = chosen.lane0, chosen.lane1, chosen.lane2
-sum3, sum4 = chosen.sum3, chosen.sum4
-add, sub, mul, fma = chosen.add, chosen.sub, chosen.mul, chosen.fma
-div, root, where_less = chosen.div, chosen.root, chosen.where_less
-xyzz, xxxy, zyyz, zxyy = chosen.xyzz, chosen.xxxy, chosen.zyyz, chosen.zxyy
-index, prefetch, read_shared, write_shared = chosen.index, chosen.prefetch, chosen.read_shared, chosen.write_shared
-exchange, pause = chosen.exchange, chosen.pause
-load16, store16, spread16, splat16 = chosen.load16, chosen.store16, chosen.spread16, chosen.splat16
-add16, fma16, sum16 = chosen.add16, chosen.fma16, chosen.sum16
-load4f, column4f, store4f = chosen.load4f, chosen.column4f, chosen.store4f
-spread4f, splat4f = chosen.spread4f, chosen.splat4f
-add4f, sub4f, mul4f, fma4f, less4f = chosen.add4f, chosen.sub4f, chosen.mul4f, chosen.fma4f, chosen.less4f
-load8f, store8f, splat8f, fma8f = chosen.load8f, chosen.store8f, chosen.splat8f, chosen.fma8f
-lane0f, lane1f, lane2f, clear4f = chosen.lane0f, chosen.lane1f, chosen.lane2f, chosen.clear4f
+load, store, load3, store3 = named.load, named.store, named.load3, named.store3
+load4, store4, column, store_column = named.load4, named.store4, named.column, named.store_column
+splat, pack, clear3, turn = named.splat, named.pack, named.clear3, named.turn
+spread0, spread1, spread2 = named.spread0, named.spread1, named.spread2
+lane0, lane1, lane2 = named.lane0, named.lane1, named.lane2
+sum3, sum4 = named.sum3, named.sum4
+add, sub, mul, fma = named.add, named.sub, named.mul, named.fma
+div, root, where_less = named.div, named.root, named.where_less
+xyzz, xxxy, zyyz, zxyy = named.xyzz, named.xxxy, named.zyyz, named.zxyy
+index, prefetch, read_shared, write_shared = named.index, named.prefetch, named.read_shared, named.write_shared
+exchange, pause = named.exchange, named.pause
+load16, store16, spread16, splat16 = named.load16, named.store16, named.spread16, named.splat16
+add16, fma16, sum16 = named.add16, named.fma16, named.sum16
+load4f, column4f, store4f = named.load4f, named.column4f, named.store4f
+spread4f, splat4f = named.spread4f, named.splat4f
+add4f, sub4f, mul4f, fma4f, less4f = named.add4f, named.sub4f, named.mul4f, named.fma4f, named.less4f
+load8f, store8f, splat8f, fma8f = named.load8f, named.store8f, named.splat8f, named.fma8f
+lane0f, lane1f, lane2f, clear4f = named.lane0f, named.lane1f, named.lane2f, named.clear4f
