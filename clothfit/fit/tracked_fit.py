@@ -52,6 +52,11 @@ SAME = 0.01
 FOLDED, FEW = (1.0, 0.7, 1.4, 0.5, 2.0, 0.25, 4.0), 12
 """Factors on the bending stiffness of cloths at rest that are tried; and how many values are then fitted at once."""
 
+UNTRACKED = (
+    "the time was too short to track the scan: all of its points are compared, strangers as well, from the fit's own "
+    "start; give it more, --budget"
+)
+
 MOST = 0.95
 """Quantile of distances that is shown beside their median."""
 
