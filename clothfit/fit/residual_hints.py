@@ -192,6 +192,8 @@ def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint
         return []
     p = parameters(found.scene, objective.scene)
     for run in objective.runs:
+        if isinstance(run.comparison.surface, Cloud):
+            continue
         every = Distances(run, np.arange(len(run.system.x0)), crossed=False)
         objective.simulate(run, p, every.update)
         squares = every.mean().ravel()

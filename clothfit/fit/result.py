@@ -124,7 +124,7 @@ class Fit:
     rmse: float  # root mean square distance of the positions, m, for any objective
     frames: int  # compared, of all targets together
     evaluations: int  # of cost and gradient
-    seconds: float  # of the search, without the simulation of the target, the search for a start and the intervals
+    seconds: float  # of tracking and search, without simulating the target, the search for a start and the intervals
     parameters: list[FittedBlock]  # the fitted values, block by block
     warnings: list[str]  # what the user should know, one sentence each
     rank: int | None = None  # independent combinations of the values that the motion shows; None: no intervals

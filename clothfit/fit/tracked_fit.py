@@ -17,12 +17,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres, percent
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import FitOptions
 from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
+from clothfit.fit.routes import shares_of_bending
 from clothfit.motion.correspondence import SCANNED, Correspondence
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
@@ -49,6 +49,14 @@ STEPS, SAVING = 8, 0.01
 SAME = 0.01
 """Change of the coordinates of values up to which what was tracked before holds."""
 
+FOLDED, FEW = (1.0, 0.7, 1.4, 0.5, 2.0, 0.25, 4.0), 12
+"""Factors on the bending stiffness of cloths at rest that are tried; and how many values are then fitted at once."""
+
+UNTRACKED = (
+    "the time was too short to track the scan: all of its points are compared, strangers as well, from the fit's own "
+    "start; give it more, --budget"
+)
+
 MOST = 0.95
 """Quantile of distances that is shown beside their median."""
 
@@ -61,8 +69,6 @@ def with_scans(
     """
     if not any(each.motion.correspondence.mesh for each in given):
         return given, start
-    if scene.method == REST:
-        raise InvalidInput("a scan is tracked in motion, and this scene is at rest; give a mesh or its shadow")
     seconds = None if options.budget is None else 0.5 * options.budget
     return in_time(partial(tracked_by_values, scene, given, start, options), (given, start), seconds)
 
@@ -73,18 +79,47 @@ def tracked_by_values(
     """The same, however long it takes."""
     first = with_parameters(scene, start_of(scene, start))
     few = ladder.as_model(first, ladder.models(first)[0])
-    longest = max(len(each.motion.times) for each in given)
-    found = list(given)
-    for frames in window_lengths(FIRST_WINDOW, longest):
-        found = by(few, scene, given, frames)
-        before = few
-        few = nearer(few, found, options)
-    if few is not before:
-        found = by(few, scene, given, longest)
+    if scene.method == REST:
+        few, found = by_folds(first if len(parameters(first)) <= FEW else few, scene, given, options)
+    else:
+        few, found = by_windows(few, scene, given, options)
     found = [Experiment(new.motion, own.scene) for new, own in zip(found, given, strict=True)]
     whole = objective_of(scene, found, options)
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
     return found, few if costs[0] < costs[1] else start
+
+
+def by_windows(
+    few: Scene, scene: Scene, given: Sequence[Experiment], options: FitOptions
+) -> tuple[Scene, list[Experiment]]:
+    """The values of `few` that more and more frames lead to, and the targets tracked by them."""
+    longest, found = max(len(each.motion.times) for each in given), list(given)
+    for frames in window_lengths(FIRST_WINDOW, longest):
+        found = by(few, scene, given, frames)
+        before = few
+        few = nearer(few, found, options)
+    return few, found if few is before else by(few, scene, given, longest)
+
+
+def by_folds(
+    few: Scene, scene: Scene, given: Sequence[Experiment], options: FitOptions
+) -> tuple[Scene, list[Experiment]]:
+    """Values that come nearest to scans of cloths at rest, from those of `few` or others around them, and the scans as
+    they are tracked from there: each begins with other folds, and not from all can those of the scan be reached.
+    """
+    longest, least, best = max(len(each.motion.times) for each in given), np.inf, (few, list(given))
+    bends = np.concatenate([shares_of_bending(block) for block in few.blocks])
+    for factor in FOLDED if bends.any() else FOLDED[:1]:
+        trial = with_parameters(few, factor**bends * parameters(few))
+        found = by(trial, scene, given, longest)
+        trial = nearer(trial, found, options)
+        whole = objective_of(trial, [experiment(trial, *each) for each in found], options)
+        cost = whole.cost_or_infinity(parameters(trial))
+        if cost < least:
+            least, best = cost, (trial, found)
+        if whole.rmse(cost) <= SAME * SAME * whole.travel:
+            break
+    return best
 
 
 def objective_of(scene: Scene, given: Sequence[Experiment], options: FitOptions) -> Objective:

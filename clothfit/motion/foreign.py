@@ -77,6 +77,13 @@ NEAR_BY = 0.1
 MOST_POINTS = 5000
 """Points of a frame of a scan that are used, drawn at random: more of them say little more of some hundred vertices."""
 
+JUMPING, PAIRS = 0.5, 20
+"""Squares of the ways of points from frame to frame, in those of points drawn at random, that show other points, in the
+median of so many pairs of frames.
+"""
+
+SHUFFLED = "its points are others in each frame: it is taken as a scan, unless --bind says what it is"
+
 MUCH_NEARER = 0.2
 """A change that leaves less than this share of the distance is worth trying."""
 
@@ -245,9 +252,12 @@ def _foreign(
         notes += unseen_share(unseen) if read.observed is None else []
     check_positions(positions, observed, name)
     matches, corresponds = None, Correspondence()
+    if shuffled := not (read.names or found.markers) and _is_shuffled(positions, observed, scene, reading):
+        reading = replace(reading, bind=SCAN)
+        notes.append(SHUFFLED)
     if scene is not None and reading.bind == SCAN:
         normals = None if read.normals is None else to_scene(read.normals, axes) / axes.scale
-        if normals is None and read.triangles is not None:
+        if normals is None and read.triangles is not None and not shuffled:
             normals = np.stack([normals_at(each, facing(read.triangles, axes)) for each in positions])
         positions, observed, corresponds, note = _of_scan(positions, observed, normals, scene, name)
         notes.append(note)
@@ -279,6 +289,22 @@ def _foreign(
     known = Interpretation(name, found.name, axes, 0, points, 0.0, rate, tuple(notes), matches)
     loaded = Loaded(motion, known, read.triangles, read.names if scene is None else None, timed)
     return _as_asked(loaded, scene, reading)
+
+
+def _is_shuffled(points: Array, seen: Flags, scene: Scene | None, reading: Reading) -> bool:
+    """Whether points (frames, m, 3) of one number are others in each frame, as far as nobody says what they are: from
+    frame to frame they then jump as far as points drawn at random, 1 in the squares of both frames about their means.
+    """
+    if scene is None or reading.bind not in (None, AUTO) or len(points) < 2 or not len(triangles_of(scene)):
+        return False
+    jumps = []
+    for k in np.unique(np.linspace(0, len(points) - 2, PAIRS).astype(int)):
+        both = seen[k] & seen[k + 1]
+        if not both.any():
+            continue
+        a, b = (each[both] - each[both].mean(axis=0) for each in points[k : k + 2])
+        jumps.append(((a - b) ** 2).sum() / max((a**2).sum() + (b**2).sum(), 1e-300))
+    return bool(jumps) and bool(np.median(jumps) > JUMPING)
 
 
 def _of_scan(

@@ -23,6 +23,7 @@ from clothfit.engine.system import System, meets_itself, mobile, rests, with_ele
 from clothfit.engine.tape import Plan, Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Comparison
+from clothfit.objective.measures import Cloud
 from clothfit.objective.running_cost import running_cost
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import acting, elements
@@ -177,11 +178,13 @@ class Recent:
 
 
 def first_shape(run: Run) -> Array:
-    """Where the search for the shape of a cloth at rest begins (n, 3), m: the target, where that shows all vertices, so
-    that the folds are the same; else the start.
+    """Where the search for the shape of a cloth at rest begins (n, 3), m: the target, where that shows all vertices, or
+    where it was drawn to a scan, so that the folds are the same; else the start.
     """
     x0, goal = run.system.x0, run.comparison.goal
-    if "position" not in run.comparison.scales or not goal.observed[-1:].any() or not goal.observed[-1].all():
+    drawn = isinstance(run.comparison.surface, Cloud) and np.isfinite(goal.positions[-1:]).all()
+    whole = goal.observed[-1:].any() and goal.observed[-1].all()
+    if "position" not in run.comparison.scales or not (drawn or whole):
         return x0
     return np.where(run.system.vertex.free[:, None], goal.positions[-1], x0)
 

@@ -30,6 +30,7 @@ from clothfit.motion.motion import in_scene, in_world, rms
 from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.registration.record import rigid
+from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene, with_places
 
 CAP = 3.0
@@ -45,6 +46,9 @@ AGREE = 0.5
 
 ROUNDS, SLIDING, SMOOTH = 3, 0.1, 0.3
 """Times that points are tied in each frame; α; and κ relative to the weight of the points of a vertex."""
+
+RESTING = 30
+"""Times that points are tied to a cloth at rest, whose shape by other values may have other folds."""
 
 TOLERANCE = 1e-5
 """Of the linear systems of the steps, relative."""
@@ -105,7 +109,7 @@ def tracked(given: Experiment) -> Experiment:
         normals = None if own.normals is None else own.normals[frame, seen]
         if end > before:
             x = np.concatenate([state.advance(before, end) for state in states])
-            change = draw(x, points, normals)
+            change = draw(x, points, normals, RESTING if scene.method == REST else ROUNDS)
             for state in states:
                 state.put(end, change[state.part], (end - before) * scene.delta)
             x = x + change
@@ -205,10 +209,10 @@ class Drawing:
         self.edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))  # m
         self.free = np.flatnonzero(np.repeat(free, 3))
 
-    def __call__(self, x: Array, points: Array, normals: Array | None) -> Array:
-        """The change (n, 3) of vertices at x (n, 3) to points (m, 3) with normals (m, 3)."""
+    def __call__(self, x: Array, points: Array, normals: Array | None, rounds: int = ROUNDS) -> Array:
+        """The change (n, 3) of vertices at x (n, 3) to points (m, 3) with normals (m, 3), tied so many times."""
         start, faces = x.copy(), np.full(len(points), -1, np.int32)
-        for _ in range(ROUNDS if len(points) else 0):
+        for _ in range(rounds if len(points) else 0):
             found = self.mesh.feet(points, faces, x)
             faces = found.faces
             x = x + self.change(found, self.good(found, normals), x)

@@ -142,6 +142,21 @@ def test_the_shape_and_the_drape_coefficient_show_the_bending(draped):
     assert clothfit.parameters(fit.scene, scene)[3:] == pytest.approx(np.full(3, 2.0), rel=0.15)
 
 
+def test_a_scan_shows_the_bending(tmp_path):
+    """A cantilever of twice the bending, by points on its faces and some strangers; sliding along it hardly shows."""
+    scene, rng = hung(CANTILEVER, 10), np.random.default_rng(0)
+    (block,) = scene.blocks
+    true = np.where([name.startswith("bending") for name in block.factors.names], 2.0, 1.0)
+    x = shape(clothfit.with_parameters(scene, true))
+    corners = x[rng.permutation(np.tile(scene.cloths[0].triangles.reshape(-1, 3), (4, 1)))]
+    points = np.einsum("mk,mkc->mc", rng.dirichlet([1, 1, 1], len(corners)), corners)
+    points = np.concatenate([points, points[:20] + [0.0, 0.2, 0.0]])
+    np.savez(tmp_path / "scan.npz", points=points, first=[0, len(points)])
+    fit = clothfit.estimate(scene, tmp_path / "scan.npz")
+    assert shape(fit.scene) == pytest.approx(x, abs=1e-5)  # 1e-4 of its length
+    assert clothfit.parameters(fit.scene, scene)[true == 2.0][0] == pytest.approx(2.0, rel=1e-3)
+
+
 def test_what_is_no_shadow_is_refused(draped):
     scene = draped[0]
     for given in ({"coefficient": 1.5}, {"outline": np.ones((9, 3))}, {"outline": np.ones((9, 2))}, {}):

@@ -93,12 +93,33 @@ def test_noise_holes_and_strangers_move_a_fit_by_little(tmp_path):
     assert told["unseen"] == 0.0
 
 
+def test_vertices_that_are_shuffled_in_each_frame_are_a_scan(tmp_path):
+    """Seen by itself, in files of this program and of others; turned about by half a turn in all they are none."""
+    rng = np.random.default_rng(0)
+    shuffled = np.stack([rng.permutation(x) for x in MOTION.positions])
+    np.savez(tmp_path / "motion.npz", positions=shuffled, times=MOTION.times)
+    longer = [np.concatenate([x[:k], x]) for k, x in enumerate(shuffled)]  # `as_obj` leaves out as many
+    for path in (tmp_path / "motion.npz", as_obj(tmp_path, longer)):
+        found = load(path, SCENE, Reading())
+        assert found.motion.correspondence.kind == "scan"
+        assert "others in each frame" in " ".join(found.interpretation.notes)
+    angles = np.linspace(0.0, np.pi, len(shuffled))
+    turned = [x @ rotation(np.array([0.0, each, 0.0])).T for x, each in zip(MOTION.positions, angles, strict=True)]
+    np.savez(tmp_path / "motion.npz", positions=turned, times=MOTION.times)
+    assert load(tmp_path / "motion.npz", SCENE, Reading()).motion.correspondence.kind == "same"
+
+
 def test_the_gradient_of_distances_is_their_derivative(tmp_path):
     given = tracked(Experiment(read(as_npz(tmp_path, cloud(noise=2e-3))), TRUTH)).motion
     step, made = 1e-5, with_parameters(SCENE, np.array([1.01 * FACTOR]))
     _, gradient = cost_and_gradient(made, given)
     costs = [cost_and_gradient(with_parameters(made, np.array([1.0 + s])), given)[0] for s in (step, -step)]
     assert gradient[0] == pytest.approx((costs[0] - costs[1]) / (2 * step), rel=1e-6)  # errors of the order step²
+
+
+def test_a_scan_that_there_is_no_time_to_track_is_told(tmp_path):
+    fit = estimate(SCENE, read(as_npz(tmp_path, cloud())), budget=1e-3)
+    assert "untracked" in [hint.code for hint in fit.hints]
 
 
 def test_points_with_normals_of_another_side_are_left_out(tmp_path):
