@@ -205,13 +205,12 @@ class Asked:
     def _fits(self, kind: str) -> bool:
         return any(text.partition("=")[0] in (kind, AUTO) for text in self.fit)
 
-    @property
-    def extent(self) -> tuple[float, float]:
-        """Width and height of a plane, m. Raises InvalidInput."""
+    def extent(self, fewest: int = 1, example: str = "2 or 2x1.5") -> tuple[float, float]:
+        """Width and height, m, or the two sizes of a specimen, of at least so many numbers. Raises InvalidInput."""
         sides = (self.size or "1").split("x")
-        if len(sides) > 2 or "," in (self.size or "") or not all(is_number(side) for side in sides):
-            refuse_text("--size", self.size or "", "2 or 2x1.5")
-        width, *rest = numbers("--size", ",".join(sides), len(sides), "2 or 2x1.5")
+        if not fewest <= len(sides) <= 2 or "," in (self.size or "") or not all(is_number(side) for side in sides):
+            refuse_text("--size", self.size or "", example)
+        width, *rest = numbers("--size", ",".join(sides), len(sides), example)
         return width, rest[0] if rest else width
 
     @property
@@ -508,16 +507,14 @@ def plane(asked: Asked) -> Cloth:
     from clothfit.meshes.mesh import plane as made
 
     divisions = 10 if asked.divisions is None else asked.divisions
-    return Cloth(made(divisions, *asked.extent, upright=asked.upright), None, [])
+    return Cloth(made(divisions, *asked.extent(), upright=asked.upright), None, [])
 
 
 def specimen(kind: str, asked: Asked) -> Cloth:
     """A specimen. Raises InvalidInput."""
-    from clothfit.meshes.specimens import SIZES
     from clothfit.meshes.specimens import specimen as made
 
-    size = numbers("--size", asked.size.replace("x", ","), 2, "0.3x0.18") if asked.size else SIZES[kind]
-    found = made(kind, asked.divisions or 0, (size[0], size[1]))
+    found = made(kind, asked.divisions or 0, asked.extent(2, "0.3x0.18") if asked.size else None)
     return Cloth(found.mesh, None, [], fixed=found.fixed, warp=found.warp)
 
 

@@ -2,7 +2,7 @@
 
 A step of endless length that moves nothing ends at rest: with h → ∞ and v = 0 the implicit step (`step.implicit`) asks
 for f(x) = 0 alone, A/h² → −K, the tangent stiffness. So a cloth at rest is a motion whose steps stay where they are, of
-a system without damping and with the time step `system.ENDLESS`. The derivatives of an implicit step are then, by the
+a system without damping and with the time step `law.ENDLESS`. The derivatives of an implicit step are then, by the
 implicit function theorem, those of the shape,
 
     K dx/dp = −∂f/∂p,
@@ -14,6 +14,8 @@ The shape itself is found by Newton's method, with the same steps: (M/h² − K)
 falls as it should and shrinks where it does not, as in pseudo-transient continuation (C. T. Kelley, D. E. Keyes,
 Convergence analysis of pseudo-transient continuation, SIAM J. Numer. Anal. 35, 1998). A shape that is no minimum is
 left along its lowest mode. Cloths have many shapes at rest, and which one is found depends on where the search begins.
+A cloth that begins flat and level gets its weight little by little: so it folds as it would with ever less bending
+stiffness, and nearly alike for nearly the same cloths. With its whole weight at once it falls into folds by chance.
 """
 
 from __future__ import annotations
@@ -23,15 +25,22 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import total, vertex
+from clothfit.engine.forces.law import ENDLESS
 from clothfit.engine.solve import linear, sparse
 from clothfit.engine.step import implicit
-from clothfit.engine.system import ENDLESS, System
+from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
 
 FIRST, CLOSE = 0.03, 0.3
 """The first step, s, and the longest one after one that failed; forces, relative to the weights, up to which the first
 one is endless.
 """
+
+LOADS, BORNE = (0.06, 0.12, 0.24, 0.48, 0.96), 1e-2
+"""Shares of its weight that a cloth gets before the whole; forces that may be left then, relative to that share."""
+
+UNLOADED = 1e-3
+"""Forces along the weights, relative to these, below which nothing bears them."""
 
 GROW, SHRINK = 1.4, 0.3
 """Factors of the step after one that lowers the energy, and after one that does not."""
@@ -52,6 +61,10 @@ KICK, LOOKS = 0.02, 5
 def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:
     """The shape at rest (n, 3), m, that is found from `start`; whether it is one; and the direct solves it took."""
     search = _Search(system, start)
+    for share in LOADS if search.is_unloaded() else ():
+        search.bear(share)
+        search.descend(BORNE)
+    search.bear(1.0)
     for look in range(LOOKS):
         if not search.descend():
             return search.x, False, search.solves
@@ -67,11 +80,23 @@ class _Search:
     """A search for a minimum of the energy."""
 
     def __init__(self, system: System, start: Array) -> None:
-        self.system, self.work, self.x, self.solves = system, implicit.workspace(system), np.array(start), 0
+        self.whole, self.work, self.x, self.solves = system, implicit.workspace(system), np.array(start), 0
         self.rest, self.free = np.zeros_like(self.x), np.flatnonzero(system.vertex.free)
         weight = system.vertex.mass[self.free, None] * system.vertex.gravity
         pull = 1e-9 * system.springs.stiffness @ system.springs.rest / max(len(system.springs.rest), 1)
-        self.scale = max(float(np.linalg.norm(weight)), float(pull))
+        self.most = max(float(np.linalg.norm(weight)), float(pull))
+        self.bear(1.0)
+
+    def bear(self, share: float) -> None:
+        """Let the cloth have a share of its weight."""
+        vertices, self.scale = self.whole.vertex, share * self.most
+        self.system = self.whole._replace(vertex=vertices._replace(gravity=share * vertices.gravity))
+
+    def is_unloaded(self) -> bool:
+        """Whether nothing bears the weight: what else acts on the cloth is level, as where it is flat."""
+        gravity = self.whole.vertex.gravity
+        self.bear(0.0)
+        return bool(np.linalg.norm(self.force(self.x) @ gravity) < UNLOADED * self.most * np.linalg.norm(gravity))
 
     def force(self, x: Array, h: float = ENDLESS) -> Array:
         """The forces on the free vertices (m, 3), N; A of that step is left in the workspace."""
@@ -94,15 +119,15 @@ class _Search:
             return np.full((len(self.free), 3), np.nan)
         return h * factors.solve(self.work.b[self.free].reshape(-1)).reshape(-1, 3)
 
-    def descend(self) -> bool:
-        """Go to where the forces are 0; whether they are."""
+    def descend(self, done: float = DONE) -> bool:
+        """Go to where the forces are 0, but for a part of the weights; whether they are."""
         energy, f = self.energy(self.x), self.force(self.x)
         h = ENDLESS if np.linalg.norm(f) < CLOSE * self.scale else FIRST
         for _ in range(MOST):
             size = float(np.linalg.norm(f))
             if not np.isfinite(size):
                 return False
-            if size <= DONE * self.scale:
+            if size <= done * self.scale:
                 return True
             interrupts.check()
             f = self.force(self.x, h)

@@ -14,6 +14,7 @@ import numpy as np
 from clothfit.base.arrays import NO_TABLE, Array, Elements, Flags, Indices
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces import applied, bodies, faces, spheres, springs, surfaces, touch, vertex
+from clothfit.engine.forces.law import ENDLESS
 from clothfit.engine.forces.selfcontact import pairs, rows
 from clothfit.engine.inputs import fitted_paths, sampling, tables
 from clothfit.engine.solve import sparse
@@ -24,9 +25,6 @@ from clothfit.scene.scene import Scene
 
 EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
 """Values of the scene's `integrationMethod`."""
-
-ENDLESS = 1e8
-"""Time step, s, of a cloth at rest (`equilibrium`)."""
 
 record(Elements)  # of which every derivative takes a direction or a gradient
 

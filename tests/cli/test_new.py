@@ -261,6 +261,8 @@ def test_specimens_are_at_rest_and_show_their_fabric(kind, held, capsys):
 def test_shadows_of_a_drape_are_targets(capsys):
     made("drape --fabric denim --divisions 8", "drape.json")
     Path("round.csv").write_text("".join(f"{0.12 * np.cos(a)},{0.12 * np.sin(a)}\n" for a in np.arange(0, 6.28, 0.1)))
+    assert run(["new", "drape", "--size", "0.3"]) == 3
+    assert "0.3x0.18" in capsys.readouterr().err
     for target, error in (("coefficient=250%", "between 0 and 1"), ("coefficient=much", "is a number"),
                           ("outline=drape.json", "is no outline")):  # fmt: skip
         assert run(["estimate", "drape.json", "--target", target]) == 3

@@ -29,6 +29,9 @@ from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, mul, pack, splat
 from clothfit.kernels.vectors import dot
 
+ENDLESS = 1e8
+"""Time step, s, of a cloth at rest (`equilibrium`), whose K is exact: there +κ d ∂n/∂y belongs to it."""
+
 CREEP = 1e-3
 """ε, m/s. On a slope of angle θ < arctan μ a vertex creeps by ε r/sqrt(1 − r²), r = tan θ/μ: by ε at r = 0.7, 7 ε at
 0.99.

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array
-from clothfit.engine.solve.sparse import add_block, outer
+from clothfit.engine.forces import law
+from clothfit.engine.solve.sparse import add_block
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, div, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
 from clothfit.kernels.vectors import dot, vector
@@ -99,9 +100,9 @@ def add_step(spheres, y, u, h, ahead, A, b):
     stiff, stored = h * h * STIFFNESS, 0.0
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
-            depth, _, n = contact(spheres, y, i, c)
+            depth, delta, n = contact(spheres, y, i, c)
             if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
-                low, high = outer(mul(splat(stiff), n), n)
+                low, high = law.block(stiff, -stiff * depth / delta if h == law.ENDLESS else 0.0, n)
                 add_block(A.diagonal, i, low, high)
                 if len(b) > 0:
                     stored += STIFFNESS * max(depth, 0.0) * depth

@@ -18,12 +18,12 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import bodies as meshes
 from clothfit.engine.forces.faces import add_along
-from clothfit.engine.forces.law import across, block, remaining
+from clothfit.engine.forces.law import ENDLESS, across, block, remaining
 from clothfit.engine.forces.spheres import offset_of
 from clothfit.engine.forces.surfaces import BOX, CONE, MESH, distance
 from clothfit.engine.forces.triangle import AB, CA, A
 from clothfit.engine.forces.vertex import Vertex
-from clothfit.engine.solve.sparse import add_block
+from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
@@ -242,8 +242,13 @@ def knows(colliders, y, k, found, way):
 
 @kernel
 def lay(colliders, k, found, push, rub, sign, A):
-    low, high = block(sign * push, sign * rub, found[2])
-    add_block(A.diagonal, found[0][0], low, high)
+    (i, _, _, _), _, n, depth, kappa, _, (_, _, curve, bend, t, _) = found
+    turn = push * max(depth, 0.0) if push == ENDLESS * ENDLESS * kappa else 0.0  # n turns with a cloth at rest
+    low, high = block(sign * push, sign * rub - (turn * curve if turn > 0.0 else 0.0), n)
+    add_block(A.diagonal, i, low, high)
+    if turn > 0.0 and bend != 0.0:
+        low, high = outer(mul(splat(-turn * bend), t), t)
+        add_block(A.diagonal, i, low, high)
 
 
 @kernel
