@@ -242,7 +242,7 @@ def knows(colliders, y, k, found, way):
 
 @kernel
 def lay(colliders, k, found, push, rub, sign, A):
-    (i, _, _, _), _, n, depth, kappa, _, (_, _, curve, bend, t, _) = found
+    (i, _, _, _), _, n, depth, kappa, _, _, (_, _, curve, bend, t, _) = found
     turn = push * max(depth, 0.0) if push == ENDLESS * ENDLESS * kappa else 0.0  # n turns with a cloth at rest
     low, high = block(sign * push, sign * rub - (turn * curve if turn > 0.0 else 0.0), n)
     add_block(A.diagonal, i, low, high)
