@@ -44,15 +44,18 @@ demo: $(VENV)/installed
 	@echo "\$$ clothfit evaluate $(DEMO) $(FITTED)"
 	@$(BIN)/clothfit evaluate $(DEMO) $(FITTED)
 
+# One more than processors: a fifth of the time of a test is waiting, for a browser or another process.
+WORKERS = $(shell $(PYTHON) -c 'import os; print(min(4, 1 + (os.cpu_count() or 1)))')
+
 # Python keeps what it makes of each module, whatever the environment says: tests start hundreds of processes, and each
 # would begin with the whole package, and pytest with all tests.
 test quick: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 
 quick: $(VENV)/installed-test
-	$(BIN)/python -m pytest -q -m quick -n auto --maxprocesses 4 --dist worksteal
+	$(BIN)/python -m pytest -q -m quick -n $(WORKERS) --dist worksteal
 
 fuzz: $(VENV)/installed-test
 	cd tests && ../$(BIN)/python -m fuzz --keep ../build/faults $(FUZZ)
