@@ -224,16 +224,16 @@ def suspected(euler, inner, part, t, before, second, work):
     more = after - before - euler.h * given_in(euler, part.first + t, v)
     if more <= guard.SUSPECT * before + guard.LEAST_RISE or touch.grows(euler.colliders):
         return after
-    return -1.0 if gains(euler.inputs, euler, inner, part, t, second, work) else after
+    return -1.0 if gain(euler.inputs, euler, inner, part, t, second, work) != 0.0 else after
 
 
-@kernel(absent=False, apart=False)
-def gains(inputs, euler, inner, part, t, second, work):
-    """Whether the energy rises in step t by more than the work that is done in it."""
+@kernel(absent=0.0, apart=0.0)
+def gain(inputs, euler, inner, part, t, second, work):
+    """How much the energy rises in step t beyond the work that is done in it, J; 0 where that is tolerated."""
     more, before, given = rise(euler, inner, part, t, second, velocity(part, t + 1), work)
     if second:
         more -= guard.SECOND_SLACK * before + 0.5 * abs(given)  # the mean of both steps' forces may do as much less
-    return guard.rises(before, before + more, 0.0)
+    return more if guard.rises(before, before + more, 0.0) else 0.0
 
 
 @kernel(empty=False, apart=False)

@@ -201,28 +201,22 @@ def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
     """Take step t of a part, after which the energy may be higher than what moves has given it, anew where it is: by
     implicit Euler, shortened, or with the clamped system; for a cloth that does not touch itself.
     """
-    from clothfit.engine.work import rise  # which few scenes need
-
     def gains() -> float:
-        one, other = bdf2.forms(system)
-        more, before, _ = rise(one, other, part, t, False, part.velocity(t + 1), work)
-        return float(more) if guard.rises(before, before + more, 0.0) else 0.0
+        return float(march.gain(own.inputs, own, own, part, t, False, work))
 
     def halve(by: float) -> None:
-        shorten(by, euler, part.x[t], part.w[t, part.used[t] - 1], part.x[t + 1], None)
+        shorten(by, own, part.x[t], part.w[t, part.used[t] - 1], part.x[t + 1], None)
 
-    def anew(own: System) -> System:
-        part.euler[t], part.theta[t] = two, 1.0
-        attempt(bdf2.forms(own)[0], work, part, t, part.velocity(t), part.velocity(t).copy(), tolerance)
-        return own
-
-    two, system = forms.own.method == BDF2, forms.at(part, t)
-    if two and not part.euler[t]:
-        system = anew(system)
-    euler = bdf2.forms(system)[0]
-    if ease(part, t, gains, halve, SHORTEST) and not part.clamped[t]:
-        part.clamped[t], system = True, anew(forms.form(False, True))
-        ease(part, t, gains, halve, SHORTEST)
+    two, v = forms.own.method == BDF2, part.velocity(t)
+    anew = two and not part.euler[t]
+    while True:
+        own = bdf2.forms(forms.at(part, t))[0]
+        if anew:
+            part.euler[t], part.theta[t] = two, 1.0
+        there = not anew or attempt(own, work, part, t, v, v.copy(), tolerance)
+        if not (ease(part, t, gains, halve, SHORTEST) if there else np.inf) or part.clamped[t]:
+            return
+        part.clamped[t] = anew = True
 
 
 def may_be_shortened(system: System, surface: pairs.Surface) -> bool:

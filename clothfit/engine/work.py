@@ -56,8 +56,7 @@ def rise(euler, inner, part, t, second, w, work):
     set_frame(euler.inputs, euler, part.first + t)
     x, after = part.x[t], part.x[t + 1]
     before = guard.energy(euler, x, velocity(part, t))
-    given = power(euler, inner, part, t, second, work)
-    given += wind.powers(euler.faces, work.y, w, w)[0]
+    given = power(euler, inner, part, t, second, work) + wind.powers(euler.faces, work.y, w, w)[0]
     done = euler.h * given + work_done(euler.inputs, part.first + t, x, after)
     done += vertex.energy(euler.vertex, x) - vertex.energy(euler.vertex, after)
     return guard.energy(euler, after, w) - before - done, before, euler.h * given

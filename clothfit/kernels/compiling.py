@@ -27,7 +27,6 @@ from clothfit.kernels.cache import KernelCache
 from clothfit.kernels.linking import ForKernels, ForPython
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
-KNOWN = types.BooleanLiteral | types.IntegerLiteral
 
 
 def for_python(function: Callable[..., object], nogil: bool) -> Any:
@@ -131,7 +130,7 @@ def _of_wide_types(template: Callable[..., object]) -> Callable[..., object]:
     """
 
     def wide(own: Any) -> Any:
-        plain = types.unliteral(own) if isinstance(own, KNOWN) else own
+        plain = types.unliteral(own) if isinstance(own, types.BooleanLiteral | types.IntegerLiteral) else own
         return types.int64 if plain == types.int32 else plain
 
     def of_wide_types(args: tuple[Any, ...], kws: dict[str, Any]) -> object:

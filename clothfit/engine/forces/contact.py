@@ -68,6 +68,13 @@ def sliding(found, u):
     return rubbing(kappa * depth, mu, n, U)[1], U
 
 
+@kernel
+def past(found, u, w, s):
+    """U, S and Z of a row."""
+    own, c, V = found[0], found[1], found[6]
+    return sub(mixed(c, own, u), V), mixed(c, own, s), sub(mixed(c, own, w), V)
+
+
 @kernel(empty=0.0, apart=0.0)
 def energy(part, y):
     total = 0.0  # ½ κ d²
@@ -150,7 +157,7 @@ def add_step(part, y, u, h, ahead, A, b):
         part.depth[k] = depth
         if knows(part, y, k, found, way):
             rub = h * sliding(found, u)[0]
-            lay(part, k, found, h * h * kappa, rub, 1.0, A)
+            lay(part, k, found, h * h * kappa, rub, law.turning(h, h * h * kappa, depth), 1.0, A)
             if len(b) > 0:
                 stored += 0.5 * kappa * max(depth, 0.0) * depth
                 going = dot(n, mixed(c, own, u)) if ahead else 0.0
@@ -171,10 +178,10 @@ def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
     if is_far(part, k, way):
         return
     found = row(part, y, k)
-    own, c, n, depth, kappa, mu, V, more = found
+    own, c, n, depth, kappa, mu, _, more = found
     if knows(part, y, k, found, way):
-        U, S, Z, L = sliding(found, u)[1], mixed(c, own, s), sub(mixed(c, own, w), V), mixed(c, own, lam)
-        vectors, by_law = law.pull((kappa, mu, depth, n, U), S, Z, L)
+        U, S, Z = past(found, u, w, s)
+        vectors, by_law = law.pull((kappa, mu, depth, n, U), S, Z, mixed(c, own, lam))
         spread(c, own, mul(splat(h), vectors[1]), gu)
         add_back(part, found, vectors, by_law, (y, u, w, s, lam), h, grad, gy)
         if len(grad.friction) > 0:
@@ -190,9 +197,9 @@ def add_pushforward(part, y, u, w, s, dy, du, direction, h, out):
         if is_far(part, k, way):
             continue
         found = row(part, y, k)
-        own, c, n, depth, kappa, mu, V, more = found
+        own, c, n, depth, kappa, mu, _, more = found
         if knows(part, y, k, found, way):
-            U, S, Z = sliding(found, u)[1], mixed(c, own, s), sub(mixed(c, own, w), V)
+            U, S, Z = past(found, u, w, s)
             dc, dn, ddelta, dV, dkappa = changes(part, y, found, dy, direction)
             dU, dZ = add(mixed(dc, own, u), sub(mixed(c, own, du), dV)), sub(mixed(dc, own, w), dV)
             dmu = direction.friction[more[0]] if len(direction.friction) > 0 else 0.0
@@ -270,7 +277,7 @@ def meet(part, free, at, h, end, drops, A, b):
         on[k] = presses
         changed += 1
         sign, rub = 1.0 if presses else -1.0, h * sliding(found, u)[0]
-        lay(part, k, found, h * h * kappa, rub, sign, A)
+        lay(part, k, found, h * h * kappa, rub, 0.0, sign, A)
         left = depth + dot(n, sub(at_y, mixed(c, own, x)))  # n·(y − x): h n·U where the step is linearised ahead
         Z = mixed(led(free, own, c), own, w)
         spread(c, own, law.force(sign * h * kappa * (left - h * dot(n, Z)), sign * rub, n, Z), b)

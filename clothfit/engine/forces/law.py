@@ -73,6 +73,12 @@ def block(push, rub, n):
 
 
 @kernel
+def turning(h, push, depth):
+    """Of a `push` h² κ what turns with the normal, h² κ d: a part of the K of a cloth at rest alone."""
+    return push * max(depth, 0.0) if h == ENDLESS else 0.0
+
+
+@kernel
 def pull(row, S, Z, L):
     """The gradients of L·T by n, U, S, Z and L, and those by δ, μ and κ, of a row (κ, μ, d, n, U)."""
     # L·T = κ (d − n·S) ν − γ π,  ν = n·L,  π = L·P Z

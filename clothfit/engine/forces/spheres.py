@@ -102,7 +102,7 @@ def add_step(spheres, y, u, h, ahead, A, b):
         for i in range(len(y)):
             depth, delta, n = contact(spheres, y, i, c)
             if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
-                low, high = law.block(stiff, -stiff * depth / delta if h == law.ENDLESS else 0.0, n)
+                low, high = law.block(stiff, -law.turning(h, stiff, depth) / delta, n)
                 add_block(A.diagonal, i, low, high)
                 if len(b) > 0:
                     stored += STIFFNESS * max(depth, 0.0) * depth

@@ -18,7 +18,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import bodies as meshes
 from clothfit.engine.forces.faces import add_along
-from clothfit.engine.forces.law import ENDLESS, across, block, remaining
+from clothfit.engine.forces.law import across, block, remaining
 from clothfit.engine.forces.spheres import offset_of
 from clothfit.engine.forces.surfaces import BOX, CONE, MESH, distance
 from clothfit.engine.forces.triangle import AB, CA, A
@@ -241,9 +241,8 @@ def knows(colliders, y, k, found, way):
 
 
 @kernel
-def lay(colliders, k, found, push, rub, sign, A):
-    (i, _, _, _), _, n, depth, kappa, _, _, (_, _, curve, bend, t, _) = found
-    turn = push * max(depth, 0.0) if push == ENDLESS * ENDLESS * kappa else 0.0  # n turns with a cloth at rest
+def lay(colliders, k, found, push, rub, turn, sign, A):
+    (i, _, _, _), _, n, _, _, _, _, (_, _, curve, bend, t, _) = found
     low, high = block(sign * push, sign * rub - (turn * curve if turn > 0.0 else 0.0), n)
     add_block(A.diagonal, i, low, high)
     if turn > 0.0 and bend != 0.0:

@@ -77,7 +77,7 @@ def knows(contact, y, k, found, way):
 
 
 @kernel
-def lay(contact, k, found, push, rub, sign, A):
+def lay(contact, k, found, push, rub, turn, sign, A):
     own, c, n, _, _, _, _, _ = found
     on = 0.5 + 0.5 * sign
     keep(A.joined, k, c, n, on * push, on * rub)
