@@ -112,7 +112,7 @@ def grant(part, t, weight):
     part.budget[t + 1] = part.budget[t] + weight
 
 
-@kernel
+@kernel(apart=0)
 def shortened(system, part, t, energy):
     """Shorten step t, which began with this energy, J, if springs added energy; returns what did (`guard.fault`)."""
     x, v, budget = part.x, velocity(part, t + 1), part.budget[t]

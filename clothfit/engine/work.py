@@ -30,7 +30,7 @@ from clothfit.kernels.lanes.operations import load3, mul, splat, sub
 from clothfit.kernels.vectors import combine, dot
 
 
-@kernel
+@kernel(apart=0.0)
 def power(euler, inner, part, t, second, work):
     """What moves does at the end of step t of a part, W; a `second` order step is one of BDF2."""
     set_inputs(euler.inputs, euler, part.first + t)

@@ -13,7 +13,7 @@ from clothfit.base.messages import counted
 from clothfit.engine.forces import touch
 from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.inputs.tables import set_inputs
-from clothfit.engine.system import System, build
+from clothfit.engine.system import System, build, meets_itself
 from clothfit.motion.motion import Motion, in_groups, in_world
 from clothfit.scene.scene import Scene
 
@@ -84,7 +84,7 @@ def at_once(scene: Scene, system: System, x: Array, of_vertex: Indices) -> Itera
     if system.colliders is not None:
         for each, depth in zip(scene.colliders, touch.depths(system.colliders, x)[0], strict=True):
             yield f"colliders[{each.place}]", np.flatnonzero(depth > 0.0)
-    if system.surface is not None:
+    if meets_itself(system):
         vertices = pairs.touching(system.surface, x).vertices
         first, second = of_vertex[vertices[:, 0]], of_vertex[vertices[:, 3]]
         for i in np.unique(of_vertex).tolist():

@@ -87,7 +87,7 @@ def with_crossed(surface: Surface) -> Surface:
     should be. The free vertices of the others are drawn back through what they are nearest to, unless they would have
     to be faster than FASTEST.
     """
-    hits = pierced(surface)
+    hits = pierced(surface) if len(surface.triangles) else surface.triangles
     if not len(hits):
         return surface
     n, passing = len(surface.start), np.isin(np.arange(len(surface.edges)), hits[:, 0])
@@ -101,7 +101,7 @@ def with_crossed(surface: Surface) -> Surface:
     crossed[surface.edges[hits[:, 0]]] = crossed[surface.triangles[hits[:, 1]]] = True
     found = [(v, *nearest_triangle(surface, part, v)) for v in np.flatnonzero(through)]
     drawn, beyond = np.array([v * len(surface.triangles) + t for v, t, _ in found]), np.array([d for _, _, d in found])
-    vertices, _, _, side = look_up(surface, surface.start, drawn)
+    vertices, _, _, side = of_each(surface, surface.start, drawn)
     kept = (beyond <= FASTEST * surface.release) & (surface.free[vertices].sum(axis=1) > 0)
     return surface._replace(crossed=crossed, drawn=drawn[kept], side=-side[kept], beyond=beyond[kept])
 
@@ -141,7 +141,7 @@ def nowhere() -> Surface:
 
 def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:
     """The contact of these pairs (P,), by their numbers, in a step that begins at x (n, 3); all of them press."""
-    vertices, kind, thickness, sides = look_up(surface, x, numbers)
+    vertices, kind, thickness, sides = of_each(surface, x, numbers)
     law, on = (surface.thickness, surface.stiffness, surface.friction), np.ones((1, len(numbers)), bool)
     turn, depth = np.zeros(1, np.int32), np.full(len(numbers), np.inf)
     return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn, depth)
@@ -152,12 +152,18 @@ def touching(surface: Surface, x: Array) -> Contact:
     return of_numbers(surface, x, near(surface, x))
 
 
-@kernel
-def look_up(surface, x, numbers):
-    """The vertices, kind, thickness and side of pairs."""
+def of_each(surface: Surface, x: Array, numbers: Indices) -> tuple[Array, Array, Array, Array]:
+    """The vertices (P, 4), kind, thickness and side (P,) of pairs."""
     count = len(numbers)
-    vertices, kind = np.zeros((count, 4), np.int32), np.zeros(count, np.int32)
-    thickness, sides = np.zeros(count), np.zeros(count)
+    found = np.zeros((count, 4), np.int32), np.zeros(count, np.int32), np.zeros(count), np.zeros(count)
+    if count:  # a cloth that does not meet itself compiles nothing for pairs
+        look_up(surface, x, numbers, *found)
+    return found
+
+
+@kernel
+def look_up(surface, x, numbers, vertices, kind, thickness, sides):
+    """Write what `of_each` returns."""
     for k in range(len(numbers)):
         kind[k] = vertices_of(surface, numbers[k], vertices[k])
         thickness[k] = thickness_of(surface, kind[k], vertices[k])
@@ -166,7 +172,6 @@ def look_up(surface, x, numbers):
         if d < len(surface.drawn) and surface.drawn[d] == numbers[k]:
             thickness[k] = surface.thickness - surface.left * (surface.thickness + surface.beyond[d])
             sides[k] = surface.side[d]
-    return vertices, kind, thickness, sides
 
 
 @kernel
