@@ -84,7 +84,7 @@ def at_once(scene: Scene, system: System, x: Array, of_vertex: Indices) -> Itera
     if system.colliders is not None:
         for each, depth in zip(scene.colliders, touch.depths(system.colliders, x)[0], strict=True):
             yield f"colliders[{each.place}]", np.flatnonzero(depth > 0.0)
-    if meets_itself(system):
+    if system.surface and meets_itself(system):
         vertices = pairs.touching(system.surface, x).vertices
         first, second = of_vertex[vertices[:, 0]], of_vertex[vertices[:, 3]]
         for i in np.unique(of_vertex).tolist():

@@ -152,7 +152,7 @@ def touching(surface: Surface, x: Array) -> Contact:
     return of_numbers(surface, x, near(surface, x))
 
 
-def of_each(surface: Surface, x: Array, numbers: Indices) -> tuple[Array, Array, Array, Array]:
+def of_each(surface: Surface, x: Array, numbers: Indices) -> tuple[Indices, Indices, Array, Array]:
     """The vertices (P, 4), kind, thickness and side (P,) of pairs."""
     count = len(numbers)
     found = np.zeros((count, 4), np.int32), np.zeros(count, np.int32), np.zeros(count), np.zeros(count)
