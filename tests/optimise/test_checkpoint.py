@@ -3,14 +3,10 @@
 import functools
 import json
 import os
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
-from helpers.scenes import environment, even, load_text, needs_full_disk, trial, write_scene
+from helpers.scenes import even, load_text, needs_full_disk, trial, write_scene
 
 from clothfit.base import checkpoint as module
 from clothfit.base.errors import InvalidInput
@@ -19,9 +15,8 @@ from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import save_motion
-from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
-from clothfit.optimise.checkpoint import Checkpoint, State, decoded, identity
+from clothfit.optimise.checkpoint import Checkpoint, State, decoded
 from clothfit.optimise.status import Rung, Status
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters
@@ -108,38 +103,6 @@ def test_only_what_this_fit_has_written_is_removed(tmp_path):
     file.read(3)
     file.remove()
     assert not path.exists()
-
-
-@pytest.mark.parametrize(
-    ("there", "said"),
-    [
-        ({"scene": "#2", "method": "auto"}, "another scene"),
-        ({"scene": "#1", "method": "bfgs"}, "method: bfgs there, auto now"),
-        ({"scene": "#2", "method": "bfgs"}, "another scene; method: bfgs there, auto now"),
-        ({"scene": "#1"}, "method: nothing there, auto now"),
-        ({**SAME, "more": "1.0"}, "more: 1.0 there, nothing now"),
-    ],
-)
-def test_what_differs_is_named(tmp_path, there, said):
-    written(tmp_path / "c", there)
-    with pytest.raises(InvalidInput) as caught:
-        Checkpoint(tmp_path / "c", identity=SAME).read(3)
-    assert str(caught.value) == f"{tmp_path / 'c'}: belongs to another fit: {said}"
-
-
-def test_the_identity_tells_fits_apart():
-    scene, other = load(even("nG")), load(even("nG", windVel={"x": 1.0, "y": 0.0, "z": 0.0}))
-    still = np.zeros((20, 16, 3))
-    goals = [None, *(experiments(scene, t) for t in (still, still[:10], still + 1.0, [still] * 2, (still, other)))]
-    starts = [None, 1.0, np.ones(1), np.full(1, 2.0), load(even("nG", springStiffness=[2.0] * 33))]
-    options = [{"loss": "linear"}, {"loss": "huber"}, {"loss": "huber", "loss_scale": 0.1}]
-    found = [identity(scene, goal, None) for goal in goals]
-    found += [identity(scene, None, start) for start in starts[1:]]
-    found += [identity(scene, None, None, **option) for option in options]
-    found += [identity(other, None, None)]
-    texts = [json.dumps(each, sort_keys=True) for each in found]
-    assert len(set(texts)) == len(texts)
-    assert identity(scene, None, 1) == identity(scene, None, 1.0)
 
 
 IMPOSSIBLE = {
@@ -368,11 +331,6 @@ def test_only_the_same_fit_is_resumed(begun, changes, said):
     assert file.read_bytes() == before
 
 
-def test_resuming_needs_a_checkpoint():
-    with pytest.raises(InvalidInput, match="resume: a checkpoint is needed"):
-        estimate(load(even("nG")), resume=True)
-
-
 @needs_full_disk
 def test_a_fit_goes_on_without_room_for_its_checkpoint():
     found = estimate(load(even("nG")), start=2.0, checkpoint="/dev/full")
@@ -395,20 +353,6 @@ def summary(capsys, *arguments):
     code = run(["estimate", *arguments, "--json"])
     out, err = capsys.readouterr()
     return code, json.loads(out), err
-
-
-def test_an_explicit_checkpoint_is_kept(tmp_path, files, capsys):
-    path, target = files
-    kept, whole = str(tmp_path / "c"), whole_of("auto per spring")
-    code, short, said = summary(capsys, path, "--target", target, "--checkpoint", kept, "--max-evaluations", "30")
-    assert (code, short["status"]) == (5, "limit")
-    assert f"to go on, repeat the command with --resume and more --max-evaluations: {kept}" in said
-    code, found, said = summary(capsys, path, "--target", target, "--checkpoint", kept, "--resume")
-    assert code == 0
-    assert (found["status"], found.keys()) == (whole.status, short.keys())
-    assert found["cost"] == pytest.approx(whole.cost, rel=SAME_COST)
-    assert "--resume" not in said
-    assert os.path.exists(kept)
 
 
 def test_a_long_fit_keeps_one_beside_its_output_until_it_has_ended(tmp_path, files, capsys, monkeypatch):
@@ -438,19 +382,15 @@ def test_a_fit_in_place_leaves_no_checkpoint_for_a_scene_that_is_gone(files, tmp
         (["--checkpoint", "{scene}"], "--checkpoint: {scene}: must be a file of its own, not an input or the output"),
         (["--checkpoint", "{out}", "-o", "{out}"], "--checkpoint: {out}: must be a file of its own, not an input or"),
         (["--checkpoint", "-"], "--checkpoint: -: must be a file of its own"),
-        (["--checkpoint", "{other}"], "{other}: is not a checkpoint that this clothfit can read"),
         (["-o", "-", "--resume"], "--resume: the output is no file, so none is kept beside it; name one with"),
-        (["--checkpoint", "{damaged}", "--resume"], "{damaged}: is damaged: its checksum is wrong"),
     ],
 )
 def test_places_that_cannot_be_are_refused(tmp_path, options, said, capsys):
     scene = write_scene(tmp_path, even("nG", 5, 3, 3))
-    names = {"scene": scene, "out": str(tmp_path / "out"), "other": str(tmp_path / "o"), "damaged": str(tmp_path / "d")}
-    (tmp_path / "o").write_text("my notes")
-    (tmp_path / "d").write_bytes(module.encoded("fit", SAME, STATE._asdict())[:-1])
+    names = {"scene": scene, "out": str(tmp_path / "out")}
     assert run(["estimate", scene, *(option.format(**names) for option in options)]) == 3
     assert capsys.readouterr().err.startswith(f"error: {said.format(**names)}")
-    assert sorted(os.listdir(tmp_path)) == ["d", "o", "scene.json"]
+    assert os.listdir(tmp_path) == ["scene.json"]
 
 
 def test_a_file_in_the_place_of_the_default_checkpoint_stays(tmp_path, capsys):
@@ -459,39 +399,3 @@ def test_a_file_in_the_place_of_the_default_checkpoint_stays(tmp_path, capsys):
     assert run(["estimate", scene]) == 0
     assert "warning: no checkpoint is kept: " in capsys.readouterr().err
     assert (tmp_path / "scene.fitted.json.checkpoint").read_text() == "my notes"
-
-
-def test_killed_at_any_instant_a_fit_comes_to_the_same_minimum(tmp_path, files):
-    # With the true masses, unlike `files`: with wrong ones no values reach the noise, and of the many minima above it
-    # another may be found by a search that begins at another point, as one does that goes on from a checkpoint.
-    path = write_scene(tmp_path, trial("nL", springStiffness=[20.0] * 33), "known masses.json")
-    target = files[1]
-    kept, out = tmp_path / "c", tmp_path / "out.json"
-    call = ["estimate", path, "--target", target, "--checkpoint", str(kept), "--no-intervals", "-q", "-o", str(out)]
-    assert run(call) == 0
-    expected, _ = decoded(kept.read_bytes(), "c")[1], kept.unlink()
-    random = np.random.default_rng(0)
-    for _ in range(2):
-        before = stamp(kept)
-        process = subprocess.Popen([sys.executable, "-m", "clothfit", *call, *resumed(kept)], env=environment())
-        while stamp(kept) == before and process.poll() is None:
-            time.sleep(1e-3)
-        time.sleep(float(random.uniform(0.0, 0.3)))
-        process.send_signal(signal.SIGKILL)
-        process.wait(timeout=50)
-        decoded(kept.read_bytes(), "c")
-    assert run([*call, "--resume"]) == 0
-    found = decoded(kept.read_bytes(), "c")[1]
-    assert found.status == expected.status
-    assert found.cost == pytest.approx(expected.cost, rel=SAME_COST)
-    assert parameters(load(out)).tobytes() == found.best.tobytes()
-
-
-def stamp(path):
-    """What is different of a file when it has been replaced."""
-    return (path.stat().st_ino, path.stat().st_mtime_ns) if path.exists() else None
-
-
-def resumed(kept):
-    """The option with which a fit goes on that has been killed before."""
-    return ["--resume"] if kept.exists() else []

@@ -98,13 +98,6 @@ def test_with_noise_it_ends_within_a_tenth_of_a_standard_error():
     assert step @ model.H @ step <= LEFT * sigma2 * (1 + 1e-6)
 
 
-def test_the_cost_goes_down_at_every_iteration():
-    made, costs = rosenbrock(), []
-    run(made, (-1.2, 1.0), accepted=lambda prior, model, radius: costs.append(model.cost))
-    assert len(costs) > 2
-    assert (np.diff([float((made.residual(np.array([-1.2, 1.0])) ** 2).sum()), *costs]) < 0).all()
-
-
 @pytest.mark.parametrize(("lower", "upper"), [((-2.0, -2.0), (0.5, 2.0)), ((1.3, -2.0), (2.0, 3.0))])
 def test_a_minimum_at_a_bound_is_found(lower, upper):
     made = rosenbrock(lower=np.array(lower), upper=np.array(upper))
@@ -125,14 +118,6 @@ def test_where_the_simulation_diverges_it_steps_back():
     assert status == "converged"
     assert any(made.diverges(y) for y in made.trials)
     np.testing.assert_allclose(np.sort(model.y), np.sort(truth), atol=1e-6)  # as above
-
-
-def test_no_step_leaves_the_trust_region():
-    # From far out the first trial is at most the first radius away: a factor e in root mean square.
-    made, _ = decay()
-    start = np.array([3.0, -3.0])
-    run(made, start)
-    assert np.linalg.norm(made.trials[0] - start) <= 1.0101 * np.sqrt(2)
 
 
 def test_a_point_that_nothing_improves_is_a_stall():
@@ -260,13 +245,6 @@ def test_two_steps_that_would_save_next_to_nothing_are_the_end():
     # each step would save (1.9 d)² of 1e4, 1.9 d² are left, with d the distance to the minimum: less than half of it
     assert 1e4 < found.cost < 1e4 * (1 + SMALL)
     assert len(made.models) > 4  # a problem without such residuals takes two
-
-
-def test_less_is_asked_for_on_the_way():
-    made = misfit()
-    found, _, status = minimise(replace(many(made), least=0.1), np.array([3.0, 1.0]), none(2))
-    assert (status, len(made.models)) == ("converged", 1)
-    assert found.cost > 1e4 + 4
 
 
 @pytest.mark.parametrize(("flat", "status"), [(0.5, "converged"), (1e-9, "stalled")])

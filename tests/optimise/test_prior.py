@@ -51,33 +51,6 @@ def test_the_width_is_learned_from_the_data(tau, noise):
     assert np.std(y - truth) < 1.1 * noise / np.sqrt(3 * size)  # what least squares alone leaves: noise / sqrt(rows)
 
 
-def test_with_noise_it_is_nearer_to_the_truth_than_least_squares():
-    size, tau, noise = 100, 0.05, 2.0
-    model, truth = linear(size, tau, noise, rows=120)
-    H, g, *_ = model(np.zeros(size))
-    _, _, y = converged(first(np.zeros(size), [np.arange(size)], None), model, np.zeros(size))
-    alone = -np.linalg.solve(H, g)
-    # Without the prior errors are noise / sqrt(20) = 0.4 and more; with it not much above τ.
-    assert np.std(alone - truth) > 0.3
-    assert np.std(y - truth) < 2 * tau
-
-
-def test_groups_have_widths_of_their_own():
-    rng = np.random.default_rng(4)
-    groups = [np.arange(0, 160, 2), np.arange(1, 160, 2)]
-    truth = np.where(np.arange(160) % 2 == 0, 0.03, 0.6) * rng.normal(size=160)
-    J = rng.normal(size=(640, 160))
-    b = J @ truth + 0.05 * rng.normal(size=640)
-
-    def model(y):
-        return J.T @ J, J.T @ (J @ y - b), y, ((J @ y - b) ** 2).sum(), 640
-
-    prior, *_ = converged(first(np.zeros(160), groups, None), model, np.zeros(160))
-    # 80 values each: 8 %; 3 sigma
-    assert prior.tau[0] == pytest.approx(np.std(truth[groups[0]]), rel=0.25)
-    assert prior.tau[1] == pytest.approx(np.std(truth[groups[1]]), rel=0.25)
-
-
 def test_a_common_factor_is_free_where_the_width_is_learned():
     prior = first(np.zeros(5), [np.arange(1, 5)], None)
     assert prior.value(np.full(5, 3.0), 1.0) < 1e-28  # rounding
@@ -124,35 +97,11 @@ def test_a_single_value_has_no_scatter_to_learn():
     assert [group.tolist() for group in first(np.zeros(4), groups, 0.1).groups] == [[3], [0, 1]]
 
 
-def test_no_coordinates_at_all():
-    learned, sigma2 = none(0).learned(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 8.0, 4)
-    assert (learned.tau, sigma2) == ((), 2.0)
-
-
 def test_widths_stay_within_their_limits():
     for tau, end in ((0.0, NARROWEST), (50.0, WIDEST)):
         model, _ = linear(60, tau, 1e-4)
         prior, *_ = converged(first(np.zeros(60), [np.arange(60)], None), model, np.zeros(60))
         assert prior.tau[0] == pytest.approx(end, rel=1e-4)  # 30 steps of half the way
-
-
-def test_what_the_data_do_not_tell_keeps_near_the_others():
-    rng = np.random.default_rng(2)
-    J = rng.normal(size=(60, 20))
-    J[:, 13] = 0.0
-    truth = 0.4 + 0.1 * rng.normal(size=20)
-    b = J @ truth + 1e-3 * rng.normal(size=60)
-    _, _, y = converged(
-        first(np.zeros(20), [np.arange(20)], None),
-        lambda y: (J.T @ J, J.T @ (J @ y - b), y, ((J @ y - b) ** 2).sum(), 60),
-        np.zeros(20),
-    )
-    assert y[13] == pytest.approx(np.delete(y, 13).mean(), rel=1e-6)  # the least scatter, exactly
-
-
-def test_halfway_between_two_widths():
-    a, b = first(np.zeros(2), [np.arange(2)], 0.1), first(np.zeros(2), [np.arange(2)], 0.4)
-    assert a.between(b).tau == pytest.approx((0.2,), rel=1e-15)
 
 
 def test_the_inverse_of_a_matrix_that_is_not_definite_is_finite():
@@ -302,18 +251,6 @@ def test_values_of_families_are_found_from_fewer_data_than_there_are_values():
     # the few levels are known as well as the noise allows; most of the single values are not shown at all
     assert with_patterns < 3 * NOISE < 0.2 < without
     assert prior.widths[0][0] < 0.01 < 0.3 < prior.widths[0][1]
-
-
-def test_patterns_cost_little_where_values_follow_none():
-    cloth, found = of_sheet()
-    ratios = []
-    for seed in range(8):
-        truth = 0.5 * np.random.default_rng(seed).normal(size=len(cloth.springs))
-        (_, with_patterns), (_, without) = learned(truth, found, seed)
-        ratios.append(with_patterns / without)
-    # in the mean over draws hardly anything; what chance alone may do in one of them is below its error of 1 / sqrt(40)
-    assert np.mean(ratios) < 1.05
-    assert np.max(ratios) < 1.3
 
 
 # --- the widths that make data most likely, against the likelihood itself; and the factorisation that finds the data

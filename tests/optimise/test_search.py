@@ -223,11 +223,3 @@ def test_a_better_point_is_told_and_ends_where_the_error_is_small_enough():
         search.accept(np.array([4.0]), 1e-4)
     assert stop.value.status == "converged"
     assert [progress.cost for progress in told] == [5.0, 1e-4]
-
-
-def test_a_spent_budget_ends_every_kind_of_question():
-    for ask in (lambda s: s.count(), lambda s: s.visit(s.best.p), lambda s: s(s.y)):
-        search = real("nG", 5.0, budget=0)
-        with pytest.raises(Stop) as stop:
-            ask(search)
-        assert stop.value.status == "limit"
