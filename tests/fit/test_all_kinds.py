@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.physics import ball, xyz
-from helpers.scenes import cloth, document, load_text, write_scene
+from helpers.scenes import cloth, document, write_scene
 
 from clothfit import Forces, new_scene, parameters, simulate, with_parameters
 from clothfit.cli.program import run
@@ -31,18 +31,13 @@ TOUCHED = {"colliders": [RUBS, ball((2.0, -0.75, 2.0), 0.8)], "colliderOffset": 
 
 # Fields of the one object, fields of the scene.
 CASES = {
-    "damping": ({"fit": {"damping": True}, "damping": 0.6}, {}),
-    "drag": ({"fit": {"dragCoefficient": "G"}, "dragCoefficient": 0.4}, {}),
     "velocity": ({"fit": {"vertVel": "G"}, "vertVel": [xyz((1, 0.5, -2))] * 9}, {}),
     "velocities": ({"fit": {"vertVel": "L"}, "vertVel": [xyz(v) for v in RNG.normal(size=(9, 3))]}, {}),
     "rest factor": ({"fit": {"springRestLength": "G"}, "springRestLength": (0.9 * LENGTHS).tolist()}, {}),
     "rest lengths": ({"fit": {"springRestLength": "L"}, "springRestLength": RNG.uniform(0.7, 1.2, 16).tolist()}, {}),
     "wind": ({"dragCoefficient": 0.4}, {"fit": {"windVel": True}, **WIND}),
-    "friction": ({}, {"fit": {"friction": "G"}, **TOUCHED}),
-    "contact stiffness": ({}, {"fit": {"contact": "L"}, **TOUCHED}),
-    "offset": ({}, {"fit": {"colliderOffset": True}, **TOUCHED}),
     "friction, contact stiffness and offset": (
-        {}, {"fit": {"colliderOffset": True, "friction": "L", "contact": "G"}, **TOUCHED},
+        {}, {"fit": {"colliderOffset": True, "friction": "G", "contact": "L"}, **TOUCHED},
     ),
     "gravity": ({}, {"fit": {"gravity": True}, "gravity": xyz((1, -7, 2))}),
     "drag and damping and wind": (
@@ -81,20 +76,6 @@ def test_a_fit_finds_what_is_hidden_from_it(case, method):
     assert found.rmse < 1e-8
     # 1e-8 m in the positions; the velocity at the start of each vertex is soon damped, so it shows least
     np.testing.assert_allclose(parameters(found.scene)[kept], parameters(scene)[kept], atol=1e-3)
-
-
-@pytest.mark.parametrize("case", ["wind", "drag", "velocity", "rest lengths"])
-def test_a_fit_to_a_target_starts_from_the_scene_and_its_file_moves_as_the_target(case):
-    truth = made(case)
-    p = parameters(truth)
-    guess = with_parameters(truth, 1.1 * p)
-    target = record_target(truth)
-    found = estimate(guess, target, method="l-bfgs-b")
-    again = load_text(dumps(found.scene))
-    gap = simulate(again, tolerance=1e-10).positions - target.positions
-    assert np.sqrt((gap**2).sum(axis=2).mean()) < 2e-8  # the fit ends at 1e-8
-    (first,) = estimate(guess, target, method="l-bfgs-b", max_evaluations=1).parameters
-    assert first.object == (None if case == "wind" else 0)
 
 
 def test_a_hidden_truth_starts_from_values_that_do_not_depend_on_it():
@@ -199,8 +180,7 @@ def noisy(motion, metres):
     return replace(motion, positions=motion.positions + noise)
 
 
-@pytest.mark.parametrize("settings", ["nn", "nF"])
-@pytest.mark.parametrize("off", [0.5, 2.0])
+@pytest.mark.parametrize(("settings", "off"), [("nn", 0.5), ("nF", 2.0)])
 def test_the_friction_of_a_tablecloth_is_found_from_a_start_that_is_off_by_two(settings, off):
     made = dropped([BOX, FLOOR], settings, {"friction": "G"})
     exact, truth = record_target(made), parameters(made)

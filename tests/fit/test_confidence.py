@@ -11,7 +11,7 @@ import pytest
 from helpers.scenes import cloth, document, even, trial
 from scipy import stats
 
-from clothfit import degrade, load, simulate
+from clothfit import degrade, load
 from clothfit.cli.parts.estimate_results import certainty
 from clothfit.fit import confidence, posterior, result
 from clothfit.fit.confidence import not_shown
@@ -72,11 +72,6 @@ def intervals(found):
 # --- the textbook
 
 
-def test_half_an_interval_of_one_and_two_degrees_has_closed_forms():
-    assert half_width(1.0) == pytest.approx(np.tan(np.pi * 0.95 / 2), rel=1e-11)  # Cauchy
-    assert half_width(2.0) == pytest.approx(0.95 * np.sqrt(2 / (1 - 0.95**2)), rel=1e-11)
-
-
 def ballistic(frames=8):
     """One vertex without springs, thrown with a velocity that is fitted: its positions are linear in that."""
     return load(document(chain([], [False], "nn", fit={"vertVel": "L"}), optimizationIterations=frames))
@@ -105,24 +100,6 @@ def test_a_linear_problem_has_the_intervals_of_regression(method):
     assert found.sigma == pytest.approx(spread, rel=1e-2)
     assert found.rank == 3
     assert found.parameters[0].unidentifiable == []
-
-
-@pytest.mark.usefixtures("certain")
-def test_one_mass_on_one_spring():
-    scene = load(document(chain([(0, 1)], [True, False], vertMass=[0.1, 0.1]), optimizationIterations=30))
-    motion = degrade(record_target(scene), 1e-3, seed=1)
-    found = estimate(scene, motion)
-    k = parameters(found.scene)
-    tried = {step: with_parameters(scene, k * np.exp(step)) for step in (-1e-5, 0, 1e-5)}
-    x = {step: simulate(changed, tolerance=1e-13).positions for step, changed in tried.items()}
-    J = (x[1e-5] - x[-1e-5])[1:, 1].ravel() / 2e-5  # by log k; differences are good to 1e-8
-    count = 3 * 29  # the initial state and the fixed vertex say nothing
-    spread = np.sqrt((((x[0] - motion.positions)[1:, 1]) ** 2).sum() / (count - 1))
-    half = stats.t.ppf(0.975, count - 1) * spread / np.linalg.norm(J)
-    ((low, high),) = intervals(found)
-    # Up to a tenth of a standard deviation is left of the way where a fit ends.
-    np.testing.assert_allclose(np.log([low, high] / k), [-half, half], rtol=0.06)
-    assert found.sigma == pytest.approx(spread, rel=1e-6)
 
 
 # --- what the motion does not show
@@ -271,14 +248,6 @@ def test_the_prior_is_told():
     assert none is None
 
 
-def test_a_linear_kind_is_cut_at_its_bounds():
-    made = document(cloth(3, 3, damping=1e-4, fit={"damping": "G"}), optimizationIterations=8)
-    motion = degrade(record_target(load(made)), 5e-3, seed=1)
-    ((low, high),) = intervals(estimate(load(made), motion))
-    assert low == KIND["damping"].lower == 0.0
-    assert high > 0.0
-
-
 def test_a_target_without_noise_at_the_truth_has_intervals_of_rounding(sheet):
     ends = intervals(estimate(sheet[0], record_target(sheet[0])))
     np.testing.assert_allclose(ends, 30.0, rtol=1e-7)  # the tolerance of the linear systems is 1e-10
@@ -425,17 +394,6 @@ def test_of_a_linear_problem_it_is_the_jackknife_of_refits():
         refits.append(np.linalg.lstsq(J[rest].reshape(-1, 3), r[rest].reshape(-1), rcond=None)[0])
     spread = np.array(refits)  # of the steps from the minimum of all
     np.testing.assert_allclose(found, 2.0 * 2 / 3 * spread.T @ spread, rtol=1e-9)  # rounding
-
-
-def test_independent_residuals_have_twice_their_covariance():
-    found, true = [], []
-    for seed in range(300):
-        J, r, K = regression(seed, steps=120)
-        found.append(np.trace(blocks_of(kept(J, r), np.ones(3)).covariance(np.arange(3), K)))
-        true.append(2.0 * np.trace(K))
-    # Each has three values with two degrees of freedom: a relative standard error of 0.6 / √300, and three of them;
-    # leaving a third out is not quite linear in how much it says, which adds some percent of 1 / 240 · 3.
-    np.testing.assert_allclose(np.mean(found), np.mean(true), rtol=0.12)
 
 
 def test_what_one_block_alone_shows_is_not_known():

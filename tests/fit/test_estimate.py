@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from helpers.scenes import changed, cloth, document, even, load_text, trial
+from helpers.scenes import changed, cloth, document, even, trial
 
 import clothfit
 from clothfit import Diverged, InvalidInput, InvalidMotion, Motion, degrade, simulate
@@ -16,8 +16,7 @@ from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.optimise.scipy_methods import FREE, METHODS
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
-from clothfit.scene.scene import dumps, load
-from clothfit.strategy.start import neutral_start
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow
 
@@ -228,18 +227,6 @@ def test_a_cloth_that_cannot_move_has_nothing_to_find_and_keeps_its_values(setti
     assert found.cost == 0.0
 
 
-def test_what_is_not_flagged_stays_bit_for_bit():
-    scene = load(trial("nL", springStiffness=[0.1 + s / 3 for s in range(33)], vertMass=[0.1 / 3] * 16))
-    found = estimate(scene, start=5.0, max_evaluations=5)
-    assert found.scene.cloths[0].mass.tobytes() == scene.cloths[0].mass.tobytes()
-    old, new = dumps(scene).decode(), dumps(found.scene).decode()
-    head = old.index('"springStiffness"')
-    tail = old.index('"triangles"')
-    assert new[:head] == old[:head]
-    assert new.endswith(old[tail:])
-    assert load_text(new).cloths[0].stiffness.tolist() == parameters(found.scene).tolist()
-
-
 @pytest.mark.parametrize("method", ["l-bfgs-b", "powell", "slsqp", "cobyla"])
 @pytest.mark.parametrize("budget", [1, 7])
 def test_a_spent_budget_gives_the_best_point(costs, method, budget):
@@ -336,13 +323,6 @@ def test_a_target_that_does_not_fit_is_refused(kind):
         estimate(scene, change(record_target(scene)))
 
 
-def test_a_bare_array_is_a_target_with_a_frame_per_step():
-    scene = load(even("nG"))
-    target = record_target(scene)
-    found, same = (estimate(scene, goal, start=10.0) for goal in (target.positions, target))
-    assert (found.cost, found.evaluations) == (same.cost, same.evaluations)
-
-
 def test_the_record_is_solved_as_tightly_as_the_fit():
     scene = load(trial("Ln"))
     tight = simulate(scene, tolerance=FIT_TOLERANCE).positions
@@ -367,26 +347,3 @@ def test_an_interrupt_before_there_is_a_result_passes_on_and_later_one_gives_the
     assert (found.status, found.evaluations) == ("interrupted", 0)
     assert parameters(found.scene).tolist() == [20.0]
     assert 0 < found.cost < np.inf
-
-
-def test_a_target_that_begins_late_has_a_start_of_its_own():
-    scene = load(even("nG", 80))
-    motion = record_target(scene)
-    late = Motion(motion.positions[50:], motion.times[50:], (16,))
-    assert 10.0 < neutral_start(Objective(scene, late))[0] < 90.0
-
-
-# --- what a target does not show
-
-
-def test_what_the_target_does_not_show_is_listed_and_kept():
-    one = even("Ln")["objects"][0]
-    scene = load(document(one, changed(one, ("vertMass",), [0.05] * 16), optimizationIterations=20))
-    motion = record_target(scene)
-    seen = np.ones(motion.positions.shape[:2], bool)
-    seen[:, 16:] = False
-    half = Motion(motion.positions, motion.times, (16, 16), seen)
-    found = estimate(scene, half, start=0.03)
-    assert [len(block.unidentifiable) for block in found.parameters] == [2, 16]
-    assert found.scene.cloths[1].mass.tolist() == [0.03] * 16
-    np.testing.assert_allclose(found.scene.cloths[0].mass[4:], 0.02, rtol=1e-4)  # RMSE below 1e-8 m

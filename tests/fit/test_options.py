@@ -88,6 +88,7 @@ REFUSED = [  # the flags of masses and stiffnesses and what else is fitted, argu
     ("nL", {}, {"windows": 1}, "windows must have 2 frames or more; 1 was given"),
     ("nL", {}, {"windows": 5, "fit_time": True}, "windows: they begin in the target's own states"),
     ("nL", {}, {"windows": 5, **WITHOUT}, "windows: a target is needed"),
+    ("nL", {}, {"resume": True}, "resume: a checkpoint is needed"),
     ("nL", {}, {"fit_time": True, **WITHOUT}, "can be found only where one is given; give a target"),
     ("nL", {}, {"holdout": 0.0}, "holdout must be a fraction above 0 and below 1; 0 was given"),
     ("nL", {}, {"holdout": 1.0}, "holdout must be a fraction above 0 and below 1; 1 was given"),

@@ -114,28 +114,6 @@ def test_shorter_steps_fit_what_was_chosen_and_nothing_else():
     assert by.scene.delta == goal.scene.delta / 8
 
 
-@pytest.mark.slow
-def test_nothing_is_chosen_where_nobody_asks(coarse):
-    fit = settled(coarse)
-    assert fit.search.objective is coarse
-    assert (fit.known, fit.wanted, fit.judged, fit.model, fit.step, fit.tried) == (False, None, None, "", None, ())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("options", [{"substeps": "auto"}, {"substeps": "auto", "model": "auto"}])
-def test_the_values_that_are_chosen_cost_what_the_search_says(options):
-    scene, motion = finer("LL" if "model" in options else "nL")
-    goal = objective(scene, motion)
-    fit = settled(goal, 30.0 if "model" not in options else None, **options)
-    own, best = fit.search.objective, fit.search.best
-    assert own.cost(best.p) == pytest.approx(best.cost, rel=1e-6)
-    assert own.rmse(best.cost) <= goal.rmse(goal.cost(parameters(scene)))
-    assert bool(fit.tried) == bool(fit.step) == ("substeps" in options)
-    assert bool(fit.judged) == bool(fit.model) == ("model" in options)
-    assert fit.search.budget.evaluations > 0
-    assert fit.search.progress.seconds > 0
-
-
 # --- fits
 
 
@@ -184,7 +162,6 @@ def test_the_editors_step_is_kept_with_a_hint_unless_a_number_is_asked_for_by_th
 
 CHOICES = {
     "step": ({"substeps": "auto"}, "nF"),
-    "model": ({"model": "auto"}, "nL"),
     "step, model and holdout": ({"substeps": "auto", "model": "auto", "holdout": 0.25}, "nL"),
 }
 
