@@ -6,12 +6,11 @@ from helpers.costs import simulate_all
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, sphere, trial
 
-from clothfit import InvalidInput, InvalidMotion, Motion, load, parameters, simulate, with_parameters
+from clothfit import InvalidInput, InvalidMotion, load, parameters, simulate, with_parameters
 from clothfit.derivative.verify import check
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
-from clothfit.strategy.start import neutral_start
 
 pytestmark = pytest.mark.slow
 
@@ -78,17 +77,6 @@ def test_what_one_experiment_cannot_show_another_can():
     assert np.flatnonzero(~both.identifiable).tolist() == [0]
 
 
-def test_two_half_targets_are_a_whole_one():
-    motion = truth(MAIN)
-    left = np.broadcast_to(np.arange(16) % 4 < 2, (20, 16))
-    halves = [Motion(motion.positions, motion.times, (16,), seen) for seen in (left, ~left)]
-    p = parameters(MAIN)
-    both, whole = Objective(MAIN, halves), Objective(MAIN, motion)
-    assert both.cost(p) == pytest.approx(whole.cost(p), rel=1e-13)  # another order of summation
-    assert both.seen[0].all()
-    assert (both.observations, both.position_rmse(p)) == (20 * 16, pytest.approx(whole.position_rmse(p), rel=1e-13))
-
-
 def test_a_fit_to_two_experiments_finds_what_both_share():
     made = load(even("GG"))
     goals = [record_target(made), (record_target(WINDY), WINDY)]
@@ -101,13 +89,6 @@ def test_each_experiment_is_compared_as_far_as_its_scene_says():
     short = load(even("nn", 8))
     found = estimate(load(even("nG")), [record_target(MAIN, 60), (record_target(short, 60), short)], max_evaluations=1)
     assert found.frames == 20 + 8
-
-
-def test_the_neutral_start_looks_at_all_experiments():
-    blind = Motion(np.full((20, 16, 3), np.nan), 0.02 * np.arange(20), (16,), np.zeros((20, 16), bool))
-    made = load(even("nG"))
-    start = neutral_start(Objective(made, [blind, (record_target(WINDY), WINDY)]))
-    assert 20.0 < start[0] < 45.0  # the grid's finest step is an eighth of a decade
 
 
 @pytest.mark.parametrize(

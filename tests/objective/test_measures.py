@@ -156,19 +156,18 @@ def test_the_gradient_through_the_simulation(objective, loss):
     assert report.product < 1e-12  # linear systems are solved to 1e-14
 
 
-@pytest.mark.parametrize("capture", CAPTURES)
-@pytest.mark.parametrize("objective", [*OBJECTIVES, MIXED], ids=str)
+@pytest.mark.parametrize(
+    ("objective", "capture"),
+    [("position", "every step"), ("position", "every third"),
+     *((each, "30 a second") for each in (*OBJECTIVES, MIXED))],
+    ids=str,
+)  # fmt: skip
 def test_a_fit_recovers_what_is_hidden(objective, capture):
     made = load(even("GG", 31))
     goal = degrade(record_target(made), **CAPTURES[capture])
     found = estimate(made, goal, start=[0.03, 20.0], method="l-bfgs-b", objective=objective)
     np.testing.assert_allclose(parameters(found.scene), [0.02, 30.0], rtol=1e-4)  # the motion is solved to 1e-10
     assert found.rmse < 1e-5
-
-
-def test_a_hidden_truth_can_be_looked_for_with_any_objective():
-    found = estimate(load(even("nG", 40)), objective={"edge-length": 1.0, "spectrum": 0.1})
-    np.testing.assert_allclose(parameters(found.scene), 30.0, rtol=1e-4)  # as above
 
 
 def test_the_rmse_of_a_fit_is_that_of_positions():
@@ -194,14 +193,3 @@ def test_outliers_do_not_decide_a_robust_fit(loss):
     errors = [np.abs(parameters(fit.scene) / [0.02, 30.0] - 1).max() for fit in (plain, robust)]
     assert errors[1] < 0.01  # a gap of 0.8 m pulls as one of a millimetre does: 5 % of them, of a motion of 0.1 m
     assert errors[1] < 0.1 * errors[0]
-
-
-def test_weights_leave_out_what_is_known_to_be_wrong():
-    made = load(even("GG"))
-    goal = record_target(made)
-    weights = np.ones(16)
-    goal.positions[:, 9] += 0.3
-    weights[9] = 0.0
-    wrong = Motion(goal.positions, goal.times, goal.vertex_counts, weights=np.tile(weights, (20, 1)))
-    found = estimate(made, wrong, start=[0.03, 20.0], method="l-bfgs-b")
-    np.testing.assert_allclose(parameters(found.scene), [0.02, 30.0], rtol=1e-4)  # as above

@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
-from helpers.scenes import document, trial
+from helpers.scenes import trial
 
-from clothfit import Diverged, InvalidInput, as_motion, estimate, load, parameters, simulate, with_parameters
+from clothfit import InvalidInput, as_motion, estimate, load, parameters, simulate, with_parameters
 from clothfit.base.memory import human
 from clothfit.engine import tape
 from clothfit.engine.rollout import state_bytes
@@ -51,23 +51,6 @@ def test_cost_and_gradient_are_the_same_to_the_last_bit(objective, newton):
     np.testing.assert_array_equal(aim.tangent(p, direction), whole.tangent(p, direction))
 
 
-def test_frames_between_steps_and_several_cloths():
-    cloths = [trial(settings, nx=nx)["objects"][0] for settings, nx in (("LL", 4), ("nG", 3), ("nn", 2))]
-    truth = load(document(*cloths, optimizationIterations=FRAMES))
-    x = simulate(truth, tolerance=1e-10).positions
-    seen = np.random.default_rng(2).random((100, x.shape[1])) < 0.6
-    doubled, times = np.repeat(x, 2, axis=0)[:100] + 0.01, 0.7 * truth.delta * np.arange(100)
-    motion = as_motion(truth, doubled, times, seen, np.linspace(1, 2, x.shape[1]))
-    made = with_parameters(truth, 1.2 * parameters(truth))
-    aim = Objective(made, motion, memory=PLENTY)
-    systems = [run.system for run in aim.runs]
-    tight = aim.needs.held + max(tape.least_bytes(aim.steps, state_bytes(s), snapshot_bytes(s)) for s in systems)
-    found, expected = (cost_and_gradient(made, motion, memory=size) for size in (tight, PLENTY))
-    assert Objective(made, motion, memory=tight).needs.snapshots > 0
-    assert found[0] == expected[0]
-    np.testing.assert_array_equal(found[1], expected[1])
-
-
 @pytest.mark.parametrize(
     ("settings", "method"), [("nL", "l-bfgs-b"), ("GG", "gauss-newton"), ("LL", "auto")]
 )
@@ -106,19 +89,6 @@ def test_too_little_memory_is_refused_with_what_is_needed():
             work()
         assert str(caught.value).startswith("memory: 30 kB is too little: the targets take ")
         assert str(caught.value).endswith(f"needs {human(tight)} in all")
-
-
-def test_a_motion_that_diverges_in_a_late_part_is_told():
-    made, motion = guess(integrationMethod=1, delta=0.002)
-    tight = tightest(made, motion)
-    stiff = with_parameters(made, 400.0 * parameters(made))
-    steps = []
-    for size in (tight, PLENTY):
-        with pytest.raises(Diverged) as caught:
-            cost_and_gradient(stiff, motion, memory=size)
-        steps.append((caught.value.step, str(caught.value)))
-    assert steps[0] == steps[1]
-    assert steps[0][0] > 5
 
 
 def test_the_matrix_free_fit_in_little_memory_is_the_same(monkeypatch):

@@ -172,16 +172,6 @@ def test_a_fit_without_a_target_reaches_what_the_cost_asks_for(method):
     assert "cost" in repr(fit)
 
 
-def test_a_fit_by_ones_own_squares_is_that_by_positions():
-    own = load(even("nL", 15, 4, 4))
-    goal = simulate(with_parameters(own, 1.3 * parameters(own)), tolerance=1e-10)
-    fits = [estimate(own, goal, method="l-bfgs-b", objective=each, max_evaluations=25, intervals=False)
-            for each in (squares(goal.positions), "position")]  # fmt: skip
-    assert fits[0].cost == pytest.approx(fits[1].cost, rel=1e-6)
-    np.testing.assert_allclose(parameters(fits[0].scene), parameters(fits[1].scene), rtol=1e-6)
-    assert fits[0].rmse == pytest.approx(fits[1].rmse, rel=1e-3)
-
-
 def test_gauss_newton_fits_residuals_of_ones_own():
     own = load(even("nL", 20, 4, 4))
     p = parameters(own)
