@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from helpers.costs import simulate_all
 from helpers.derivatives import assert_right
-from helpers.physics import METHODS, TIGHT, VARIANTS, ball, cloth, dense_matrix, scene, sheet, xyz
+from helpers.physics import METHODS, TIGHT, VARIANTS, ball, cloth, scene, sheet, xyz
 from scipy.sparse import csc_array
 
 from clothfit.derivative import sensitivity
-from clothfit.derivative.sensitivity import Solver, columns, sweep, tangents
-from clothfit.engine.step import implicit
+from clothfit.derivative.sensitivity import columns, sweep, tangents
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.fit_vector import acting, parameters, with_parameters
@@ -173,18 +172,6 @@ def test_an_indefinite_matrix_is_inverted_as_well():
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("definite", [True, False])
-def test_the_factorisation_solves_for_many_right_hand_sides(definite, monkeypatch):
-    if not definite:
-        monkeypatch.setattr(sensitivity, "factorise", lambda *_: None)
-    _, _, system, memory, *_ = fitted("LL")
-    work, free = implicit.workspace(system), np.repeat(system.vertex.free, 3)
-    implicit.assemble(system, memory.x[2], memory.w[1, 0], False, work.A, work.b)
-    right = np.random.default_rng(1).normal(size=(free.sum(), 4))
-    A = dense_matrix(work.A)[np.ix_(free, free)]
-    np.testing.assert_allclose(A @ Solver()(work.A, right), right, atol=1e-12)  # a condition below 100
-
-
 def test_parameters_without_a_column_are_held():
     objective, p, system, memory, _, _, factor = fitted("LL")
     column = np.full(len(p), -1, np.int32)
@@ -210,9 +197,3 @@ def test_defaults_written_out_are_the_same_motion_to_the_bit(method, newton):
     own = {"vertVel": zero, "springRestLength": lengths, "fit": {"damping": "n", "vertVel": False}}
     bare, spelled = scene(plain, **whole), scene({**plain, **own}, gravity=xyz((0, -9.81, 0)), fit={}, **whole)
     np.testing.assert_array_equal(simulate(bare, 20).positions, simulate(spelled, 20).positions)
-
-
-def test_fixed_vertices_ignore_their_velocity():
-    given = scene(cloth(2, 2, vertVel=[xyz((1, 1, 1))] * 4))
-    held = simulate(given, 5).positions[:, given.cloths[0].fixed]
-    np.testing.assert_array_equal(held, np.broadcast_to(held[0], held.shape))

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from helpers import physics
-from helpers.physics import gentle, thing
+from helpers.physics import thing
 
 from clothfit.derivative.step_jacobian import stencil
-from clothfit.engine.step import explicit
 
 
 def joined(system):
@@ -34,21 +33,3 @@ def test_neighbours_are_those_that_something_joins(name):
         assert near.neighbour[near.start[i] : near.start[i + 1]].tolist() == np.flatnonzero(row).tolist()
     first, second = np.nonzero(expected)
     assert near.neighbour[near.entries(first, second)].tolist() == second.tolist()
-
-
-def test_no_force_reaches_beyond_the_stencil():
-    system = gentle(nx=5, ny=4)
-    near, v = stencil(system), np.zeros_like(system.x0)
-    still = explicit_force(system, system.x0, v)
-    for i in range(len(system.x0)):
-        moved = system.x0.copy()
-        moved[i] += (0.01, 0.02, -0.03)
-        felt = np.flatnonzero((explicit_force(system, moved, v) != still).any(axis=1))
-        assert set(felt.tolist()) <= set(near.neighbour[near.start[i] : near.start[i + 1]].tolist())
-
-
-def explicit_force(system, x, v):
-    """The velocity after an explicit step: linear in the force."""
-    w = np.zeros_like(x)
-    explicit.step(system, x, v, w, np.empty_like(x))
-    return w

@@ -7,7 +7,7 @@ from helpers.scenes import cloth
 
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative import verify
-from clothfit.derivative.verify import central_difference_error, check, dot_product_error, scaled, taylor_order
+from clothfit.derivative.verify import central_difference_error, check, scaled, taylor_order
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -15,7 +15,6 @@ from clothfit.scene.fit_vector import parameters, with_parameters
 pytestmark = pytest.mark.slow  # compiles a fit
 
 P = np.array([0.3, -20.0, 1.5])
-RNG = np.random.default_rng(10)
 DIRECTION = P * np.array([0.7, -0.5, 1.0])
 
 
@@ -83,20 +82,6 @@ def test_central_difference():
     rough = central_difference_error(smooth, gradient(P), P, DIRECTION, step=1e-2)
     assert 1e-7 < rough < 1e-3  # the square of the step
     assert central_difference_error(lambda p: 5.0, np.zeros(3), P, DIRECTION) == 0.0  # of two zeros
-
-
-def test_dot_product():
-    J = RNG.normal(size=(12, 3))
-    d, w = RNG.normal(size=3), RNG.normal(size=(4, 3))
-
-    def tangent(d):
-        return (J @ d).reshape(4, 3)
-
-    def transpose(w):
-        return J.T @ w.reshape(-1)
-
-    assert dot_product_error(tangent, transpose, d, w) < 1e-14  # sums of 36 products
-    assert dot_product_error(tangent, lambda w: (1 + 1e-10) * transpose(w), d, w) > 1e-11
 
 
 def test_a_direction_is_scaled_to_the_parameters():

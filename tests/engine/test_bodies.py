@@ -61,16 +61,6 @@ def test_distances_are_those_of_the_nearest_triangle_inside_and_outside_of_a_tor
     assert inside[far].sum() > 50
 
 
-def test_distances_of_finer_balls_come_to_those_of_a_ball():
-    y = np.random.default_rng(4).normal(size=(300, 3))
-    true = 1.0 - np.linalg.norm(y, axis=1)
-    errors = [np.abs(touch.depths(around(sphere(rows), 300), y)[0][0] - true).max() for rows in (8, 16, 32)]
-    assert errors[0] < 0.1
-    # chords: of second order
-    assert errors[0] / errors[1] > 3.3
-    assert errors[1] / errors[2] > 3.3
-
-
 def test_where_the_search_begins_changes_no_bit():
     own = around(torus(24, 16), 500)
     y = np.random.default_rng(5).uniform(-1.5, 1.5, (500, 3))

@@ -232,20 +232,6 @@ def test_a_plate_feels_pressure_across_the_flow_and_friction_along_it():
         np.testing.assert_allclose(found, np.tile(expected / 3, (3, 1)), atol=1e-14)  # sums of some ten terms of 1 N
 
 
-def test_divided_faces_feel_the_same_force_and_moment():
-    flow, (a, b, c) = (3, 1, -2), CORNERS
-    whole = pushed(CORNERS, [(0, 1, 2)], flow)
-    for points, faces in (
-        ([a, b, c, (0.3 * b + 0.7 * c)], [(0, 1, 3), (0, 3, 2)]),
-        ([a, b, c, (a + b + c) / 3], [(0, 1, 3), (1, 2, 3), (2, 0, 3)]),
-        (CORNERS, [(0, 2, 1)]),  # its other side
-    ):
-        parts_ = pushed(points, faces, flow)
-        np.testing.assert_allclose(parts_.sum(axis=0), whole.sum(axis=0), atol=1e-14)
-        moments = [np.cross(x, f).sum(axis=0) for x, f in ((np.array(points), parts_), (CORNERS, whole))]
-        np.testing.assert_allclose(*moments, atol=1e-14)  # as each part is pushed at its centroid
-
-
 def test_the_matrix_damps_whatever_the_state_and_is_nearly_the_jacobian_where_all_corners_move_alike():
     system, rng = of_air(SYSTEM), np.random.default_rng(3)
     at = state(system, "random")
@@ -260,14 +246,6 @@ def test_the_matrix_damps_whatever_the_state_and_is_nearly_the_jacobian_where_al
 
 
 # --- spheres
-
-
-def test_the_push_is_1000_newton_per_metre_of_depth_outward():
-    one = spheres.build([[1.0, 2.0, 3.0]], [0.5])
-    y = np.array([[1.3, 2.0, 3.0], [1.0, 2.0, 2.6], [1.6, 2.0, 3.0], [1.0, 2.0, 3.0]])
-    f = physics.total_force(spheres, one, y, np.zeros_like(y))
-    # depths 0.2 m and 0.1 m; outside; at the centre, pushed up by the whole radius. y − c is rounded at 1e-16
-    np.testing.assert_allclose(f, [[200, 0, 0], [0, 0, -100], [0, 0, 0], [0, 500, 0]], atol=1e-11)
 
 
 def test_which_contacts_begin():

@@ -363,18 +363,6 @@ def test_halves_that_meet_do_not_pass_through_each_other(method, speed):
     assert [crossings(surface, x) for x in simulate(made).positions] == [0] * 20
 
 
-@pytest.mark.slow
-def test_a_turned_cloth_moves_as_before_but_turned():
-    made, turn = colliding(frames=12, gravity=xyz((0, 0, 0))), rotation((1, 2, 3), 0.8)
-    system = build(made, 0)
-    other = system._replace(
-        x0=np.ascontiguousarray(system.x0 @ turn.T), v0=np.ascontiguousarray(system.v0 @ turn.T),
-        surface=system.surface._replace(start=np.ascontiguousarray(system.surface.start @ turn.T)),
-    )  # fmt: skip
-    plain, turned = (rollout(each, 11, TIGHT)[0].x for each in (system, other))
-    np.testing.assert_allclose(turned, plain @ turn.T, atol=1e-9)
-
-
 def test_zones_keep_the_momentum_and_are_their_own_transpose():
     made = build(colliding(fixed=[3]), 0)
     rng = np.random.default_rng(4)

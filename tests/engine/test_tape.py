@@ -14,9 +14,8 @@ from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import whole
 from clothfit.engine import rollout, tape
 from clothfit.engine.prescribed import forms_from, forms_of
-from clothfit.engine.rollout import state_bytes
 from clothfit.engine.system import BDF2, IMPLICIT
-from clothfit.engine.tape import Plan, Tape, least_bytes, plan_for
+from clothfit.engine.tape import Plan, Tape
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -168,19 +167,6 @@ def test_an_interrupt_between_parts_does_no_harm(monkeypatch):
         adjoint.gradient(system, made, weight, TIGHT)
     interrupts.clear()
     assert_same(adjoint.gradient(system, made, weight, TIGHT), adjoint.gradient(system, memory, weight, TIGHT))
-
-
-def test_any_budget_gives_the_same_gradient():
-    system, steps = gentle(newton=2), 60
-    memory, weight = kept(system, steps)
-    expected = adjoint.gradient(system, memory, weight, TIGHT)
-    size, snapshot = state_bytes(system), 5 * system.x0.nbytes
-    seen = set()
-    for most in np.linspace(least_bytes(steps, size, snapshot), steps * size, 7):
-        chosen = plan_for(steps, size, snapshot, most)
-        seen.add(len(chosen.strides))
-        assert_same(adjoint.gradient(system, told(system, chosen, steps), weight, TIGHT), expected)
-    assert seen >= {1, 2}
 
 
 def test_a_derivative_may_be_told_part_by_part():
