@@ -95,35 +95,6 @@ def test_the_model_is_the_tangent_of_a_step(flag, method, newton):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["implicit", "bdf2", "symplectic"])
-def test_the_gains_are_the_best_of_their_multiples(flag, method):
-    own = flag(method, delta=0.02 if method != "symplectic" else 0.005)
-    plan = planned(own, [5, 6, 11], size=0.3 if method != "symplectic" else 3.0)  # it has a quarter of the time
-    keys = keys_of(own, plan, [15, 30])
-    back = replace(with_gains(own, plan, keys), pulls=True)
-    assert back.gain is None
-    here = simulate(own.with_forces(plan), 31).positions
-    same = simulate(own.with_forces(back), 31).positions
-    np.testing.assert_allclose(same, here, atol=1e-9)  # rounding, on a motion that forgets most of it
-    pushed = np.zeros_like(plan.values)
-    pushed[0, 9] = [1e-3, 2e-3, -1e-3]
-    free, size = ~own.cloths[0].fixed, np.linalg.norm(np.ptp(own.cloths[0].positions, axis=0))
-
-    def cost(scale):
-        """Of the deviations and the feedback's forces, with so many times its gains."""
-        own_gains = replace(back.regulator, gains=scale * back.regulator.gains)
-        disturbed = replace(back, values=plan.values + pushed, regulator=own_gains)
-        acting = answered(own.with_forces(disturbed), 30, 1e-12)
-        away = ((simulate(acting, 31).positions - here)[:, free] ** 2).sum(axis=2).mean(axis=1) / (0.03 * size) ** 2
-        more = ((acting.forces.values - disturbed.values) ** 2).sum() / (plan.values**2).sum()
-        return away[[15, 30]].sum() + away.sum() / 30 + more
-
-    best = cost(1.0)
-    assert best < 0.9 * cost(0.0)  # three vertices can do so much
-    assert best < min(cost(0.7), cost(1.3))  # as small a push is in the range of the linear model
-
-
-@pytest.mark.slow
 def test_no_force_of_a_feedback_is_above_its_bound(flag):
     own = flag()
     plan = planned(own, [5, 6])

@@ -218,12 +218,6 @@ def test_what_cannot_be_measured_is_refused(found, monkeypatch):
 # --- its parts
 
 
-def test_the_front_of_known_points():
-    points = [(3.0, 1.0), (1.0, 5.0), (2.0, 5.0), (2.0, 2.0), (4.0, 1.0), (np.inf, np.inf), (2.0, 2.0)]
-    assert precision.front(points).tolist() == [True, True, False, True, False, False, False]
-    assert precision.front([]).tolist() == []
-
-
 def test_frames_count_as_long_as_the_reference_is_known_there():
     # errors of 1 m so far at the reference's 10 cm, then 1 m of its own: √(1/4) of it over four frames is above 1/5
     trials, known = [done([0, 1, 1, 1, 1]), done([0, 4, 4, 4, 4], name="explicit")], precision.known_frames

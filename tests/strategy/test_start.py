@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.physics import scene, thing
-from helpers.scenes import changed, cloth, document, even, sphere, trial
+from helpers.scenes import cloth, document, even, sphere, trial
 from helpers.strangers import WIND, windy
 
 import clothfit
@@ -26,10 +26,8 @@ from clothfit.strategy.start import (
     decades,
     fabric,
     is_steady,
-    neighbours,
     neutral,
     neutral_start,
-    normalised,
     proportions,
     steadied,
     undetermined,
@@ -40,15 +38,6 @@ pytestmark = pytest.mark.slow
 
 FINEST = 10**0.125
 """Ratio of neighbouring values on the finest grid."""
-
-
-def test_neighbours_are_the_points_around_within_the_bounds():
-    axis = (-4.0, 4.0)
-    assert sorted(neighbours((0.0,), 0.5, [axis])) == [(-0.5,), (0.5,)]
-    assert len(set(neighbours((0.0, 1.0), 0.5, [axis] * 2))) == 8
-    assert sorted(neighbours((4.0,), 0.5, [axis])) == [(3.5,)]
-    corner = sorted(neighbours((-4.0, 0.0), 1.0, [axis] * 2))
-    assert corner == [(-4.0, -1.0), (-4.0, 1.0), (-3.0, -1.0), (-3.0, 0.0), (-3.0, 1.0)]
 
 
 FREE = {"contact": "G"}
@@ -124,13 +113,6 @@ def test_it_does_not_depend_on_the_flagged_values(settings):
         np.testing.assert_array_equal(start, first)
 
 
-def test_it_does_depend_on_the_target():
-    scene = load(even("nG"))
-    targets = [simulate(load(even("nG", springStiffness=[k] * 33))) for k in (3.0, 300.0)]
-    soft, stiff = (neutral_start(Objective(scene, target)) for target in targets)
-    assert stiff[0] > 30 * soft[0]
-
-
 def test_only_the_first_frames_count():
     scene = load(even("nG", 2 * COARSE_FRAMES))
     motion = simulate(scene)
@@ -141,15 +123,6 @@ def test_only_the_first_frames_count():
     np.testing.assert_array_equal(*starts)
     positions[COARSE_FRAMES - 1] += 5.0
     assert (neutral_start(Objective(scene, later)) != starts[0]).any()
-
-
-def test_every_cloth_has_its_own():
-    one = even("nG")["objects"][0]
-    stiff = changed(one, ("springStiffness",), [3000.0] * 33)
-    scene = load(document(one, changed(one, ("optimizationSettings",), "nn"), stiff, optimizationIterations=20))
-    first, second = neutral_start(Objective(scene, simulate(scene)))
-    assert 30.0 / FINEST < first < 30.0 * FINEST
-    assert second > 10 * first  # the stiffer, the less the motion tells
 
 
 @pytest.mark.parametrize(
@@ -211,13 +184,6 @@ def test_a_fabric_of_the_front_end_has_its_proportions(name, bending):
     np.testing.assert_allclose(stiffness, relative(one.stiffness), rtol=1e-13)
 
 
-def test_they_do_not_depend_on_size_place_or_the_values_in_the_scene():
-    shape = MESHES["uneven"]
-    other = fabric_of(Mesh(3.0 * shape.positions + 0.5, shape.triangles), vertMass=[7.0] * len(shape.positions))
-    for found, expected in zip(proportions(other), proportions(fabric_of(shape)), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-12)  # rounding of differences of metres
-
-
 def test_in_whatever_order_the_springs_and_vertices_stand():
     shape = MESHES["uneven"]
     one = fabric_of(shape)
@@ -257,11 +223,6 @@ def test_an_edge_of_three_triangles_stands_for_all_of_them():
     assert found[0] / found[1] == pytest.approx(3.0 / 0.5, rel=1e-14)  # areas 0.5 + 1 + 1.5, and 0.5; lengths 1
 
 
-def test_means():
-    assert normalised(np.array([4.0, 0.0, 1.0])).tolist() == [2.0, 1.0, 0.5]
-    assert normalised(np.zeros(2)).tolist() == [1.0, 1.0]
-
-
 # --- a steady wind before its keys
 
 
@@ -296,11 +257,6 @@ def test_a_steady_wind_gives_the_same_motion_and_goes_back_to_the_keys(flags):
     at = with_parameters(scene, p)
     np.testing.assert_allclose(at.wind + at.gusts, np.tile(2.0 * steady.wind, (3, 1)), rtol=1e-15)
     assert "wind" in flags or np.array_equal(at.wind, WIND)
-
-
-def test_parameters_by_the_same_flags_are_taken_as_they_are():
-    scene = gusty(SWINGING)
-    np.testing.assert_array_equal(values_by(scene, scene), parameters(scene))
 
 
 def test_gusts_are_found_from_still_air():
