@@ -50,16 +50,6 @@ def test_a_cloth_of_one_stiffness_comes_out_in_blender_as_it_is():
     assert values["structural"]["largest_deviation"] < 1e-12
 
 
-def test_weights_of_vertices_give_back_values_that_weights_can_hold():
-    (found,) = of(cloth(5, 4)).cloths
-    weights = np.random.default_rng(3).uniform(size=20)
-    weights[[0, 1]], weights[[18, 19]] = 0.0, 1.0  # so that the smallest and the largest value are those of 0 and 1
-    made = painted(20, found.springs, 10.0 + 30.0 * weights[found.springs].mean(axis=1))
-    # the matrix of the means is well conditioned on a triangulated grid; the solver stops at 1e-10 of the cost
-    assert made.weights == pytest.approx(weights, abs=1e-4)
-    assert made.largest < 1e-4
-
-
 def test_weights_stay_within_0_and_1_and_are_the_nearest():
     (found,) = of(built()).cloths
     values = found.stiffness

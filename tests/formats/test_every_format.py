@@ -88,7 +88,6 @@ def test_a_motion_comes_back_in_any_axes_to_the_precision_of_the_format(tmp_path
     assert (found.vertex_counts, found.observed) == (MOTION.vertex_counts, None)
 
 
-
 PLY = (
     "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n"
     "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
@@ -141,15 +140,6 @@ def test_garbage_a_folder_and_nothing_are_refused_with_the_name(tmp_path, suffix
     for name, message in ((f"b{suffix.upper()}", "is a folder"), (f"c{suffix}", "there is no such file")):
         with pytest.raises(InvalidMotion, match=message):
             clothfit.load_motion(tmp_path / name, SCENE)
-
-
-@pytest.mark.parametrize("suffix", ["c3d", "trc", "csv"])
-def test_gaps_come_back(tmp_path, suffix):
-    observed = np.ones(MOTION.positions.shape[:2], bool)
-    observed[4:7, 5] = False
-    name = str(tmp_path / f"a.{suffix}")
-    clothfit.save_motion(clothfit.as_motion(SCENE, MOTION.positions, MOTION.times, observed), name, SCENE)
-    np.testing.assert_array_equal(clothfit.load_motion(name, SCENE).observed, observed)
 
 
 # Half of a sequence looks like a whole one.

@@ -68,12 +68,6 @@ def test_vertices_are_numbered_along_x_first_and_cells_have_their_four_corners(s
     assert sorted({int(v) for v in sheet.triangles.flat}) == list(range(len(sheet.positions)))
 
 
-def test_an_upright_plane_is_the_level_one_turned_about_x():
-    level, upright = mesh.plane(4, 3.0, 2.0), mesh.plane(4, 3.0, 2.0, upright=True)
-    np.testing.assert_array_equal(upright.positions, level.positions[:, [0, 2, 1]])
-    np.testing.assert_array_equal(upright.triangles, level.triangles)
-
-
 def test_the_masses_of_any_mesh_add_up_to_density_times_area():
     sheet = strip(20)
     assert mesh.masses(sheet, 0.3).sum() == pytest.approx(0.3 * mesh.areas(sheet).sum(), rel=1e-14)

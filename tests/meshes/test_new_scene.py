@@ -141,12 +141,6 @@ def test_what_cannot_be_is_refused(choose, message):
         choose()
 
 
-def test_opposite_sides_are_mirror_images():
-    points = np.random.default_rng(0).normal(size=(50, 3))
-    for side, other in (("left", "right"), ("bottom", "top"), ("back", "front")):
-        np.testing.assert_array_equal(at_side(points, side, 0.5), at_side(-points, other, 0.5))
-
-
 # What a new scene says of its weave: texture, warp, regions and the parts of files, through welding.
 
 

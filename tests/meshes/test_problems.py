@@ -9,8 +9,7 @@ from helpers.scenes import changed, trial
 
 from clothfit import InvalidInput, InvalidScene, load, mesh, new_scene
 from clothfit.meshes.mesh import Mesh
-from clothfit.meshes.problems import components, problems, together, weld
-from clothfit.scene.directions import along, edges_of, opposite, pairs_of
+from clothfit.meshes.problems import problems, together, weld
 from clothfit.scene.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -188,15 +187,6 @@ def test_a_field_that_cannot_be_is_refused(value):
 # Edges, parts and places of meshes, against trimesh and the builder of springs.
 
 
-def test_the_sizes_of_parts_are_those_of_trimesh():
-    solids = [trimesh.creation.icosphere(n).apply_translation([4 * n, 0, 0]) for n in (0, 2, 1)]
-    joined = trimesh.util.concatenate(solids)
-    sizes, first = components(joined.edges.astype(np.int32), len(joined.vertices))
-    assert sizes.tolist() == sorted((len(each.vertices) for each in solids), reverse=True)
-    assert len(sizes) == joined.body_count
-    assert sorted(first.tolist()) == [0, 12, 174]  # behind 12 and 162 vertices
-
-
 def test_places_are_one_from_each_to_the_next_unless_that_joins_everything_and_takes_the_memory():
     row = np.array([[0.0, 0, 0], [5, 0, 0], [1, 0, 0], [2, 0, 0], [5.5, 0, 0]])
     assert together(row, 1.0).tolist() == [0, 1, 0, 0, 1]
@@ -204,19 +194,3 @@ def test_places_are_one_from_each_to_the_next_unless_that_joins_everything_and_t
     assert together(row[[0, 0, 1]], 0.0).tolist() == [0, 0, 2]
     with pytest.raises(InvalidInput, match="too many others"):
         together(np.random.default_rng(0).random((20_000, 3)), 10.0)
-
-
-def test_pairs_across_are_those_of_the_bending_springs():
-    sheet = mesh.plane(6, 2.0, 1.0)
-    made = mesh.springs(sheet, 1.0)
-    pairs = np.sort(opposite(sheet.triangles, pairs_of(edges_of(sheet.triangles))), axis=1)
-    assert sorted(map(tuple, pairs.tolist())) == sorted(map(tuple, made.ends[made.bends].tolist()))
-
-
-def test_edges_are_those_of_trimesh():
-    ball = trimesh.creation.icosphere(1)
-    faces = ball.faces.astype(np.int32)
-    met = edges_of(faces)
-    np.testing.assert_array_equal(met.ends, np.sort(np.unique(np.sort(ball.edges, axis=1), axis=0), axis=1))
-    assert (met.uses == 2).all()
-    assert (np.bincount(met.of.reshape(-1), along(faces).reshape(-1)) == 1).all()  # a closed solid: once each way

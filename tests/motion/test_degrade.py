@@ -99,12 +99,6 @@ def test_between_frames_is_seen_what_was_seen_before_and_after():
     np.testing.assert_array_equal(degrade(whole, every=2).weights, weights[::2])
 
 
-def test_a_mask_loses_the_frames_that_are_skipped_and_what_was_not_seen_before():
-    twice = degrade(degrade(MOTION, observed=0.5), observed=0.5, every=2, seed=9)
-    assert twice.observed.shape == (11, 36)
-    assert not np.isnan(twice.positions[twice.observed]).any()
-
-
 # The rounding of a file's numbers is seen in the numbers, and only there.
 
 

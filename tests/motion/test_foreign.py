@@ -256,18 +256,6 @@ def test_each_vertex_of_the_mesh_goes_with_the_one_it_became(welded):
     assert solid.area == pytest.approx(1.0, rel=1e-12)  # m²
 
 
-@pytest.mark.slow  # compiles a fit
-def test_a_fit_to_a_motion_of_the_mesh(welded, capsys):
-    assert run(["target", "sheet.json", "-o", "t.pc2", "-q"]) == 0
-    assert read_points("t.pc2") == 55
-    few = ["--max-evaluations", "3", "--no-intervals"]
-    assert run(["estimate", "sheet.json", "--target", "t.pc2", "--start", "20", *few, "--json"]) == 0
-    err = capsys.readouterr().err
-    assert "its vertices are those of the mesh before welding to 16" in err
-    fitted = clothfit.load("sheet.fitted.json")
-    np.testing.assert_array_equal(numberings(fitted)[0], numberings(welded)[0])
-
-
 def test_to_npz_and_back_to_the_mesh_and_markers_keep_the_numbers_of_the_scene(welded):
     motion = clothfit.simulate(welded)
     clothfit.save_motion(motion, "m.npz")

@@ -1,7 +1,5 @@
 """Which springs share a parameter in mode R: families by the directions of a grid, none on irregular meshes."""
 
-import io
-import json
 
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ from scipy.spatial import Delaunay
 from clothfit.meshes.mesh import Mesh, plane, springs
 from clothfit.meshes.new_scene import new_scene
 from clothfit.scene.families import FAMILIES, families_of, spring_groups, vertex_groups
-from clothfit.scene.scene import dumps, load
+from clothfit.scene.scene import load
 
 ALL = (
     "edges along", "edges across", "edges diagonal", "bending along", "bending across", "bending diagonal",
@@ -209,27 +207,6 @@ def test_without_a_grid_the_angle_with_the_warp_decides():
     e = points[made.springs[:, 1]] - points[made.springs[:, 0]]
     angle = np.degrees(np.arctan2(np.abs(e[:, 1]), np.abs(e[:, 0])))
     assert (family == np.select([angle < 22.5, angle > 67.5], [0, 1], 2)).all()
-
-
-def test_a_motion_has_nothing_to_do_with_the_fields():
-    """And other values keep the groups: they are found once."""
-    scene = load(document({**GRID, "regions": [{"name": "all", "vertices": [0, 1]}]}))
-    other = scene.with_values([2 * scene.cloths[0].mass], [2 * scene.cloths[0].stiffness])
-    assert spring_groups(other.cloths[0]) is spring_groups(scene.cloths[0])
-
-
-def test_the_fields_survive_a_round_trip():
-    fields = {
-        "families": {"names": ["a"], "springs": ZERO, "by": "hand"},
-        "regions": [{"name": "edge", "vertices": [3, 1, 1], "colour": "red"}],
-        "warp": {"x": 0.50, "y": 0, "z": 1e0},
-    }
-    text = json.dumps(document({**GRID, **fields}), indent=1)
-    scene = load(io.StringIO(text))
-    assert dumps(scene).decode() == text
-    changed_scene = scene.with_values([scene.cloths[0].mass * 2], [scene.cloths[0].stiffness])
-    kept = json.loads(dumps(changed_scene))["objects"][0]
-    assert {name: kept[name] for name in fields} == fields
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from clothfit import load
 from clothfit.base.arrays import Elements
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.system import all_elements, build, with_elements
-from clothfit.evaluation.evaluate import deviations
 from clothfit.objective.identifiability import hidden, identifiable
 from clothfit.scene import schema as structure
 from clothfit.scene.bounds import of_factor
@@ -307,15 +306,3 @@ def test_a_fit_of_the_scene_simulates_the_cloths_that_feel_it():
     assert fitted_cloths(scene(still, windy, held, fit={"gravity": True})) == [0, 1]
     assert fitted_cloths(scene(still, fit={"windVel": True})) == [0]  # nothing feels it; there is something to show
     assert fitted_cloths(scene(still, windy)) == []
-
-
-def test_deviations_name_the_scene_and_pass_over_what_is_0():
-    truth = load(full({"damping": "G", "vertVel": "G"}))
-    p = parameters(truth)
-    p[17] *= 1.5  # damping
-    p[18:21] = 1.0  # velocities, which were 0
-    p[-6:-3] = 3.3, 1.0, -2.0  # wind
-    found = {(d.object, d.name): d.max_relative_deviation for d in deviations(truth, with_parameters(truth, p))}
-    assert found[0, "velocity"] is None
-    three = [found[0, "damping"], found[None, "wind"], found[None, "gravity"]]
-    np.testing.assert_allclose(three, [0.5, 0.1, 0], atol=1e-15)  # rounding
