@@ -81,7 +81,7 @@ newest: $(VENV)/made
 	@$(VENV)-newest/bin/python -m pip --disable-pip-version-check --quiet install --upgrade --pre numba 2>/dev/null
 	@$(VENV)-newest/bin/python -c 'import numba; print("numba", numba.__version__)'
 	NUMBA_CACHE_DIR=$(CURDIR)/build/newest $(VENV)-newest/bin/python -m pytest -q tests/kernels/test_records.py \
-	    tests/kernels/test_linking.py tests/kernels/test_helper.py tests/kernels/test_kernel.py
+	    tests/kernels/test_linking.py tests/kernels/test_helper.py
 
 docs: $(VENV)/installed
 	$(BIN)/python docs/commands.py

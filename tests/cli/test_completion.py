@@ -1,14 +1,10 @@
 """Completion: what the shells are given, in this process, through the environment, and in a real bash."""
 
 import os
-import pty
-import select
 import shutil
-import signal
 import stat
 import subprocess
 import sys
-import time
 
 import pytest
 from click.shell_completion import get_completion_class
@@ -153,43 +149,3 @@ def test_a_bash_completes(path):
     done = subprocess.run(call, capture_output=True, text=True, env=environment(PATH=path), check=True)
     found = [word for _, words in WORDS for word in words]
     assert done.stdout.splitlines() == ["complete -o nosort -F _clothfit_completion clothfit", *found]
-
-
-@there("fish")
-@pytest.mark.parametrize(("line", "found"), WORDS)
-def test_a_fish_completes(path, tmp_path, line, found):
-    script = f"clothfit completion fish | source; complete --do-complete 'clothfit {line}'"
-    asked = environment(PATH=path, HOME=str(tmp_path), XDG_CONFIG_HOME=str(tmp_path))
-    done = subprocess.run(["fish", "-c", script], capture_output=True, text=True, env=asked, check=True)
-    assert sorted(each.split("\t")[0] for each in done.stdout.splitlines()) == sorted(found)
-
-
-@there("zsh")
-@pytest.mark.parametrize(("line", "found"), WORDS)
-def test_a_zsh_completes(path, tmp_path, line, found):
-    """In a terminal of its own, as its completion runs in its editor only: Tab, or twice, where there are several."""
-    (tmp_path / ".zshrc").write_text("PS1='$ '\nautoload -Uz compinit\ncompinit -u -D\nsetopt no_beep list_ambiguous\n"
-                                     "zstyle ':completion:*' list-colors ''\nLISTMAX=1000\n"
-                                     'eval "$(clothfit completion zsh)"\n')  # fmt: skip
-    shell, terminal = pty.fork()
-    if shell == 0:
-        os.environ.update(environment(PATH=path, ZDOTDIR=str(tmp_path), HOME=str(tmp_path), TERM="dumb", COLUMNS="200"))
-        os.execvp("zsh", ["zsh", "-i"])
-    try:
-        read_until(terminal, "$ ")
-        os.write(terminal, f"clothfit {line}\t\t".encode())
-        shown = read_until(terminal, found[-1], *found)
-        assert all(each in shown for each in found)
-    finally:
-        os.kill(shell, signal.SIGKILL)
-        os.waitpid(shell, 0)
-        os.close(terminal)
-
-
-def read_until(terminal, *expected, seconds=30.0):
-    """What a terminal shows until all that is expected was there, or nothing has come for so long."""
-    shown, end = "", time.monotonic() + seconds
-    while not all(each in shown for each in expected) and time.monotonic() < end:
-        if select.select([terminal], [], [], 0.2)[0]:
-            shown += os.read(terminal, 4096).decode(errors="replace")
-    return shown

@@ -11,9 +11,10 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 
 from clothfit import load, mesh, simulate
 from clothfit.cli.program import run
+from clothfit.formats import usd, usd_reader
 from clothfit.scene.scene import save
 
-pytestmark = pytest.mark.slow  # starts processes
+pytestmark = pytest.mark.slow  # compiles a fit
 
 RATE, FRAMES = 50, 24
 SHEET = mesh.plane(5, 0.6)  # 7 × 7 vertices, the first row is 0 … 6; its plane is y = 0
@@ -50,6 +51,16 @@ def write(path, cloth, name="Cloth", **more):
     add(stage, "Body", SIDES, 0.1 * SOLID + [0.0, -0.115, 0.1] + SWAY)
     add(stage, "Table", [[0, 1, 3, 2]], [np.array([[x, -0.3, z] for x in (-1, 1) for z in (-1, 1)], float)])
     stage.GetRootLayer().Save()
+
+
+@pytest.fixture(autouse=True)
+def _read_here(monkeypatch):
+    """Files are read in this process, which is quicker; the other one that reads them otherwise: formats/test_usd."""
+
+    def arrays_of(path, what="mesh", *more):
+        return {name: np.asarray(each) for name, each in usd_reader.READ[what](str(path), str(path), *more).items()}
+
+    monkeypatch.setattr(usd, "arrays_of", arrays_of)
 
 
 @pytest.fixture

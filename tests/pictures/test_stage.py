@@ -17,7 +17,6 @@ from clothfit.control.control import course
 from clothfit.engine.forces.touch import build, depths
 from clothfit.engine.inputs.sampling import states
 from clothfit.engine.system import build as build_system
-from clothfit.formats.animation import normals_at
 from clothfit.kernels.raster import fill, fill_sphere, lit
 from clothfit.pictures import gif
 from clothfit.pictures import stage as scenery
@@ -64,15 +63,6 @@ def test_the_nearest_surface_is_seen_whatever_the_order():
         assert (image[:, :, 0] > image[:, :, 2]).all()
 
 
-def test_light_changes_smoothly_over_a_face():
-    slanted = np.array([[-0.8, 0.0, -0.6], [0.8, 0.0, -0.6], [0.8, 0.0, -0.6], [-0.8, 0.0, -0.6]])
-    image, depth = blank(64)
-    fill(*sheet(np.ones(4), slanted, size=64), np.array([0.6, 0.0, -0.8]), 1.0, image, depth)
-    row = image[20, :, 2]
-    assert np.ptp(row) > 0.2
-    assert np.abs(np.diff(row)).max() < 0.1 * np.ptp(row)
-
-
 def test_a_corner_that_is_not_finite_hides_its_faces_only():
     places, towards, triangles, colours = sheet(np.ones(4), [[0.0, 0.0, -1.0]] * 4)
     places[1] = np.nan
@@ -89,12 +79,6 @@ def test_a_sphere_is_as_near_as_its_surface():
     inside = away < 1.999
     assert (depth[away > 2.001] == BEHIND).all()
     assert depth[inside] == pytest.approx(10.0 - np.sqrt(4.0 - away[inside] ** 2), rel=1e-12)
-
-
-def test_normals_of_a_saddle_of_faces_are_weighted_by_area():
-    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 3.0]])
-    found = normals_at(x, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
-    assert found[0] == pytest.approx(np.array([3.0, 0.0, 1.0]) / np.sqrt(10.0))
 
 
 def test_a_sphere_hides_the_cloth_behind_it_and_the_target_lies_over_the_cloth():

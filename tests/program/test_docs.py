@@ -27,14 +27,6 @@ def test_the_links_and_modules_that_a_page_names_exist_and_its_tables_are_whole(
     assert [name for name in dotted if not exists(name)] == []
 
 
-def test_a_link_that_leads_nowhere_and_rows_of_different_widths_are_found(tmp_path):
-    page, table = tmp_path / "page.md", "| c |\n|---|\n| 1 | 2 |\n"
-    links = "# A b, c\n\n[x](#a-b-c) [y](#d) [z](gone.md) `[n](one)`\n\n```\n# d\n[n](one)\n```\n\n"
-    page.write_text(f"{links}| a | b |\n|---|---|\n| `x \\| y` | 1 |\n\n{table}", "utf-8")
-    assert list(broken_links(page)) == ["#d", "gone.md"]
-    assert ragged_tables(page) == [table]
-
-
 def test_the_index_names_every_page_and_the_page_on_the_architecture_the_folders_in_order():
     index = (ROOT / "docs" / "README.md").read_text("utf-8")
     pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}

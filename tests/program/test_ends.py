@@ -7,12 +7,10 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers.paths import BENCHMARKS
 from helpers.scenes import environment, names, trial, write_scene
 
-import clothfit
 from clothfit.base import writing
 from clothfit.cli.program import _interrupt, run
 
@@ -139,17 +137,6 @@ def test_an_interrupt_where_its_exception_would_be_lost_comes_later(file, name):
 
 
 # --- two at once, and what killed ones left
-
-
-def test_two_runs_with_one_output_leave_one_of_both_results(folder):
-    call = [sys.executable, "-m", "clothfit", "simulate", "scene.json", "-q", "-o", "x.npz", "--steps"]
-    both = [subprocess.Popen([*call, steps], env=environment()) for steps in ("100", "101")]
-    assert [process.wait(SECONDS) for process in both] == [0, 0]
-    motion = clothfit.load_motion("x.npz", clothfit.load("scene.json"))
-    assert len(motion.times) in (101, 102)
-    alone = clothfit.simulate(clothfit.load("scene.json"), len(motion.times))
-    np.testing.assert_array_equal(motion.positions, alone.positions)
-    assert names() == ["scene.json", "x.npz"]
 
 
 def test_what_a_killed_run_left_goes_with_the_next_and_nothing_else_does(folder, monkeypatch):

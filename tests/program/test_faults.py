@@ -83,19 +83,6 @@ def test_a_folder_without_rights_is_told_before_the_work(folder, capsys, monkeyp
         assert reason in err
 
 
-def test_a_folder_that_vanishes_during_the_work_is_told(folder, capsys, monkeypatch):
-    Path("out").mkdir()
-    simulate = clothfit.simulate
-
-    def vanishing(*arguments):
-        Path("out").rmdir()
-        return simulate(*arguments)
-
-    monkeypatch.setattr(clothfit, "simulate", vanishing)
-    assert run(["simulate", "scene.json", "-o", "out/x.npz"]) == 3
-    assert re.fullmatch(r"error: cannot write out/x.npz: the folder .*out does not exist\n", capsys.readouterr().err)
-
-
 def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, capsys, monkeypatch):
     Path("out").mkdir()
     command = ["estimate", "scene.json", "--target", "target.npz", "--start", "1", "--checkpoint", "c"]
@@ -154,15 +141,6 @@ def test_a_device_without_end_is_left(folder, capsys, monkeypatch, command, told
     assert run(command.split()) == 3
     assert told in capsys.readouterr().err
     assert set(names()) - {"out"} == {"scene.json", "target.npz"}
-
-
-@unix
-def test_readers_of_both_streams_that_left_are_no_fault_of_the_program(folder):
-    call = [sys.executable, "-m", "clothfit", "evaluate", "scene.json", "scene.json", "--json", "-q"]
-    process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
-    process.stdout.close()
-    process.stderr.close()
-    assert process.wait(SECONDS) == 3
 
 
 # --- inputs that others change

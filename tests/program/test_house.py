@@ -153,16 +153,3 @@ def test_the_package_does_not_grow_without_a_reason(sources, imported):
     assert sum(map(code_lines, sources.values())) <= CODE_LINES
     assert len(MODULES) <= FILES
     assert longest_chain(imported) <= FLOORS
-
-
-@pytest.mark.parametrize(
-    ("name", "source", "found"),
-    [
-        ("scene.scene", "from clothfit.motion import motion", ["motion.motion"]),
-        ("engine.system", "def later():\n    from clothfit.strategy.start import fabric", ["strategy.start"]),
-        ("base.errors", "if TYPE_CHECKING:\n    import clothfit.objective.objective", ["objective.objective"]),
-        ("objective.comparison", "from clothfit.scene.scene import Scene", []),
-    ],
-)
-def test_an_import_from_above_is_found(name, source, found):
-    assert upward(name, imports(ast.parse(source), MODULES)) == found

@@ -1,14 +1,11 @@
 """Hard cases stay stable: the cheap ones of benchmarks/stability.py, with what must hold; gradients through them."""
 
-import io
-import json
 import sys
 from importlib import import_module
 
 import numpy as np
 import pytest
 from helpers.paths import BENCHMARKS
-from helpers.physics import ball, scene, thing
 
 import clothfit
 from clothfit.base.arrays import Elements
@@ -119,41 +116,3 @@ def test_values_at_the_ends_of_the_bounds_are_finite_or_diverged():
     assert set(found) == {"all at the lower ends", "all at the upper ends", "at random ends"}
     assert not any("WRONG" in told for told in found.values())
     assert all("finite" in told for told in found.values())
-
-
-# --- gradients in hard places, of whole scenes
-
-
-def loaded(*objects, frames, **fields):
-    made = hard_cases.document(*objects, optimizationIterations=frames, **fields)
-    return clothfit.load(io.StringIO(json.dumps(made)))
-
-
-PRESSED = hard_cases.pressed(hard_cases.cloth(6), 0.2, 1e-3)
-IN_A_SPHERE = [ball((0, -0.1, 0), 0.4)]
-HARD = {  # a scene, and which of (clamped, shortened) steps it takes
-    "springs pass their rest length": (loaded(hard_cases.pressed(hard_cases.cloth(6), 0.9), frames=20), (False, False)),
-    "in a sphere and out of it": (loaded(hard_cases.cloth(6), frames=12, colliders=IN_A_SPHERE), (False, True)),
-    "on a sphere": (loaded(hard_cases.cloth(6), frames=12, colliders=[ball((0, -0.3, 0), 0.4)]), (False, False)),
-    "compressed, in a sphere": (loaded(PRESSED, frames=12, colliders=IN_A_SPHERE), (True, False)),
-    "shortened": (
-        scene(thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], mass=0.5, stiffness=1e5, fixed=[0], optimizationSettings="LL"),
-              delta=0.2, optimizationIterations=9), (False, True)),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", HARD)
-def test_the_gradient_is_right_in_hard_places(name):
-    made, remedies = HARD[name]
-    memory, _ = rollout(build(made, 0), made.frames - 1, 1e-12)
-    assert (memory.clamped.any(), (memory.theta < 1).any()) == remedies
-    if "out of it" in name:  # contacts end
-        inside = np.linalg.norm(memory.x - [0, -0.1, 0], axis=-1) < 0.4
-        assert (inside[:-1] & ~inside[1:]).any()
-    p = clothfit.parameters(made)
-    target = clothfit.simulate(clothfit.with_parameters(made, 1.1 * p), tolerance=1e-10)
-    _, gradient = clothfit.cost_and_gradient(made, target)
-    d, t = p * np.random.default_rng(1).normal(size=p.shape), 1e-7
-    objective = clothfit.Objective(made, target, tolerance=1e-13)
-    measured = (objective.cost(p + t * d) - objective.cost(p - t * d)) / (2 * t)
-    assert gradient @ d == pytest.approx(measured, rel=1e-5)  # the bar; truncation t² and rounding 1e-16/t

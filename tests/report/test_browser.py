@@ -169,19 +169,6 @@ def test_charts_and_maps_are_there(page):
     assert page.locator("path.band").count() == 1  # intervals are known of the stiffnesses only
 
 
-def test_dark_and_light_differ(page):
-    pictures = []
-    for scheme, keys in (("light", ""), ("dark", ""), ("dark", "d")):
-        page.emulate_media(color_scheme=scheme)
-        for key in keys:
-            page.keyboard.press(key)
-        pictures.append(pixels(page))
-    page.emulate_media(color_scheme="light")
-    light, dark, toggled = pictures
-    assert light.mean() > dark.mean() + 60
-    assert differing(light, toggled) < 200
-
-
 def test_a_target_with_gaps_shows_what_was_seen(started, truth, fitted, tmp_path):
     target = degrade(simulate(truth), noise=0.002, observed=0.5, every=2)
     path = tmp_path / "gaps.html"

@@ -2,13 +2,11 @@
 
 import html
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from helpers.browsers import differing, opened, pixels
-from helpers.scenes import environment, even, write_scene
+from helpers.scenes import even
 
 from clothfit import Motion, estimate, load, simulate
 
@@ -57,22 +55,3 @@ def test_a_frame_plays_in_a_browser(started, own, motion, tmp_path):
             if thing is not own:
                 page.locator("#scrub").fill("11")
                 assert differing(there, pixels(page)) > 50
-
-
-def test_a_notebook_shows_all_three(tmp_path):
-    pytest.importorskip("nbclient", reason="nbclient and ipykernel are not installed")
-    pytest.importorskip("ipykernel", reason="nbclient and ipykernel are not installed")
-    path = write_scene(tmp_path, even("nF", 12))
-    code = ["import clothfit", f"scene = clothfit.load({path!r}); scene", "motion = clothfit.simulate(scene); motion",
-            "clothfit.estimate(scene, motion, budget=5.0)"]  # fmt: skip
-    script = f"""
-import nbformat, nbclient
-cells = [nbformat.v4.new_code_cell(each) for each in {code!r}]
-book = nbclient.NotebookClient(nbformat.v4.new_notebook(cells=cells), timeout=600).execute()
-shown = [each.get("data", {{}}).get("text/html", "") for cell in book.cells for each in cell.outputs]
-print(sum("srcdoc" in each for each in shown))
-"""
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(command, env=environment(), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["3"]
