@@ -10,11 +10,8 @@ import time
 
 import numba
 import pytest
-from helpers.compiled import copied
-from helpers.scenes import environment, started, trial, write_scene
+from helpers.scenes import environment
 
-import clothfit
-from clothfit.cli.common.console import COMPILING
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels import trusted
 from clothfit.kernels.cache import KernelCache
@@ -361,20 +358,3 @@ def test_what_is_loaded_runs_as_when_it_was_compiled_faults_and_all_and_loads_no
     lines = ["[2.5, 3.5, 4.5]", "less than nothing", "negative dimensions not allowed"]
     assert first.stdout.splitlines()[:3] == again.stdout.splitlines()[:3] == lines
     assert again.stdout.splitlines()[3] == "False"
-
-
-# --- commands
-
-
-def test_a_command_mends_a_damaged_cache_says_that_it_compiles_and_then_says_it_no_more(tmp_path):
-    """All that is kept is copied, so that only the one damaged function is compiled."""
-    scene = write_scene(tmp_path, trial("nG", 5, 3, 3))
-    clothfit.simulate(clothfit.load(scene))  # so that it is compiled
-    folder = copied(tmp_path / "cache")
-    files = [*folder.glob("engine.march.run-*")]
-    for file in files:
-        file.write_bytes(file.read_bytes()[:-100])
-    runs = [started("simulate", scene, env=environment(NUMBA_CACHE_DIR=str(tmp_path / "cache"))) for _ in range(2)]
-    assert [run.returncode for run in runs] == [0, 0]
-    assert [run.stderr.decode().count(COMPILING) for run in runs] == [1, 0]
-    assert len(files) == len([*folder.glob("engine.march.run-*")])  # written anew

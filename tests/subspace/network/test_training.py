@@ -1,12 +1,10 @@
-"""Gradients through all steps of a window, the linear part, trainings that stop and go on, and the benchmark's own."""
+"""Gradients through all steps of a window, the linear part, and trainings that stop and go on."""
 
 import dataclasses
-from importlib import import_module
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers.paths import BENCHMARKS
 
 from clothfit.subspace.network.layers import OWN, Loss, Motions, Trained, dense, gradient, played
 from clothfit.subspace.network.learn import Lesson, finished, prepared
@@ -40,42 +38,25 @@ def lesson(**kind):
     return Lesson(own, signals, int(own.good[:, 1:].sum()))
 
 
-@pytest.fixture(scope="module")
-def benchmark():
-    """The modules of `benchmarks` by name."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        yield import_module
-
-
-def small(recipe):
-    """A recipe with few small layers."""
-    return dataclasses.replace(recipe, hidden=(2.0, 1.5))
-
-
-def trained(kind=Trained, linear=dense, limits=np.inf, recipe=OWN):
+def trained(limits=np.inf):
     """A network with few small layers in double precision, with all its values moved, so that all count."""
     given, rng = motions(), np.random.default_rng(2)
     reach = np.array([[-limits] * R, [limits] * R])
-    own = kind(linear(given), small(recipe), reach, np.random.default_rng(1), np.float64)
+    small = dataclasses.replace(OWN, hidden=(2.0, 1.5))
+    own = Trained(dense(given), small, reach, np.random.default_rng(1), np.float64)
     for each in own.values:
         each += 0.05 * rng.standard_normal(each.shape)
     return own, given
 
 
-@pytest.mark.parametrize("paper", [False, True])
-def test_the_gradient_through_a_window_is_that_of_differences(paper, benchmark):
-    if paper:
-        own, loss = benchmark("paper"), benchmark("paper").Absolute(2.0)
-        own, given = trained(own.Layers, own.diagonal, recipe=own.PAPER)
-    else:
-        (own, given), loss = trained(), Loss(2.0)
+def test_the_gradient_through_a_window_is_that_of_differences():
+    (own, given), loss = trained(), Loss(2.0)
     z, w = given.windows(given.starts(9)[0][::37], 9)
     rng = np.random.default_rng(3)
     begin = z[:, :2] + 0.1 * rng.standard_normal(z[:, :2].shape)
     error, grad = gradient(own, loss, z, w, begin)
     away = played(own, begin, w)[:, 1:] - z[:, 1:]
-    sizes = [np.abs(x) if paper else np.linalg.norm(x, axis=2) for x in (away[:, 1:], np.diff(away, axis=1))]
+    sizes = [np.linalg.norm(x, axis=2) for x in (away[:, 1:], np.diff(away, axis=1))]
     assert error == pytest.approx(sizes[0].mean() + 2.0 * sizes[1].mean(), rel=1e-9)
     for value, by in zip(own.values, grad, strict=True):
         direction = rng.standard_normal(value.shape)
@@ -196,28 +177,3 @@ def test_a_training_is_over_after_its_minutes_or_so_many_rounds():
     assert Budget(minutes=2.0, most=400).done(60.0, 100) == 0.5
     assert Budget(minutes=2.0, most=400).done(60.0, 300) == 0.75
     assert Budget(rounds=500, most=400).done(60.0, 300) == 0.6  # which is asked for
-
-
-def test_only_what_grows_is_held(benchmark):
-    """Linear parts with known λ, R pairs of complex conjugates with random shapes."""
-    own, rng = benchmark("trainings"), np.random.default_rng(0)
-    lam = np.array([0.5, 0.9, 1.02, 1.1]) * np.exp(1j * np.array([0.3, 0.7, 0.2, 0.5]))
-    v, lam = rng.standard_normal((R, R)) + 1j * rng.standard_normal((R, R)), np.concatenate([lam, lam.conj()])
-    v = np.concatenate([v, v.conj()], axis=1)
-    p, q = np.split(np.linalg.solve(np.concatenate([v * lam, v]).T, (v * lam**2).T).real, 2)
-    matrix = np.concatenate([p + q, -q, rng.standard_normal((M, R))])
-    before = matrix.copy()
-    assert own.radius(matrix) == pytest.approx(1.1, rel=1e-9)
-    own.hold(matrix)
-    held, step = lam / np.maximum(np.abs(lam), 1.0), own.companion(matrix)
-    state = np.concatenate([held * v, v])  # all 2 R motions: so there are no others
-    np.testing.assert_allclose(step @ state, held * state, atol=1e-9 * np.linalg.norm(state))
-    np.testing.assert_array_equal(matrix[2 * R :], before[2 * R :])
-    before = matrix.copy()
-    own.hold(matrix)  # nothing grows any more
-    np.testing.assert_array_equal(matrix, before)
-    # two motions of one shape, λ of 1.02 and 1.05, that would both fall on 1, are shrunk with all others
-    matrix[:R], matrix[R : 2 * R] = (1.02 + 1.05 - 1.02 * 1.05) * np.eye(R), 1.02 * 1.05 * np.eye(R)
-    own.hold(matrix)
-    found = np.sort(np.linalg.eigvals(own.companion(matrix)).real)
-    np.testing.assert_allclose(found, np.repeat([1.02 / 1.05, 1.0], R), rtol=1e-7)  # double roots: the root of rounding
