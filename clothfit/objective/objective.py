@@ -238,11 +238,6 @@ class Objective:
         fixed = [(~run.system.vertex.free, run.comparison.seen) for run in self.runs]
         return any((seen & ~held).any() or held.all() for held, seen in fixed)
 
-    @property
-    def seen(self) -> dict[int, Flags]:
-        """For each fitted cloth, the vertices (n,) that any target compares at some time after the initial state."""
-        return seen_in(self.runs)
-
     @cached_property
     def identifiable(self) -> Flags:
         """Which values of the fit vector (P,) at least one of the targets can reveal."""

@@ -42,6 +42,20 @@ class Cut:
             raise KeyboardInterrupt
 
 
+def test_a_search_goes_on(tmp_path, asked, search):
+    controls, whole = search
+    file = Checkpoint(tmp_path / "state")
+    cut = find_controls(*asked, controls, report=Cut(4 if controls.handles else 30), checkpoint=file)
+    assert cut.status == "interrupted"
+    assert file.written
+    again = find_controls(*asked, controls, checkpoint=Checkpoint(tmp_path / "state", resume=True))
+    assert again.status in ("converged", "stalled")
+    miss, other = (np.array([key.rmse for key in each.keys]) for each in (again, whole))
+    np.testing.assert_allclose(miss, other, atol=2e-3)  # there may be other minima near
+    if not controls.handles:
+        assert again.effort < 1.02 * whole.effort  # both end where little more is gained
+
+
 class Killed(BaseException):
     """What nothing catches, as SIGKILL."""
 

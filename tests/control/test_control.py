@@ -35,6 +35,14 @@ def test_the_least_effort_of_a_free_vertex():
     assert found.free[0] == pytest.approx(np.linalg.norm(d), rel=1e-12)
 
 
+def test_at_rest_at_the_key():
+    own = lonely()
+    found = find_forces(own, [at(30, [0], [[0.3, 0, 0]], velocities=np.zeros((1, 3)))])
+    x = found.motion.positions[:, 0, 0]
+    assert abs(x[30] - 0.3) < 1e-5
+    assert abs(x[30] - x[29]) < 1e-5
+
+
 @pytest.mark.parametrize("method", ["implicit", "bdf2", "symplectic"])
 def test_playback_gives_the_same_bits(flag, method):
     own = flag(method, optimizationIterations=13, delta=0.02 if method != "symplectic" else 0.005)

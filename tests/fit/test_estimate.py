@@ -347,3 +347,16 @@ def test_an_interrupt_before_there_is_a_result_passes_on_and_later_one_gives_the
     assert (found.status, found.evaluations) == ("interrupted", 0)
     assert parameters(found.scene).tolist() == [20.0]
     assert 0 < found.cost < np.inf
+
+
+def test_what_the_target_does_not_show_is_listed_and_kept():
+    one = even("Ln")["objects"][0]
+    scene = load(document(one, changed(one, ("vertMass",), [0.05] * 16), optimizationIterations=20))
+    motion = record_target(scene)
+    seen = np.ones(motion.positions.shape[:2], bool)
+    seen[:, 16:] = False
+    half = Motion(motion.positions, motion.times, (16, 16), seen)
+    found = estimate(scene, half, start=0.03)
+    assert [len(block.unidentifiable) for block in found.parameters] == [2, 16]
+    assert found.scene.cloths[1].mass.tolist() == [0.03] * 16
+    np.testing.assert_allclose(found.scene.cloths[0].mass[4:], 0.02, rtol=1e-4)  # RMSE below 1e-8 m

@@ -142,6 +142,15 @@ def test_garbage_a_folder_and_nothing_are_refused_with_the_name(tmp_path, suffix
             clothfit.load_motion(tmp_path / name, SCENE)
 
 
+@pytest.mark.parametrize("suffix", ["c3d", "trc", "csv"])
+def test_gaps_come_back(tmp_path, suffix):
+    observed = np.ones(MOTION.positions.shape[:2], bool)
+    observed[4:7, 5] = False
+    name = str(tmp_path / f"a.{suffix}")
+    clothfit.save_motion(clothfit.as_motion(SCENE, MOTION.positions, MOTION.times, observed), name, SCENE)
+    np.testing.assert_array_equal(clothfit.load_motion(name, SCENE).observed, observed)
+
+
 # Half of a sequence looks like a whole one.
 @pytest.mark.parametrize("before", [(), ("a_0001.obj",)])
 def test_a_sequence_that_cannot_be_written_whole_leaves_nothing_new(tmp_path, before, monkeypatch):

@@ -247,6 +247,14 @@ def test_a_descent_ends_where_scipys_does(letters):
     assert found <= 1.01 * reached(search_of(letters), lambda search: minimise_by_scipy(search, "l-bfgs-b"))
 
 
+@pytest.mark.slow
+def test_without_a_metric_the_coordinates_themselves_do(monkeypatch):
+    monkeypatch.setattr(preconditioned, "metric", lambda *_: None)
+    search = search_of()
+    before = search.objective.cost(search.start)
+    assert reached(search, minimise) < before
+
+
 @pytest.mark.parametrize("metric_size", [None, 1e-10])
 def test_a_round_whose_numbers_overflow_is_over(metric_size):
     search = Bowl(np.diag([1e308, 1e308]), np.array([1.0, -1.0]), size=1e300)

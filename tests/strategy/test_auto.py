@@ -22,7 +22,7 @@ from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 from clothfit.strategy import auto, trajectory_fit
-from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_momentum, check_tolerance
+from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_ladder, by_momentum, check_tolerance
 
 pytestmark = pytest.mark.slow
 
@@ -289,6 +289,14 @@ def test_a_start_that_is_decades_off_leads_to_the_truth(hanging, start):
     within = (lower <= parameters(scene)) & (parameters(scene) <= upper)
     assert distance(found.scene, truth) < NOISE  # 240 readings of few combinations: better than one of them
     assert np.mean(within) > 0.8  # of 95 %; values are of few families, so not apart
+
+
+def test_a_ladder_comes_to_the_truth_and_not_to_the_noise(hanging):
+    scene, truth, target = hanging
+    start = np.full(len(parameters(scene)), 0.02)
+    search = Search(Objective(scene, target, 1e-10), start, 0.0, 10**4)
+    by_ladder(search, None, [start])
+    assert distance(with_parameters(scene, search.best.p), truth) < NOISE
 
 
 # --- where windows lead astray: a compressed cloth, whose motion grows small differences

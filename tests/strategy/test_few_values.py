@@ -17,6 +17,15 @@ from clothfit.scene.fit_vector import parameters
 from clothfit.strategy import few_values
 
 
+def test_many_values_are_not_settled():
+    search = search_of("nL")
+    search.visit(search.start)
+    assert search.fitted.sum() > few_values.FEW_VALUES
+    known = search.budget.evaluations
+    assert not few_values.settled(search)
+    assert search.budget.evaluations == known
+
+
 @pytest.mark.slow
 def test_a_few_steps_come_to_the_minimum_of_a_model_that_differs():
     search, other = (search_of("nF", of_cloth={"damping": "G"}) for _ in range(2))
