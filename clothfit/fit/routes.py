@@ -59,11 +59,24 @@ from clothfit.strategy.trajectory_fit import (
     is_near,
 )
 
-SOFTEST, HALVINGS, AROUND = 0.1, 8, np.exp(np.linspace(-0.36, 0.36, 25)).tolist()
-"""Where shadows are compared: the least factor on the bending of the start, how often its range (and that of the
-inverse) is halved to find the size of the shadow, and factors on what is found that are tried against its outline: a
-few percent change the folds.
+BENDINGS = np.exp(0.2375 * np.array([0, *(sign * i for i in range(1, 9) for sign in (-1, 1))])).tolist()
+"""Factors on the bending of the start of a cloth at rest that are tried, 0.15 to 6.7: each has folds of its own."""
+
+CLOSER = np.exp(0.03 * np.array([-4, -3, -2, -1, 1, 2, 3, 4])).tolist()
+"""Factors on the best of them that are tried then: a few percent change the folds."""
+
+APART, BEST = 1.1, 3
+"""Factor between bendings that count as others, and how many a search goes on from."""
+
+SMOOTH, SURE = 3, 2.0
+"""Degree of the polynomial in the logarithm of bending that shadows grow by, and standard deviations from it that folds
+may scatter them by.
 """
+
+SCATTERED = (
+    "folds scatter the coefficient, so it may be that of {} to {} times this bending; an outline, or a finer mesh, "
+    "says more"
+)
 
 FABRICS = 0.2
 """Standard deviation of the logarithms of factors around those of a fabric, where a shadow alone shows them."""
@@ -544,26 +557,67 @@ def throws_shadow(objective: Objective) -> bool:
 
 
 def by_shadow(fit: Fitting) -> Status:
-    """Gauss–Newton from the bending stiffness of which shadows are as large as those of the target, or from the best of
-    those around it: with one far from the truth a drape has other folds, and its outline says little of the way.
+    """Gauss–Newton from the best of many bending stiffnesses: with one far from the truth a drape has other folds, and
+    its outline says little of the way.
     """
-    search, objective = fit.search, fit.search.objective
-    bends = np.concatenate([shares_of_bending(block) for block in objective.blocks])
-    size = Objective(objective.scene, objective.experiments, objective.tolerance, objective="coverage")
+    search, bends = fit.search, np.concatenate([shares_of_bending(block) for block in fit.search.objective.blocks])
 
     def at(factor: float) -> Array:
         return np.asarray(search.coordinates.clipped(search.start * factor**bends))
 
-    low, high = SOFTEST, 1.0 / SOFTEST
-    for _ in range(HALVINGS):
-        middle = np.sqrt(low * high)
-        larger = sum(run.comparison.residual_of(sample(run.comparison.goal, x)).sum()
-                     for run, x in zip(size.runs, size.positions(at(float(middle))), strict=True))  # fmt: skip
-        low, high = (low, middle) if larger > 0 else (middle, high)
-    around = AROUND if "outline" in objective.weights else [1.0]
-    trials = [search.start, *(at(float(np.sqrt(low * high)) * factor) for factor in around)]
-    best = trials[int(np.argmin([search.visit(p) for p in trials]))]
-    return by_gauss_newton(search, best, best, FABRICS if fit.tau is None else fit.tau)
+    if "outline" in search.objective.weights:
+        starts = best_bendings(lambda factor: search.visit(at(factor)))
+    else:
+        starts = [by_size(fit, at)]
+    status = Status.CONVERGED
+    for start in map(at, starts):
+        search.objective.begin_at(start)
+        status = by_gauss_newton(search, start, start, FABRICS if fit.tau is None else fit.tau)
+    return status
+
+
+def best_bendings(measure: Callable[[float], float], enough: float = 0.0) -> list[float]:
+    """Factors on the bending stiffness, the one with the least measure first, and others apart from it, of those that
+    are tried before one is `enough`, or the time is up.
+    """
+    found = dict[float, float]()
+    with suppress(interrupts.OutOfTime):
+        for stage in (lambda: BENDINGS, lambda: [min(found, key=found.__getitem__) * each for each in CLOSER]):
+            for factor in stage():
+                if min(found.values(), default=np.inf) > enough:
+                    found[factor] = measure(factor)
+    chosen = list[float]()
+    for factor in sorted(found, key=found.__getitem__):
+        if all(abs(np.log(factor / other)) > np.log(APART) for other in chosen):
+            chosen.append(factor)
+    return chosen[:BEST]
+
+
+def by_size(fit: Fitting, at: Callable[[float], Array]) -> float:
+    """The factor on the bending stiffness by which shadows become as large as those of the target, the largest such
+    one, as below a cell the size hardly depends on it; says how far the scatter by folds leaves it open.
+    """
+    objective, sizes = fit.search.objective, dict[float, float]()
+    with suppress(interrupts.OutOfTime):
+        for factor in BENDINGS:
+            if np.isfinite(fit.search.visit(at(factor))):
+                shown = zip(objective.runs, objective.positions(at(factor)), strict=True)
+                left = [run.comparison.residual_of(sample(run.comparison.goal, x)).sum() for run, x in shown]
+                sizes[factor] = float(sum(left))
+    if not sizes:
+        return 1.0
+    logs, off = np.array(sorted((np.log(factor), size) for factor, size in sizes.items())).T
+    found = float(logs[np.abs(off).argmin()])
+    if (crossed := np.flatnonzero(off[:-1] * off[1:] < 0.0)).size:
+        k = int(crossed[-1])
+        found = float(logs[k] - off[k] * (logs[k + 1] - logs[k]) / (off[k + 1] - off[k]))
+    if len(logs) > 2 * SMOOTH:
+        curve = np.polyfit(logs, off, SMOOTH)
+        scatter = np.sqrt(((off - np.polyval(curve, logs)) ** 2).sum() / (len(logs) - SMOOTH - 1))
+        tried = np.linspace(logs[0], logs[-1], 500)
+        open_to = np.append(tried[np.abs(np.polyval(curve, tried)) <= SURE * scatter], found)
+        fit.search.warn(SCATTERED.format(*(f"{np.exp(end - found):.2g}" for end in (open_to.min(), open_to.max()))))
+    return float(np.exp(found))
 
 
 def shares_of_bending(block: Block) -> Array:

@@ -12,17 +12,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres, percent
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import FitOptions
 from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
-from clothfit.fit.routes import shares_of_bending
+from clothfit.fit.routes import best_bendings, shares_of_bending
 from clothfit.motion.correspondence import SCANNED, Correspondence
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
@@ -32,7 +33,7 @@ from clothfit.objective.experiment import Experiment, experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
-from clothfit.registration.tracking import tracked
+from clothfit.registration.tracking import FINE, tracked
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
@@ -49,44 +50,63 @@ STEPS, SAVING = 8, 0.01
 SAME = 0.01
 """Change of the coordinates of values up to which what was tracked before holds."""
 
-FOLDED, FEW = (1.0, 0.7, 1.4, 0.5, 2.0, 0.25, 4.0), 12
-"""Factors on the bending stiffness of cloths at rest that are tried; and how many values are then fitted at once."""
+FEW, NEAREST, PART, AGAIN = 12, 0.9, 0.5, 3
+"""Values of cloths at rest that are fitted at once; the share of the points, the nearest, by which their shapes are
+compared; the part of the time in which these are tried; and how often a shape near the scan is found anew.
+"""
 
 UNTRACKED = (
     "the time was too short to track the scan: all of its points are compared, strangers as well, from the fit's own "
     "start; give it more, --budget"
 )
 
+HURRIED = (
+    "the time was too short to try all bending stiffnesses whose folds may be those of the scan: the fit begins with "
+    "the best of those that were tried; give it more, --budget"
+)
+
 MOST = 0.95
 """Quantile of distances that is shown beside their median."""
 
 
-def with_scans(
-    scene: Scene, given: list[Experiment], start: Start, options: FitOptions
-) -> tuple[list[Experiment], Start]:
-    """The targets with their scans tracked, and where a fit to them starts; as they are where half of its time is too
-    short for that.
+class Tracks(NamedTuple):
+    """Targets whose scans are tracked, and where a fit to them starts."""
+
+    given: list[Experiment]
+    start: Start
+    text: str = ""  # what was left out, as the time was too short
+
+
+def with_scans(scene: Scene, given: list[Experiment], start: Start, options: FitOptions) -> Tracks:
+    """The targets with their scans tracked, as far as half of the time of the fit allows; as they are where that is too
+    short.
     """
     if not any(each.motion.correspondence.mesh for each in given):
-        return given, start
+        return Tracks(given, start)
     seconds = None if options.budget is None else 0.5 * options.budget
-    return in_time(partial(tracked_by_values, scene, given, start, options), (given, start), seconds)
+    best = [Tracks(given, start, UNTRACKED)]
+    return in_time(partial(tracked_by_values, scene, given, start, options, best), None, seconds) or best[-1]
 
 
 def tracked_by_values(
-    scene: Scene, given: list[Experiment], start: Start, options: FitOptions
-) -> tuple[list[Experiment], Start]:
-    """The same, however long it takes."""
+    scene: Scene, given: list[Experiment], start: Start, options: FitOptions, best: list[Tracks]
+) -> Tracks:
+    """The same, however long it takes; the `best` of cloths at rest so far is kept."""
     first = with_parameters(scene, start_of(scene, start))
     few = ladder.as_model(first, ladder.models(first)[0])
     if scene.method == REST:
-        few, found = by_folds(first if len(parameters(first)) <= FEW else few, scene, given, options)
+        few, found = by_folds(first if len(parameters(first)) <= FEW else few, scene, given, options, best)
     else:
         few, found = by_windows(few, scene, given, options)
-    found = [Experiment(new.motion, own.scene) for new, own in zip(found, given, strict=True)]
+    found = own_scenes(found, given)
     whole = objective_of(scene, found, options)
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
-    return found, few if costs[0] < costs[1] else start
+    return Tracks(found, few if costs[0] < costs[1] else start)
+
+
+def own_scenes(found: Sequence[Experiment], given: Sequence[Experiment]) -> list[Experiment]:
+    """What was found of targets, each with the scene that it was given with."""
+    return [Experiment(new.motion, own.scene) for new, own in zip(found, given, strict=True)]
 
 
 def by_windows(
@@ -102,24 +122,68 @@ def by_windows(
 
 
 def by_folds(
-    few: Scene, scene: Scene, given: Sequence[Experiment], options: FitOptions
+    few: Scene, scene: Scene, given: Sequence[Experiment], options: FitOptions, kept: list[Tracks]
 ) -> tuple[Scene, list[Experiment]]:
-    """Values that come nearest to scans of cloths at rest, from those of `few` or others around them, and the scans as
-    they are tracked from there: each begins with other folds, and not from all can those of the scan be reached.
+    """Values that come nearest to scans of cloths at rest, from those of `few` with other bending stiffnesses, and the
+    scans as they are tracked from there: each has folds of its own, and not from all can those of the scan be reached.
     """
     longest, least, best = max(len(each.motion.times) for each in given), np.inf, (few, list(given))
     bends = np.concatenate([shares_of_bending(block) for block in few.blocks])
-    for factor in FOLDED if bends.any() else FOLDED[:1]:
-        trial = with_parameters(few, factor**bends * parameters(few))
-        found = by(trial, scene, given, longest)
-        trial = nearer(trial, found, options)
+
+    def at(factor: float) -> Scene:
+        return with_parameters(few, factor**bends * parameters(few))
+
+    factors, near = [1.0], FINE * float(np.median(np.concatenate([cloth.lengths for cloth in few.cloths])))
+    away = dict[float, float]()
+
+    def measure(factor: float) -> float:
+        away[factor] = distance(given, by(at(factor), scene, given, longest, 0))
+        return away[factor]
+
+    if bends.any():
+        with interrupts.limited(None if options.budget is None else PART * PART * options.budget):
+            factors = best_bendings(measure, near)
+    for factor in factors:
+        trial, before = at(factor), None
+        # what has the folds of the scan already is not drawn, which would bend others into it, but found anew
+        folded = away.get(factor, np.inf) <= near
+        for _ in range(AGAIN if folded else 1):
+            if trial is not before:
+                found = by(trial, scene, given, longest, 0 if folded else None)
+                before, trial = trial, nearer(trial, found, options)
+            if not np.isfinite(least):
+                kept.append(Tracks(own_scenes(found, given), before, HURRIED))
         whole = objective_of(trial, [experiment(trial, *each) for each in found], options)
-        cost = whole.cost_or_infinity(parameters(trial))
+        cost = whole.cost_or_infinity(parameters(trial)) + unmatched(given, found)
         if cost < least:
             least, best = cost, (trial, found)
+            kept.append(Tracks(own_scenes(found, given), trial, HURRIED))
         if whole.rmse(cost) <= SAME * SAME * whole.travel:
             break
     return best
+
+
+def distance(given: Sequence[Experiment], found: Sequence[Experiment]) -> float:
+    """Root mean square distance, m, of the nearest points of scans from cloths at rest as they were found."""
+    squares = [0.0]
+    for (motion, _), (own, _) in zip(given, found, strict=True):
+        points, shown, faces, mesh = motion.correspondence[3:7]
+        for frame in np.flatnonzero(motion.times > 0) if mesh else ():
+            seen = shown[frame]
+            feet = mesh.feet(points[frame, seen], faces[frame, seen], own.positions[frame])
+            away = np.sort(np.abs(feet.gaps))
+            squares.append(float((away[: int(np.ceil(NEAREST * len(away)))] ** 2).mean()))
+    return float(np.sqrt(sum(squares)))
+
+
+def unmatched(given: Sequence[Experiment], found: Sequence[Experiment]) -> float:
+    """What points cost that no place of a cloth was found for, each an edge away, m²."""
+    lost = 0.0
+    for (motion, _), (own, scene) in zip(given, found, strict=True):
+        edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))
+        if motion.correspondence.mesh:
+            lost += edge**2 * float(motion.correspondence.seen.sum() - own.correspondence.seen.sum())
+    return lost
 
 
 def objective_of(scene: Scene, given: Sequence[Experiment], options: FitOptions) -> Objective:
@@ -166,11 +230,13 @@ def with_figures(found: Fit, raw: Motion, given: Motion) -> Fit:
     return replace(found, correspondence=bound, hints=[*found.hints, Hint("scan", text, early=False)])
 
 
-def by(few: Scene, scene: Scene, given: Sequence[Experiment], frames: int) -> list[Experiment]:
+def by(
+    few: Scene, scene: Scene, given: Sequence[Experiment], frames: int, rounds: int | None = None
+) -> list[Experiment]:
     """The first frames of the targets, tracked by the values of `few`, which takes the place of the main scene."""
     parts = [(at_frames(motion, slice(frames)), few if own is scene else own) for motion, own in given]
     own = [experiment(few, motion, each) for motion, each in parts]
-    return [tracked(Experiment(each.motion, with_parameters(each.scene, parameters(few)))) for each in own]
+    return [tracked(Experiment(each.motion, with_parameters(each.scene, parameters(few))), rounds) for each in own]
 
 
 def nearer(few: Scene, given: Sequence[Experiment], options: FitOptions) -> Scene:

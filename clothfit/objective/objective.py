@@ -305,6 +305,11 @@ class Objective:
             self.simulate(run, p, kept.update)
             self.wholes[run.experiment].place(run.cloth, kept.states)
 
+    def begin_at(self, p: Array) -> None:
+        """Let searches for shapes at rest begin at that of p (P,) from now on."""
+        for run in self.runs:
+            self._recent.begin_at(run, p)
+
     def positions(self, p: Array) -> list[Array]:
         """The positions (T + 1, n, 3), m, of each run at p (P,), after every step. Raises Diverged."""
         found = []

@@ -176,6 +176,12 @@ class Recent:
             return found[least][1]
         return self._first[run.cloth, run.experiment]
 
+    def begin_at(self, run: Run, p: Array) -> None:
+        """Let searches for shapes at rest begin at that of p (P,), as it is found first of all, from now on."""
+        key = run.cloth, run.experiment
+        self._first[key], self._found[key], self._kept[key] = first_shape(run), [], {}
+        self._first[key] = self.simulate(run, p, (), None)[1].shape
+
 
 def first_shape(run: Run) -> Array:
     """Where the search for the shape of a cloth at rest begins (n, 3), m: the target, where that shows all vertices, or

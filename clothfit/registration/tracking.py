@@ -88,12 +88,15 @@ class State:
         self.whole.w[at - 1, self.whole.used[at - 1] - 1] += change / seconds
 
 
-def tracked(given: Experiment) -> Experiment:
-    """A scan as a motion of its scene, with the points that are matched; other targets as they are."""
+def tracked(given: Experiment, rounds: int | None = None) -> Experiment:
+    """A scan as a motion of its scene, with the points that are matched; other targets as they are. Points are tied so
+    many times in each frame.
+    """
     motion, scene = given
     mesh = motion.correspondence.mesh
     if mesh is None:
         return given
+    rounds = (RESTING if scene.method == REST else ROUNDS) if rounds is None else rounds
     own = in_world(motion, scene).correspondence
     step, fraction = frame_places(motion, scene.delta)
     at = np.rint(step + fraction).astype(int)
@@ -109,7 +112,7 @@ def tracked(given: Experiment) -> Experiment:
         normals = None if own.normals is None else own.normals[frame, seen]
         if end > before:
             x = np.concatenate([state.advance(before, end) for state in states])
-            change = draw(x, points, normals, RESTING if scene.method == REST else ROUNDS)
+            change = draw(x, points, normals, rounds)
             for state in states:
                 state.put(end, change[state.part], (end - before) * scene.delta)
             x = x + change
