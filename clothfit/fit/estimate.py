@@ -43,7 +43,7 @@ from clothfit.fit.result import (
     without_intervals,
 )
 from clothfit.fit.routes import Fitting, by_routes, in_words
-from clothfit.fit.tracked_fit import with_figures, with_scans
+from clothfit.fit.tracked_fit import left_behind, with_figures, with_scans
 from clothfit.motion.correspondence import Correspondence
 from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
@@ -214,17 +214,20 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
             what = "the clock and the place of a target"
             raise InvalidInput(f"{what} can be found only where one is given; give a target")
         return one_fit(scene, None, start, options, began)
-    raw, markers, hints = experiments(scene, target), None, list[Hint]()
+    raw, markers = experiments(scene, target), None
     moved = next((placed(each) for each in raw if each.scene is scene), scene)
     raw = [Experiment(motion, moved if own is scene else own) for motion, own in raw] if moved is not scene else raw
     scene = moved
+    hints = left_behind(raw)
+    say(hints, options)
     before = interrupts.now()
     given, start, short = with_scans(scene, raw, start, options)
     tracking = interrupts.now() - before
     tracks = [motion for motion, _ in given] if given is not raw else None
     if not (options.keep_markers or callable(options.objective)):
-        given, markers, hints = put_right(scene, given, options)
-        say(hints, options)
+        given, markers, mended = put_right(scene, given, options)
+        say(mended, options)
+        hints = [*hints, *mended]
     if options.registers:
         if options.objective == "position":  # turned positions show no rounding
             options = options.within(max(rounding(each.motion) for each in given))

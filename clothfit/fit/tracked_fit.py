@@ -50,9 +50,9 @@ STEPS, SAVING = 8, 0.01
 SAME = 0.01
 """Change of the coordinates of values up to which what was tracked before holds."""
 
-FEW, NEAREST, PART, AGAIN = 12, 0.9, 0.5, 3
+FEW, NEAREST, PART = 12, 0.9, 0.5
 """Values of cloths at rest that are fitted at once; the share of the points, the nearest, by which their shapes are
-compared; the part of the time in which these are tried; and how often a shape near the scan is found anew.
+compared; and the part of the time in which these are tried.
 """
 
 UNTRACKED = (
@@ -63,6 +63,11 @@ UNTRACKED = (
 HURRIED = (
     "the time was too short to try all bending stiffnesses whose folds may be those of the scan: the fit begins with "
     "the best of those that were tried; give it more, --budget"
+)
+
+LEFT_BEHIND = (
+    "the points of the scan go up to {} away from vertices that the scene holds, which do not follow a scan; give "
+    "these a motion (pins in the scene, or new --pins-from MOTION), or let them go"
 )
 
 MOST = 0.95
@@ -109,6 +114,26 @@ def own_scenes(found: Sequence[Experiment], given: Sequence[Experiment]) -> list
     return [Experiment(new.motion, own.scene) for new, own in zip(found, given, strict=True)]
 
 
+def left_behind(given: Sequence[Experiment]) -> list[Hint]:
+    """What is said where points of scans begin at held vertices and then are more than an edge away from them."""
+    from scipy.spatial import KDTree
+
+    for motion, scene in given:
+        scan, held = motion.correspondence, np.concatenate([cloth.fixed for cloth in scene.cloths])
+        for i, cloth in enumerate(scene.cloths):
+            for pin in cloth.pins:
+                held[scene.vertices(i)][pin.vertices] = False
+        if scan.mesh is None or scene.frame or not held.any() or not scan.seen.any(axis=1).all():
+            continue
+        x = np.concatenate([cloth.positions for cloth in scene.cloths])[held]
+        edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))
+        frames = zip(scan.points, scan.seen, strict=True)
+        away = [float(np.median(KDTree(points[seen]).query(x)[0])) for points, seen in frames]
+        if away[0] <= edge < max(away):
+            return [Hint("held_vertices_move", LEFT_BEHIND.format(metres(max(away))))]
+    return []
+
+
 def by_windows(
     few: Scene, scene: Scene, given: Sequence[Experiment], options: FitOptions
 ) -> tuple[Scene, list[Experiment]]:
@@ -122,7 +147,7 @@ def by_windows(
 
 
 def by_folds(
-    few: Scene, scene: Scene, given: Sequence[Experiment], options: FitOptions, kept: list[Tracks]
+    few: Scene, scene: Scene, given: list[Experiment], options: FitOptions, kept: list[Tracks]
 ) -> tuple[Scene, list[Experiment]]:
     """Values that come nearest to scans of cloths at rest, from those of `few` with other bending stiffnesses, and the
     scans as they are tracked from there: each has folds of its own, and not from all can those of the scan be reached.
@@ -143,16 +168,16 @@ def by_folds(
     if bends.any():
         with interrupts.limited(None if options.budget is None else PART * PART * options.budget):
             factors = best_bendings(measure, near)
-    for factor in factors:
-        trial, before = at(factor), None
-        # what has the folds of the scan already is not drawn, which would bend others into it, but found anew
-        folded = away.get(factor, np.inf) <= near
-        for _ in range(AGAIN if folded else 1):
-            if trial is not before:
-                found = by(trial, scene, given, longest, 0 if folded else None)
-                before, trial = trial, nearer(trial, found, options)
-            if not np.isfinite(least):
-                kept.append(Tracks(own_scenes(found, given), before, HURRIED))
+        if away:
+            kept.append(Tracks(given, at(factors[0]), HURRIED))
+    # what has the folds of the scan already may lose them where it is drawn
+    tries = [(factor, rounds) for factor in factors or [1.0] for rounds in (0, None)
+             if rounds is None or away.get(factor, np.inf) <= near]  # fmt: skip
+    for factor, rounds in tries:
+        found = by(at(factor), scene, given, longest, rounds)
+        if not np.isfinite(least):
+            kept.append(Tracks(own_scenes(found, given), at(factor), HURRIED))
+        trial = nearer(at(factor), found, options)
         whole = objective_of(trial, [experiment(trial, *each) for each in found], options)
         cost = whole.cost_or_infinity(parameters(trial)) + unmatched(given, found)
         if cost < least:
@@ -168,7 +193,9 @@ def distance(given: Sequence[Experiment], found: Sequence[Experiment]) -> float:
     squares = [0.0]
     for (motion, _), (own, _) in zip(given, found, strict=True):
         points, shown, faces, mesh = motion.correspondence[3:7]
-        for frame in np.flatnonzero(motion.times > 0) if mesh else ():
+        if mesh is None:
+            continue
+        for frame in np.flatnonzero(motion.times > 0):
             seen = shown[frame]
             feet = mesh.feet(points[frame, seen], faces[frame, seen], own.positions[frame])
             away = np.sort(np.abs(feet.gaps))
