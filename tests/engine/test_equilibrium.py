@@ -160,19 +160,34 @@ def test_the_shape_and_the_drape_coefficient_show_the_bending(draped):
     assert clothfit.parameters(fit.scene, scene)[3:] == pytest.approx(np.full(3, 2.0), rel=0.15)
 
 
-def test_a_scan_shows_the_bending(tmp_path):
-    """A cantilever of twice the bending, by points on its faces and some strangers; sliding along it hardly shows."""
-    scene, rng = hung(CANTILEVER, 10), np.random.default_rng(0)
-    (block,) = scene.blocks
-    true = np.where([name.startswith("bending") for name in block.factors.names], 2.0, 1.0)
-    x = shape(clothfit.with_parameters(scene, true))
+def scan_of(path, scene, factors):
+    """A file with points on the faces of a scene at rest, and some strangers; and its shape."""
+    x, rng = shape(clothfit.with_parameters(scene, factors)), np.random.default_rng(0)
     corners = x[rng.permutation(np.tile(scene.cloths[0].triangles.reshape(-1, 3), (4, 1)))]
     points = np.einsum("mk,mkc->mc", rng.dirichlet([1, 1, 1], len(corners)), corners)
     points = np.concatenate([points, points[:20] + [0.0, 0.2, 0.0]])
-    np.savez(tmp_path / "scan.npz", points=points, first=[0, len(points)])
-    fit = clothfit.estimate(scene, tmp_path / "scan.npz")
+    np.savez(path, points=points, first=[0, len(points)])
+    return path, x
+
+
+def test_a_scan_shows_the_bending(tmp_path):
+    """A cantilever of twice the bending, by points on its faces and some strangers; sliding along it hardly shows."""
+    scene = hung(CANTILEVER, 10)
+    (block,) = scene.blocks
+    true = np.where([name.startswith("bending") for name in block.factors.names], 2.0, 1.0)
+    path, x = scan_of(tmp_path / "scan.npz", scene, true)
+    fit = clothfit.estimate(scene, path)
     assert shape(fit.scene) == pytest.approx(x, abs=1e-5)  # 1e-4 of its length
     assert clothfit.parameters(fit.scene, scene)[true == 2.0][0] == pytest.approx(2.0, rel=1e-3)
+    hurried = clothfit.estimate(scene, path, budget=1.0)  # of which the bendings have a quarter
+    assert "untracked" in [hint.code for hint in hurried.hints] or hurried.rmse < 1e-6
+
+
+def test_scans_of_several_meshes_show_one_fabric(tmp_path):
+    scenes = [hung(CANTILEVER, 8, (0.1, 0.03), fit="nF"), hung(CANTILEVER, 12, (0.12, 0.04), fit="nF")]
+    scans = [(scan_of(tmp_path / f"{k}.npz", each, np.array([2.0]))[0], each) for k, each in enumerate(scenes)]
+    fit = clothfit.estimate(scenes[0], scans)
+    assert clothfit.parameters(fit.scene, scenes[0]) == pytest.approx([2.0], rel=1e-6)
 
 
 def test_what_is_no_shadow_is_refused(draped):
