@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.step_jacobian import Stencil, differentiate, jacobian, stencil
 from clothfit.engine.forces import contact, total, touch
 from clothfit.engine.inputs.tables import couple_change, set_inputs
@@ -75,6 +75,9 @@ class Balances(NamedTuple):
     stiffness: Array  # C of each stiffness at both ends of its spring, (T, S, 2, 3)
     valid: Flags  # (T, n), whether all that row needs was seen
 
+
+STEPS = 300
+"""Steps, the first ones, that a patch has at most."""
 
 CHUNK = 4_000_000
 """Numbers between two looks at interrupts."""
@@ -244,6 +247,28 @@ def smoothed(track: Track, x0: Array, frames: int) -> Track:
     return Track(x, seen)
 
 
+class Patch(NamedTuple):
+    """The rows of R/3 vertices in the T steps in which all of them are seen, by the K masses and stiffnesses there."""
+
+    steps: Indices  # (T,), of all
+    entries: Array  # (T, R, K)
+    residual: Array  # (T, R), at `base`
+    base: Array  # (K,)
+    spread: Array  # (K, Q), their derivative by the parameters that they depend on
+
+    def away(self, q: Array) -> Array:
+        """The residuals of the steps after changes q (Q, M), relative to their terms, (T, M)."""
+        change = self.spread @ q
+        left = np.linalg.norm(self.residual[..., None] - self.entries @ change, axis=1)
+        terms = np.linalg.norm(np.abs(self.entries) @ np.abs(self.base[:, None] + change), axis=1)
+        return relative(left, terms)
+
+
+def relative(size: Array, terms: Array) -> Array:
+    """Residuals relative to their terms."""
+    return np.asarray(size / np.maximum(terms, np.finfo(float).tiny))
+
+
 class Rows:
     """The rows of one run, T steps of them."""
 
@@ -287,6 +312,34 @@ class Rows:
             sizes[:, part] = [np.linalg.norm(each, axis=(1, 2)) for each in (self.left(part, change), terms)]
         return sizes[0], sizes[1]
 
+    def patch(self, vertices: Indices) -> Patch:
+        """The rows of some vertices, (m,)."""
+        own = [self.of[i] for i in vertices]
+        halves, n = np.unique(np.concatenate(own)), len(self.of)
+        springs = np.unique(halves // 2)
+        elements = np.concatenate([vertices, n + springs])
+        steps = np.flatnonzero(self.found.valid[:, vertices].all(axis=1))[:STEPS]
+        C = np.zeros((len(steps), len(vertices), 3, len(elements)))
+        for v, of in enumerate(own):
+            C[:, v, :, v] = self.found.mass[steps, vertices[v]]
+            at = len(vertices) + np.searchsorted(springs, of // 2)
+            C[:, v, :, at] = self.found.stiffness[steps[:, None], of // 2, of % 2].swapaxes(0, 1)
+        spread, shape = self.spread[elements], (len(steps), 3 * len(vertices))
+        moved = np.unique(spread.indices)
+        r = self.found.residual[steps][:, vertices].reshape(shape)
+        return Patch(steps, C.reshape(*shape, -1), r, self.base[elements], spread[:, moved].toarray())
+
+    def patches(self, size: int, most: int) -> Iterator[Patch]:
+        """Some patches of so many vertices, which springs join, round those that are seen most often."""
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import breadth_first_order
+
+        counts = np.asarray(self.found.valid.sum(axis=0))
+        links = csr_array((np.ones(len(self.ends)), self.ends.T), shape=(len(counts),) * 2)
+        for centres in np.array_split(np.flatnonzero(counts == counts.max()), most):
+            near = breadth_first_order(links, centres[len(centres) // 2], directed=False, return_predecessors=False)
+            yield self.patch(near[counts[near] > 0][:size])
+
     def gram(self, kept: Flags) -> csr_array:
         """CᵀC (Q, Q) of the steps (T,) that are kept."""
         from scipy.sparse import csr_array
@@ -327,6 +380,11 @@ class Equations:
             whole = parts[0].spread[: len(parts[0].of)].sum(axis=0)
             largest = self.gram(self.counts > 0).diagonal().max(initial=0.0)
             self.anchor = whole * np.sqrt(ANCHOR * largest / max(whole @ whole, np.finfo(float).tiny))
+
+    def patches(self, size: int, most: int) -> Iterator[tuple[int, Patch]]:
+        """Those of all parts, with the number of steps before each part."""
+        for part, before in zip(self.parts, np.cumsum([0, *(len(part.counts) for part in self.parts)]), strict=False):
+            yield from ((int(before), each) for each in part.patches(size, most))
 
     def of_parts(self, kept: Flags) -> list[Flags]:
         """Flags of all steps (S,), by parts."""

@@ -16,9 +16,11 @@ the best. Reference for equation-error estimation: L. Ljung, System Identificati
 Which steps of a motion can be in balance, and how they were taken.
 
 Few steps of a motion may not be in balance as the scene has it, whatever the parameters: those that were shortened
-(`step.guard`) or taken with the clamped matrix, and Euler steps among those of BDF2. They are found by least trimmed
-squares: the half of the steps that is nearest to balance is balanced again and again, until it stays the same, from all
-steps and from some that follow one another, of which the best answer counts. Steps out of balance are left out.
+(`step.guard`) or taken with the clamped matrix, and Euler steps among those of BDF2. How a step was taken shows in all
+of the cloth. So values are determined from some steps that follow one another in a patch of it alone, and those of most
+steps that are in balance with them count: most need not be, and many more rows than values prove it. Where none agree,
+as in noise, it is least trimmed squares: the half of the steps that is nearest to balance is balanced again and again,
+until it stays the same. Steps out of balance are left out.
 
 P. J. Rousseeuw, Least median of squares regression, Journal of the American Statistical Association 79, 1984;
 P. J. Rousseeuw, K. Van Driessen, Computing LTS regression for large data sets, Data Mining and Knowledge Discovery 12,
@@ -27,7 +29,7 @@ P. J. Rousseeuw, K. Van Driessen, Computing LTS regression for large data sets, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -40,7 +42,7 @@ from clothfit.kernels.parallel import only_here, together
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.optimise import trust_region
-from clothfit.optimise.balances import Equations, Rows, balances, smoothed, summed_twice, track
+from clothfit.optimise.balances import Equations, Patch, Rows, balances, relative, smoothed, summed_twice, track
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import bounds
 from clothfit.scene.kinds import LETTERED
@@ -245,7 +247,7 @@ EXACT = 1e-6
 """The same up to which a step is in balance beside others that are."""
 
 SHARP = 1e-3
-"""The same of half of the steps, up to which they are taken for exact but for the rounding of a file, and the others
+"""The same of a share of the steps, up to which they are taken for exact but for the rounding of a file, and the others
 for exceptions, how many they may be: nearer than noise or another model comes.
 """
 
@@ -255,8 +257,14 @@ MOST_OUT = 0.25
 ROUNDS = 10
 """Rounds of trimming; a few suffice."""
 
-RUNS = 6
-"""Parts of the motion, of steps that follow one another, whose balances are tried as starts."""
+PATCH, PATCHES, RUN = 36, 3, 7
+"""Vertices of a patch, patches of a motion, and steps that follow one another, at least, with which values begin."""
+
+DAMPED = 1e-12
+"""Added to CᵀC of a patch, whose columns have the length 1: what is below it is rounding."""
+
+SHARE = 0.25
+"""Share of the steps, at least, that must agree: the others may all be exceptions."""
 
 ENOUGH = 4
 """Rows for each parameter, at least."""
@@ -270,32 +278,57 @@ def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix, waiting: Call
     size, terms = rows.sizes(q)
     if size[known].max() <= NEGLIGIBLE * np.median(terms[known]):
         return known
-    even = size[known].max() <= UNEVEN * np.median(size[known])  # as noise leaves it
-    best, least = q, np.inf
-    for start in starts(rows, known, None if even else q):
-        q = start if even else nearest_half(rows, known, start)
-        size, terms = rows.sizes(q)
-        away = float(np.median(relative(size, terms)[known]))
-        if away < least:
-            best, least = q, away
-        if least <= SHARP:
-            break
-        if waiting:
-            waiting()
-    if even and least > SHARP:
+    agreed = consensus(rows, known)
+    if agreed.any():
+        size, terms = rows.sizes(balanced(rows, agreed))
+        away = relative(size, terms)
+        return known & is_sharp(away, away[agreed])
+    if size[known].max() <= UNEVEN * np.median(size[known]):  # as noise leaves it
         return known
-    return in_balance(rows, known, best)
+    return in_balance(rows, known, nearest_half(rows, known, q))
 
 
-def starts(rows: Equations, known: Flags, q: Array | None) -> Iterator[Array]:
-    """Where trimming starts from: q (Q,), of all known steps, and then the balances of some that follow one another."""
-    if q is not None:
-        yield q
-    for part in np.array_split(np.flatnonzero(known), RUNS):
-        some = np.zeros(len(known), bool)
-        some[part] = True
-        if rows.counts[some].sum() >= ENOUGH * rows.Q:
-            yield balanced(rows, some)
+def consensus(rows: Equations, known: Flags) -> Flags:
+    """The known steps (S,) that agree on the values in some patch of each part; none where too few do."""
+    agreed: Flags = np.zeros(len(known), bool)
+    for before, patch in rows.patches(PATCH, PATCHES):
+        own = before + patch.steps
+        if len(own) and not agreed[own].any():
+            agreed[own] = agreeing(patch)
+    return agreed & known
+
+
+def agreeing(patch: Patch) -> Flags:
+    """The most steps (T,) of a patch that are in balance with the same values, which some that follow one another
+    determine (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981).
+    """
+    C = patch.entries @ patch.spread
+    (T, R, Q), best = C.shape, np.zeros(len(C), bool)
+    length = max(RUN, -(-2 * Q // R))
+    runs = [slice(first, first + length) for first in range(T - length + 1)]
+    found = patch.away(np.array([solved(C[run], patch.residual[run]) for run in runs]).reshape(len(runs), Q).T)
+    for away, run in zip(found.T, runs, strict=True):
+        best = max(best, is_sharp(away, away[run]) & (away <= SHARP), key=np.sum)
+    for _ in range(ROUNDS if best.any() else 0):
+        away = patch.away(solved(C[best], patch.residual[best])[:, None])[:, 0]
+        before, best = best, is_sharp(away, away[best]) & (away <= SHARP)
+        if not best.any() or np.array_equal(best, before):
+            break
+    enough = best.sum() * R >= ENOUGH * Q and best.mean() >= SHARE
+    return best if enough else np.zeros(T, bool)
+
+
+def solved(C: Array, r: Array) -> Array:
+    """The minimum q (Q,) of |r − C q|², but for what the rows C (K, R, Q) hardly determine, with r (K, R)."""
+    from scipy.linalg import cho_factor, cho_solve
+
+    flat = C.reshape(-1, C.shape[2])
+    size = np.linalg.norm(flat, axis=0)
+    flat, q = flat / np.where(size > 0, size, 1.0), np.zeros(len(size))
+    factor = cho_factor(flat.T @ flat + DAMPED * np.eye(len(q)))
+    for _ in range(REFINEMENTS):
+        q = q + cho_solve(factor, flat.T @ (r.ravel() - flat @ q))
+    return np.asarray(q / np.where(size > 0, size, 1.0))
 
 
 def nearest_half(rows: Equations, known: Flags, q: Array) -> Array:
@@ -314,10 +347,9 @@ def in_balance(rows: Equations, known: Flags, q: Array) -> Flags:
     """Which of the known steps (S,) are in balance at q (Q,): all, where too many would not be."""
     size, terms = rows.sizes(q)
     away = relative(size, terms)
-    if np.median(away[known]) <= SHARP:
-        good = known & is_sharp(away, away[known])
-        if good[known].mean() > 0.5:
-            return np.asarray(good)
+    nearest = np.sort(away[known])[: int(np.ceil(SHARE * known.sum()))]
+    if nearest.max(initial=0.0) <= SHARP:
+        return known & is_sharp(away, nearest)
     good = known & (size <= OUT_OF_BALANCE * np.median(size[known]))
     return np.asarray(good if good[known].mean() >= 1.0 - MOST_OUT else known)
 
@@ -325,11 +357,6 @@ def in_balance(rows: Equations, known: Flags, q: Array) -> Flags:
 def is_sharp(away: Array, others: Array) -> Flags:
     """Which steps with residuals `away`, relative, are in balance beside others, of which most are."""
     return np.asarray(away <= max(OUT_OF_BALANCE * float(np.median(others)), EXACT))
-
-
-def relative(size: Array, terms: Array) -> Array:
-    """Residuals relative to their terms."""
-    return np.asarray(size / np.maximum(terms, np.finfo(float).tiny))
 
 
 def balanced(rows: Equations, kept: Flags, H: trust_region.Matrix | None = None) -> Array:
