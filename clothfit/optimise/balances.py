@@ -318,7 +318,7 @@ class Rows:
         halves, n = np.unique(np.concatenate(own)), len(self.of)
         springs = np.unique(halves // 2)
         elements = np.concatenate([vertices, n + springs])
-        steps = np.flatnonzero(self.found.valid[:, vertices].all(axis=1))[:STEPS]
+        steps = np.flatnonzero(self.found.valid[:, vertices].all(axis=1))[:STEPS].astype(np.int32)
         C = np.zeros((len(steps), len(vertices), 3, len(elements)))
         for v, of in enumerate(own):
             C[:, v, :, v] = self.found.mass[steps, vertices[v]]
