@@ -102,22 +102,37 @@ def fit(
     found, heard = p.copy(), only_here(waiting)
 
     def fitted_one(cloth: int) -> tuple[Indices, Array]:
-        own = [block for block in objective.blocks_of(cloth) if is_linear(block)]
-        places = np.concatenate([np.arange(b.start, b.start + b.count) for b in own] or [np.zeros(0, int)])
-        places = places[fitted[places]]
-        if not len(places):
+        places, rows = equations(objective, p, fitted, cloth, treatment)
+        if rows is None:
             return places, p[places]
-        column = np.full(len(p), -1, np.int32)
-        column[places] = np.arange(len(places))
-        parts = [rows_of(run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
-        equations = Equations(parts, treatment.anchored)
-        return places, solve(equations, p[places], lower[places], upper[places], not treatment.summed, heard)
+        return places, solve(rows, p[places], lower[places], upper[places], not treatment.summed, heard)
 
     made = [partial(fitted_one, cloth) for cloth in objective.cloths]
     at_once = sum(needed(objective)) <= objective.room
     for places, values in together(made) if at_once else (each() for each in made):
         found[places] = values
     return found
+
+
+def equations(
+    objective: Objective, p: Array, fitted: Flags, cloth: int, treatment: Treatment = TREATMENTS[0]
+) -> tuple[Indices, Equations | None]:
+    """The places of the masses and stiffnesses of a cloth that are fitted, and its balances by them, if any are."""
+    own = [block for block in objective.blocks_of(cloth) if is_linear(block)]
+    places = np.concatenate([np.arange(b.start, b.start + b.count) for b in own] or [np.zeros(0, int)])
+    places = places[fitted[places]]
+    if not len(places):
+        return places, None
+    column = np.full(len(p), -1, np.int32)
+    column[places] = np.arange(len(places))
+    parts = [rows_of(run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
+    return places, Equations(parts, treatment.anchored)
+
+
+def agree(objective: Objective, p: Array, fitted: Flags) -> bool:
+    """Whether enough steps of a cloth agree on its values: then the target is the model's own motion."""
+    made = (equations(objective, p, fitted, cloth)[1] for cloth in objective.cloths)
+    return any(rows is not None and consensus(rows, rows.counts > 0).any() for rows in made)
 
 
 def anchors(objective: Objective, fitted: Flags) -> bool:

@@ -180,12 +180,16 @@ def check_tolerance(search: Search, p: Array) -> None:
 
 
 def balances_can_hold(search: Search, start: Array, early: Objective) -> bool:
-    """Whether the momentum fit is worth its time: in a long fit, where the balances hold over the frames of `early`."""
+    """Whether the momentum fit is worth its time: in a long fit, where the balances hold over the frames of `early`, or
+    steps agree on the values.
+    """
     if not is_long(search):
         return True
     search.enter("momentum", early)
     p = momentum.fit(early, start, search.fitted, momentum.TREATMENTS[0], search.report)
-    return early.cost_or_infinity(p) <= FAR_ERROR**2 * early.still
+    if early.cost_or_infinity(p) <= FAR_ERROR**2 * early.still:
+        return True
+    return momentum.fits(search.objective) and momentum.agree(search.objective, start, search.fitted)
 
 
 def is_exact(search: Search) -> bool:
