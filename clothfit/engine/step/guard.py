@@ -26,10 +26,12 @@ are a step ends with the contacts that it knows (`forces.contact`): what rises t
 
 from __future__ import annotations
 
+import numpy as np
+
 from clothfit.engine.forces import springs, total
 from clothfit.engine.forces.spheres import contact
 from clothfit.engine.forces.touch import lets_go
-from clothfit.engine.inputs.tables import energetic, power
+from clothfit.engine.inputs.tables import draws, energetic, power
 from clothfit.engine.system import IMPLICIT
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub, sum3
@@ -50,8 +52,13 @@ SUSPECT = 0.05
 comes from, where something moves.
 """
 
-SECOND_SLACK = 0.02
-"""The same of BDF2 steps where something moves: their forces are those between the last two steps."""
+BUDGET, POWER = 0, 1
+"""What a step hands to the next one beside its state: the energy that contacts may bring it to, J, −∞ for that of the
+state; and the mean power of what moves, and of the wind, W, in a step where that may bring energy.
+"""
+
+NOTHING = np.array([-np.inf, 0.0])
+"""What the first step is handed."""
 
 NONE, SPRINGS, CONTACTS = 0, 1, 2
 """What added energy in a step."""
@@ -65,18 +72,23 @@ def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if energetic(system.inputs) or lets_go(system.colliders):
+    if energetic(system.inputs) or not accounted(system.inputs, system):
         return False
     return system.guarded and system.method == IMPLICIT and (still or not faces.drag.any() or len(faces.corners) == 0)
 
 
 @kernel(absent=False)
 def watches(inputs, system):
-    """Whether it is looked where the energy of steps comes from, as something moves, and they may be shortened; the
-    work of what pulls vertices to places is not known.
+    """Whether it is looked where the energy of steps comes from, as something moves, and they may be shortened."""
+    return system.guarded and system.method >= IMPLICIT and energetic(inputs) and accounted(inputs, system)
+
+
+@kernel
+def accounted(inputs, system):
+    """Whether the work of all that may bring energy is known: nothing is let go that began inside, nor pulled to
+    places, and no paths of pins are fitted.
     """
-    held = lets_go(system.colliders) or len(inputs.fitted.pin) > 0 or inputs.gain.shape[1] > 0
-    return system.guarded and system.method >= IMPLICIT and energetic(inputs) and not held
+    return not (lets_go(system.colliders) or draws(inputs, system.applied))
 
 
 @kernel
