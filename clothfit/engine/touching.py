@@ -25,7 +25,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine import march
 from clothfit.engine.forces import contact
 from clothfit.engine.forces.selfcontact import pairs, rows, zones
-from clothfit.engine.inputs.tables import place_pins, set_inputs
+from clothfit.engine.inputs.tables import draws, place_pins, set_inputs
 from clothfit.engine.solve import guess, joined, linear
 from clothfit.engine.step import bdf2, guard, implicit, states
 from clothfit.engine.system import BDF2, IMPLICIT, System
@@ -168,7 +168,7 @@ def pressed(
         return NOTHING, march.CONTACTS
     made = separated(system, surface, part, t, numbers)
     if not second:
-        bound = whole.guarded and guard.accounted(whole.inputs, whole) and not len(surface.drawn)
+        bound = whole.guarded and not (draws(whole.inputs, whole.applied) or len(surface.drawn))
         most = guard.SHORTEST if guard.applies(system) else SHORTEST
         w, halvings = part.w[t, part.used[t] - 1], most if bound else 0
         left = ease(

@@ -72,7 +72,7 @@ def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if energetic(system.inputs) or not accounted(system.inputs, system):
+    if brings_energy(system):
         return False
     return system.guarded and system.method == IMPLICIT and (still or not faces.drag.any() or len(faces.corners) == 0)
 
@@ -80,15 +80,14 @@ def applies(system):
 @kernel(absent=False)
 def watches(inputs, system):
     """Whether it is looked where the energy of steps comes from, as something moves, and they may be shortened."""
-    return system.guarded and system.method >= IMPLICIT and energetic(inputs) and accounted(inputs, system)
+    known = brings_energy(system) and not draws(inputs, system.applied)
+    return system.guarded and system.method >= IMPLICIT and known
 
 
 @kernel
-def accounted(inputs, system):
-    """Whether the work of all that may bring energy is known: nothing is let go that began inside, nor pulled to
-    places, and no paths of pins are fitted.
-    """
-    return not (lets_go(system.colliders) or draws(inputs, system.applied))
+def brings_energy(system):
+    """Whether anything but the applied forces may: what moves, and what is let go that begins inside."""
+    return energetic(system.inputs) or lets_go(system.colliders)
 
 
 @kernel
