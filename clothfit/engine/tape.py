@@ -15,8 +15,6 @@ from collections.abc import Iterator
 from copy import deepcopy
 from typing import NamedTuple
 
-import numpy as np
-
 from clothfit.base import memory
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
@@ -173,7 +171,8 @@ class Tape:
         x, v = last.x[0].copy(), last.v.copy()
         two = self.system.method == BDF2
         x_before, v_before = (last.x_before.copy(), last.v_before.copy()) if two else (x, v)
-        return Held(at.step, end, part, Snapshot(end, x, v, x_before, v_before, last.ready, last.carried[0].copy(), work.past))
+        after = Snapshot(end, x, v, x_before, v_before, last.ready, last.carried[0].copy(), work.past)
+        return Held(at.step, end, part, after)
 
 
 def plan_for(steps: int, state: int, snapshot: int, most: float) -> Plan | None:

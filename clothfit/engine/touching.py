@@ -200,9 +200,10 @@ def ease(
 
 
 def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> None:
-    """Shorten Euler step t of a part, after which the energy is higher than what moves has given it, or take it with the
-    clamped system; for a cloth that does not touch itself.
+    """Shorten Euler step t of a part, after which the energy is higher than what moves has given it, or take it with
+    the clamped system; for a cloth that does not touch itself.
     """
+
     def gains() -> float:
         return float(march.gain(own.inputs, own, part, t, work))
 

@@ -56,7 +56,8 @@ def rise(euler, inner, part, t, second, w, work):
     set_frame(euler.inputs, euler, part.first + t)
     x, after = part.x[t], part.x[t + 1]
     before = guard.energy(euler, x, velocity(part, t))
-    done = moved(euler.inputs, euler, inner, part, t, second, w, work) + work_done(euler.inputs, part.first + t, x, after)
+    done = moved(euler.inputs, euler, inner, part, t, second, w, work)
+    done += work_done(euler.inputs, part.first + t, x, after)
     done += vertex.energy(euler.vertex, x) - vertex.energy(euler.vertex, after)
     return guard.energy(euler, after, w) - before - done, before
 

@@ -17,11 +17,12 @@ them, as implicit springs from the surface on (`spheres.begins`): a convex energ
 the energy after that step becomes the budget, so that no later contact gives back what one took.
 
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
-wind that stays, which brings energy, while air at rest only takes it away; where a cloth is let go by what it began
-inside of; and where the rise is below a thousandth. Where inputs change over time, a step after which the kinetic
-energy and that of the springs are higher by more than SUSPECT is compared with the work that was done in it (`work`);
-what gains by more than that is mended as where a cloth touches itself (`touching`). At `colliders` that stay where they
-are a step ends with the contacts that it knows (`forces.contact`): what rises there are springs, as elsewhere.
+wind that stays, which brings energy, while air at rest only takes it away; and where the rise is below a thousandth.
+Where inputs change over time, or a cloth is let go by what it began inside of, the work done in a step (`work`) is not a
+gain: of BDF2 motions each step is compared with it, of implicit ones those after which the kinetic energy and that of
+the springs are higher by more than SUSPECT. An Euler step that gains is mended as where a cloth touches itself
+(`touching`). At `colliders` that stay where they are a step ends with the contacts that it knows (`forces.contact`):
+what rises there are springs, as elsewhere.
 """
 
 from __future__ import annotations
