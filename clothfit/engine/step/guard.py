@@ -18,7 +18,7 @@ the energy after that step becomes the budget, so that no later contact gives ba
 
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
 wind that stays, which brings energy, while air at rest only takes it away; and where the rise is below a thousandth.
-Where inputs change over time, or a cloth is let go by what it began inside of, the work done in a step (`work`) is not a
+Where inputs change over time, or a cloth is let go by what it began inside of, the work done in a step (`work`) is no
 gain: of BDF2 motions each step is compared with it, of implicit ones those after which the kinetic energy and that of
 the springs are higher by more than SUSPECT. An Euler step that gains is mended as where a cloth touches itself
 (`touching`). At `colliders` that stay where they are a step ends with the contacts that it knows (`forces.contact`):
@@ -73,16 +73,14 @@ def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if brings_energy(system):
-        return False
-    return system.guarded and system.method == IMPLICIT and (still or not faces.drag.any() or len(faces.corners) == 0)
+    calm = still or not faces.drag.any() or len(faces.corners) == 0
+    return system.guarded and system.method == IMPLICIT and calm and not brings_energy(system)
 
 
 @kernel(absent=False)
 def watches(inputs, system):
     """Whether it is looked where the energy of steps comes from, as something moves, and they may be shortened."""
-    known = brings_energy(system) and not draws(inputs, system.applied)
-    return system.guarded and system.method >= IMPLICIT and known
+    return system.guarded and system.method >= IMPLICIT and brings_energy(system) and not draws(inputs, system.applied)
 
 
 @kernel
