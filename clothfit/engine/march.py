@@ -5,14 +5,16 @@ The functions take a `rollout.Rollout` to fill or to read.
 
 from __future__ import annotations
 
+import numpy as np
+
 from clothfit.base.limits import FARTHEST
 from clothfit.engine.forces import contact, touch
-from clothfit.engine.inputs.tables import place_pins, power, set_inputs
+from clothfit.engine.inputs.tables import place_pins, power, set_frame, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
 from clothfit.engine.step import bdf2, explicit, guard, implicit
 from clothfit.engine.step.states import state_before, velocity
-from clothfit.engine.work import rise
+from clothfit.engine.work import moved, rise
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, sub
 from clothfit.kernels.vectors import combine, copy, dot
@@ -58,7 +60,7 @@ def run(system, tolerance, work, part, start, stop):
         if t > start:
             grant(part, t - 1, system.h * given)
         elif part.first + t == 0:
-            part.budget[0] = now
+            part.carried[0, guard.BUDGET] = now
         energy = now
         if not safe:
             copy(v, first)
@@ -76,8 +78,11 @@ def run(system, tolerance, work, part, start, stop):
             return t, FAILED
         t += 1
         if watched:
-            own = suspected(system, system, part, t - 1, own, False, work)
-            if own < 0.0:
+            begun, w_t = own, velocity(part, t)
+            own = guard.own_energy(system, x[t], w_t)
+            more = own - begun - system.h * given_in(system, before + t - 1, w_t)
+            suspect = more > guard.SUSPECT * begun + guard.LEAST_RISE
+            if suspect and gain(system.inputs, system, part, t - 1, work) != 0.0:
                 return t, GAINS
     if checked < stop and shortened(system, part, stop - 1, energy) == guard.CONTACTS:
         return stop - 1, CONTACTS
@@ -109,13 +114,13 @@ def given_in(system, t, v):
 @kernel
 def grant(part, t, weight):
     """Carry the budget over step t, in which the weight did this work, J."""
-    part.budget[t + 1] = part.budget[t] + weight
+    part.carried[t + 1, guard.BUDGET] = part.carried[t, guard.BUDGET] + weight
 
 
 @kernel(apart=0)
 def shortened(system, part, t, energy):
     """Shorten step t, which began with this energy, J, if springs added energy; returns what did (`guard.fault`)."""
-    x, v, budget = part.x, velocity(part, t + 1), part.budget[t]
+    x, v, budget = part.x, velocity(part, t + 1), part.carried[t, guard.BUDGET]
     fault = guard.fault(system, part.first + t, energy, budget, x[t], v, x[t + 1])
     if fault == guard.SPRINGS:
         part.theta[t] = guard.shorten(system, part.first + t, energy, budget, x[t], v, x[t + 1])
@@ -137,7 +142,7 @@ def retake(early, tolerance, work, part, t):
     """Take step t anew with a system that knows contacts early, and shorten it if it still adds energy. Returns
     DONE, FAILED or REFUSED, where the clamped system is to be tried.
     """
-    x, v, budget = part.x, velocity(part, t), part.budget[t]
+    x, v, budget = part.x, velocity(part, t), part.carried[t, guard.BUDGET]
     energy = guard.energy(early, x[t], v)
     part.early[t], part.clamped[t] = True, early.springs.cap <= 1.0
     contact.clear(early.colliders)
@@ -154,7 +159,7 @@ def retake(early, tolerance, work, part, t):
     if guard.fault(early, part.first + t, energy, budget, x[t], w, x[t + 1]) != guard.NONE:
         part.theta[t] = guard.shorten(early, part.first + t, energy, budget, x[t], w, x[t + 1])
     weight = early.h * given_in(early, part.first + t, w)
-    part.budget[t + 1] = min(budget + weight, guard.energy(early, x[t + 1], w))
+    part.carried[t + 1, guard.BUDGET] = min(budget + weight, guard.energy(early, x[t + 1], w))
     return DONE
 
 
@@ -163,10 +168,10 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
     """What `run` does, for the two `bdf2.forms`."""
     x, first, safe = part.x, work.solution, euler.springs.cap <= 1.0
     guarded, watched = guard.applies(euler), guard.watches(euler.inputs, euler)
-    own = guard.own_energy(euler, x[start], velocity(part, start)) if watched else 0.0
-    energy = guard.energy(euler, x[start], velocity(part, start)) if guarded else 0.0
+    set_frame(euler.inputs, euler, part.first + start)
+    energy = guard.energy(euler, x[start], velocity(part, start)) if guarded or watched else 0.0
     if part.first + start == 0:
-        part.budget[0] = energy
+        part.carried[0, guard.BUDGET] = energy
     for t in range(start, stop):
         v = velocity(part, t)
         set_inputs(euler.inputs, euler, part.first + t)
@@ -176,17 +181,14 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
             guess.advance(work.past, part.first + t, first)
             part.solves[t] = 0
         part.theta[t], part.clamped[t], part.early[t], part.hit[t] = 1.0, safe, False, False
+        part.carried[t + 1, guard.POWER] = 0.0
         part.euler[t] = part.theta[t - 1] < 1.0 or part.early[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
         if not part.euler[t]:
-            energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded)
+            energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded, watched)
             contact.note(euler.colliders, part.met, t)
             if part.used[t] == 0:
                 return t, REFUSED
             if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
-                if watched:
-                    own = suspected(euler, inner, part, t, own, True, work)
-                    if own < 0.0:
-                        return t + 1, GAINS
                 continue
             part.euler[t] = True
         contact.clear(euler.colliders)
@@ -208,32 +210,19 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
             grant(part, t, euler.h * given_in(euler, part.first + t, w))
             energy = guard.energy(euler, x[t + 1], w)
         if watched:
-            own = suspected(euler, inner, part, t, own, False, work)
-            if own < 0.0:
+            if gain(euler.inputs, euler, part, t, work) != 0.0:
                 return t + 1, GAINS
+            energy = guard.energy(euler, x[t + 1], w)
     return stop, DONE
 
 
-@kernel
-def suspected(euler, inner, part, t, before, second, work):
-    """What `guard.own_energy` is after step t, which began with so much, J; −1 where it rose, and the energy did by
-    more than the work of what moves, which is not known of colliders that grow.
-    """
-    v = velocity(part, t + 1)
-    after = guard.own_energy(euler, part.x[t + 1], v)
-    more = after - before - euler.h * given_in(euler, part.first + t, v)
-    if more <= guard.SUSPECT * before + guard.LEAST_RISE or touch.grows(euler.colliders):
-        return after
-    return -1.0 if gain(euler.inputs, euler, inner, part, t, second, work) != 0.0 else after
-
-
 @kernel(absent=0.0, apart=0.0)
-def gain(inputs, euler, inner, part, t, second, work):
-    """How much the energy rises in step t beyond the work that is done in it, J; 0 where that is tolerated."""
-    more, before, given = rise(euler, inner, part, t, second, velocity(part, t + 1), work)
-    if second:
-        more -= guard.SECOND_SLACK * before + 0.5 * abs(given)  # the mean of both steps' forces may do as much less
-    return more if guard.rises(before, before + more, 0.0) else 0.0
+def gain(inputs, system, part, t, work):
+    """How much the energy rises in Euler step t beyond the work that is done in it, J; 0 where that is tolerated, and
+    where colliders grow, whose work is not known.
+    """
+    more, before = rise(system, system, part, t, False, velocity(part, t + 1), work)
+    return more if guard.rises(before, before + more, 0.0) and not touch.grows(system.colliders) else 0.0
 
 
 @kernel(empty=False, apart=False)
@@ -256,9 +245,10 @@ def hits(colliders, vertex, x, v, x_new):
 
 
 @kernel
-def second_order(euler, inner, tolerance, work, part, t, energy, guarded):
+def second_order(euler, inner, tolerance, work, part, t, energy, guarded, watched):
     """Take step t by BDF2; returns the energy after it, if it is taken, else that before, J, and whether it is. Where
-    it is to be taken with the clamped systems, 0 iterations are used.
+    it is to be taken with the clamped systems, 0 iterations are used. As colliders may move what begins in a sphere, no
+    budget is asked where something does.
     """
     x, v, (x_before, v_before) = part.x, velocity(part, t), state_before(part, t)
     used, iterations, direct, kinetic, weight, size = bdf2.step(
@@ -270,10 +260,13 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded):
     near = 3.0 * size < FARTHEST * FARTHEST or finite(x[t + 1])  # 3 |a|² ≥ (|a₀| + |a₁| + |a₂|)²
     if used == 0 or not near:
         return energy, False
-    if not guarded:
+    if not (guarded or watched):
         return energy, True
-    after, fault = guard.judged(euler, energy, part.budget[t], x[t], x[t + 1], kinetic, weight)
-    if fault != guard.NONE:
+    if watched:
+        weight += moved(euler.inputs, euler, inner, part, t, True, part.w[t, used - 1], work)
+    budget = np.inf if watched else part.carried[t, guard.BUDGET]
+    after, fault = guard.judged(euler, energy, budget, x[t], x[t + 1], kinetic, weight)
+    if fault != guard.NONE and not touch.grows(euler.colliders):
         return energy, False
     grant(part, t, weight)
     return after, True

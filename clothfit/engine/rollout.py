@@ -18,7 +18,7 @@ from clothfit.base.memory import check_memory
 from clothfit.engine import equilibrium, march
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.solve import linear
-from clothfit.engine.step import bdf2, implicit
+from clothfit.engine.step import bdf2, guard, implicit
 from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, early, meets_itself, rests
 from clothfit.kernels.kernel import record
 
@@ -47,7 +47,7 @@ class Rollout(NamedTuple):
     euler: Flags  # (T,), steps of a BDF2 motion that are implicit Euler steps (`step.bdf2`)
     early: Flags  # (T,), steps that knew the contacts they begin, as they would have added energy (`step.guard`)
     hit: Flags  # (T,), implicit Euler steps of a BDF2 motion in which the cloth hits something (`march.hits`)
-    budget: Array  # (T + 1,), energy that contacts may bring each state to, J (`step.guard`); −∞: that of the state
+    carried: Array  # (T + 1, 2), of each state: the BUDGET and the mean POWER that led to it (`step.guard`)
     v: Array  # (n, 3), velocity before the first of the steps, m/s
     x_before: Array  # (n, 3), position one step before that, m; any, where nothing was before
     v_before: Array  # (n, 3), the velocity there, m/s
@@ -64,7 +64,7 @@ class Rollout(NamedTuple):
     def part(self, begin: int, end: int) -> Rollout:
         """The steps from `begin` to below `end`, counted here; not a copy."""
         x_before, v_before = (self.x[begin - 1], self.velocity(begin - 1)) if begin else (self.x_before, self.v_before)
-        cut: dict[str, Any] = {name: getattr(self, name)[begin : end + 1] for name in ("x", "budget")}
+        cut: dict[str, Any] = {name: getattr(self, name)[begin : end + 1] for name in ("x", "carried")}
         cut |= {name: None if (own := getattr(self, name)) is None else own[begin:end] for name in OF_STEPS}
         ready = self.smooth(begin - 1) if begin else self.ready
         return Rollout(
@@ -133,9 +133,9 @@ def empty(system: System, steps: int) -> Rollout:
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
     used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
-    flags, budget = np.zeros((4, steps), bool), np.full(steps + 1, -np.inf)
+    flags, carried = np.zeros((4, steps), bool), np.tile(guard.NOTHING, (steps + 1, 1))
     start = system.v0, system.x0, system.v0
-    made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], flags[3], budget, *start)
+    made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], flags[3], carried, *start)
     if system.colliders is not None:
         made = made._replace(met=np.zeros((steps, *system.colliders.on.shape), bool))
     return made._replace(touches=np.empty(steps, object)) if meets_itself(system) else made

@@ -15,8 +15,6 @@ from collections.abc import Iterator
 from copy import deepcopy
 from typing import NamedTuple
 
-import numpy as np
-
 from clothfit.base import memory
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
@@ -26,7 +24,7 @@ from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, work_of
 from clothfit.engine.solve.guess import Past
-from clothfit.engine.step import implicit
+from clothfit.engine.step import guard, implicit
 from clothfit.engine.system import BDF2, System
 from clothfit.kernels.work import counted
 
@@ -55,7 +53,7 @@ class Snapshot(NamedTuple):
     x_before: Array  # (n, 3), m, one step before; any, at the start
     v_before: Array  # (n, 3), m/s
     ready: bool  # whether the next step can be a BDF2 step
-    budget: float  # energy that contacts may bring the state to, J (`step.guard`); −∞: that of the state
+    carried: Array  # (2,), of `Rollout.carried`
     past: Past  # solutions of the last steps, for the first guesses
 
 
@@ -95,7 +93,7 @@ class Tape:
         self._room: Rollout | None = None
         self._held: Held | None = None
         x, v = system.x0, system.v0
-        self._kept = {0: Snapshot(0, x, v, x, v, False, -np.inf, deepcopy(self._work.past))}
+        self._kept = {0: Snapshot(0, x, v, x, v, False, guard.NOTHING, deepcopy(self._work.past))}
 
     @property
     def shape(self) -> Array:
@@ -157,7 +155,7 @@ class Tape:
             self._room = empty(self.system, self.plan.length)
         part = self._room.part(0, end - at.step)._replace(v=at.v, x_before=at.x_before, v_before=at.v_before)
         part = part._replace(ready=at.ready, first=at.step)
-        part.x[0], part.budget[0] = at.x, at.budget
+        part.x[0], part.carried[0] = at.x, at.carried
         self._held = None  # an interrupt may come
         work = self._work._replace(past=deepcopy(at.past))
         if self.forms is None:
@@ -173,8 +171,8 @@ class Tape:
         x, v = last.x[0].copy(), last.v.copy()
         two = self.system.method == BDF2
         x_before, v_before = (last.x_before.copy(), last.v_before.copy()) if two else (x, v)
-        budget = float(last.budget[0])
-        return Held(at.step, end, part, Snapshot(end, x, v, x_before, v_before, last.ready, budget, work.past))
+        after = Snapshot(end, x, v, x_before, v_before, last.ready, last.carried[0].copy(), work.past)
+        return Held(at.step, end, part, after)
 
 
 def plan_for(steps: int, state: int, snapshot: int, most: float) -> Plan | None:

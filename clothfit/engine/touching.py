@@ -25,8 +25,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine import march
 from clothfit.engine.forces import contact
 from clothfit.engine.forces.selfcontact import pairs, rows, zones
-from clothfit.engine.forces.touch import lets_go
-from clothfit.engine.inputs.tables import place_pins, set_inputs
+from clothfit.engine.inputs.tables import draws, place_pins, set_inputs
 from clothfit.engine.solve import guess, joined, linear
 from clothfit.engine.step import bdf2, guard, implicit, states
 from clothfit.engine.system import BDF2, IMPLICIT, System
@@ -168,12 +167,14 @@ def pressed(
     if second and (len(pairs.crossing(surface, x, after, numbers)) or gains(*given, True)):
         return NOTHING, march.CONTACTS
     made = separated(system, surface, part, t, numbers)
-    if not second and may_be_shortened(whole, surface):
-        w, halvings = part.w[t, part.used[t] - 1], guard.SHORTEST if guard.applies(system) else SHORTEST
+    if not second:
+        bound = whole.guarded and not (draws(whole.inputs, whole.applied) or len(surface.drawn))
+        most = guard.SHORTEST if guard.applies(system) else SHORTEST
+        w, halvings = part.w[t, part.used[t] - 1], most if bound else 0
         left = ease(
             part, t, lambda: gains(*given, False, made), lambda by: shorten(by, system, x, w, after, made), halvings
         )
-        if left and not part.clamped[t]:
+        if left and bound and not part.clamped[t]:
             return pressed(forms, tolerance, work, part, t, surface, False, safe=True)
     # as compiled code is for arrays of one order: what NumPy picks out of columns has another
     return Touch(numbers[some], np.ascontiguousarray(on[:, some]), made), march.DONE
@@ -194,35 +195,27 @@ def ease(
     if longer > 1.0:
         shorten(longer)
         part.theta[t] *= longer
+        gains()  # notes the power
     return min(tried)
 
 
 def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> None:
-    """Take step t of a part, after which the energy may be higher than what moves has given it, anew where it is: by
-    implicit Euler, shortened, or with the clamped system; for a cloth that does not touch itself.
+    """Shorten Euler step t of a part, after which the energy is higher than what moves has given it, or take it with
+    the clamped system; for a cloth that does not touch itself.
     """
+
     def gains() -> float:
-        return float(march.gain(own.inputs, own, own, part, t, False, work))
+        return float(march.gain(own.inputs, own, part, t, work))
 
     def halve(by: float) -> None:
         shorten(by, own, part.x[t], part.w[t, part.used[t] - 1], part.x[t + 1], None)
 
-    two, v = forms.own.method == BDF2, part.velocity(t)
-    anew = two and not part.euler[t]
-    while True:
-        own = bdf2.forms(forms.at(part, t))[0]
-        if anew:
-            part.euler[t], part.theta[t] = two, 1.0
-        there = not anew or attempt(own, work, part, t, v, v.copy(), tolerance)
-        if not (ease(part, t, gains, halve, SHORTEST) if there else np.inf) or part.clamped[t]:
-            return
-        part.clamped[t] = anew = True
-
-
-def may_be_shortened(system: System, surface: pairs.Surface) -> bool:
-    """Whether steps may be shortened: nothing is let go or drawn back, and no paths of pins are fitted."""
-    led = system.inputs is not None and len(system.inputs.fitted.pin) > 0
-    return system.guarded and not (led or len(surface.drawn) or lets_go(system.colliders))
+    own = bdf2.forms(forms.at(part, t))[0]
+    if ease(part, t, gains, halve, SHORTEST) and not part.clamped[t]:
+        part.clamped[t], part.theta[t] = True, 1.0
+        own, v = bdf2.forms(forms.at(part, t))[0], part.velocity(t)
+        attempt(own, work, part, t, v, v.copy(), tolerance)  # which succeeds
+        ease(part, t, gains, halve, SHORTEST)
 
 
 def shorten(theta: float, system: System, x: Array, w: Array, after: Array, made: zones.Zones | None) -> None:
@@ -248,7 +241,7 @@ def gains(
         given = zones.work(made, system.vertex, w)
         w[made.member] = made.found
     one, other = bdf2.forms(system)
-    more, before, _ = rise(one, other, part, t, second, joined, work)
+    more, before = rise(one, other, part, t, second, joined, work)
     w[:] = joined
     held = stored(surface, part.x[t], part.x[t], numbers)
     if part.theta[t] < 1.0 or made is not None:  # others may be near on the way
@@ -319,6 +312,7 @@ def begin(system, part, t, work):
     part.theta[t], part.clamped[t], part.early[t] = 1.0, system.springs.cap <= 1.0, False
     part.hit[t] = False
     part.euler[t] = True
+    part.carried[t + 1, guard.POWER] = 0.0
     part.solves[t] = 0
     copy(states.velocity(part, t), work.solution)
     guess.advance(work.past, part.first + t, work.solution)

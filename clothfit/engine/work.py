@@ -51,15 +51,25 @@ def power(euler, inner, part, t, second, work):
 @kernel
 def rise(euler, inner, part, t, second, w, work):
     """How much the energy rises in step t, after which the velocity is w (n, 3), beyond the work that is done in it,
-    what it is before, both without pairs, and the work of what moves and of the wind, J.
+    and what it is before, both without pairs, J.
     """
     set_frame(euler.inputs, euler, part.first + t)
     x, after = part.x[t], part.x[t + 1]
     before = guard.energy(euler, x, velocity(part, t))
-    given = power(euler, inner, part, t, second, work) + wind.powers(euler.faces, work.y, w, w)[0]
-    done = euler.h * given + work_done(euler.inputs, part.first + t, x, after)
+    done = moved(euler.inputs, euler, inner, part, t, second, w, work)
+    done += work_done(euler.inputs, part.first + t, x, after)
     done += vertex.energy(euler.vertex, x) - vertex.energy(euler.vertex, after)
-    return guard.energy(euler, after, w) - before - done, before, euler.h * given
+    return guard.energy(euler, after, w) - before - done, before
+
+
+@kernel(absent=0.0, apart=0.0)
+def moved(inputs, euler, inner, part, t, second, w, work):
+    """The work of what moves and of the wind in step t, after which the velocity is w (n, 3), J. Its mean power is
+    noted, of which that of a next step of `second` order has a third.
+    """
+    now = power(euler, inner, part, t, second, work) + wind.powers(euler.faces, work.y, w, w)[0]
+    part.carried[t + 1, guard.POWER] = (2.0 * now + part.carried[t, guard.POWER]) / 3.0 if second else now
+    return euler.h * part.carried[t + 1, guard.POWER]
 
 
 @kernel

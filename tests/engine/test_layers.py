@@ -118,21 +118,24 @@ def test_derivatives_where_a_later_iteration_lets_go_of_what_an_earlier_one_met(
     assert_derivatives(made, 1e-13, 1e-10, switches=True)
 
 
-@pytest.mark.parametrize(("seed", "alone"), [(5, False), (16, False), (10, True), (15, True)])
-def test_cloths_gain_little_energy_over_a_body_that_twists_fast(tmp_path, seed, alone):
+@pytest.mark.parametrize(
+    ("seed", "alone", "method"),
+    [(5, False, 2), (16, False, 2), (10, True, 2), (15, True, 2), (20, True, 3), (25, True, 3)],
+)
+def test_cloths_gain_little_energy_over_a_body_that_twists_fast(tmp_path, seed, alone, method):
     """Zones join in them, and matrices are hardly definite: so steps are clamped and shortened. Without that the cloths
-    that are each `alone` come to 5 kJ and 63 MJ.
+    that are each `alone` come to 5 kJ and 63 MJ, and to 4 % with BDF2 steps that are judged by the forces at their end.
     """
     rng = np.random.default_rng(seed)
     places, stiffnesses = 0.02 * rng.normal(size=(3, 2)), rng.uniform(60, 200, 3)
     cloths = [sheet(8, 0.9, 0.24 + 0.03 * k, places[k], stiffness=stiffnesses[k]) for k in range(3)]
     body = twisting(tmp_path, 61, rng.uniform(0.8, 1.8), rng.uniform(8, 20))
-    given = {"colliders": [body], "integrationMethod": 2, "delta": 0.01, "optimizationIterations": 61}
+    given = {"colliders": [body], "integrationMethod": method, "delta": 0.01, "optimizationIterations": 61}
     made = scene(*cloths, **given) if alone else layers(*cloths, **given)
     motion = simulate(made)
     found = energies(made, motion)
     assert found.excess <= 0.01 * found.scale
-    assert motion.remedies.clamped_steps + motion.remedies.shortened_steps > 0
+    assert motion.remedies.clamped_steps + motion.remedies.shortened_steps > 0 or motion.steps.euler.any()
     assert alone or [crossings(made, x) for x in motion.positions[::6]] == [0] * len(motion.positions[::6])
 
 
@@ -171,6 +174,13 @@ def test_a_start_inside_a_collider_is_let_go(shape, thickness):
     speed = np.linalg.norm(np.diff(x, axis=0), axis=2).max() / made.delta
     assert speed < 3 * 1.5 * (0.01 + thickness) / 0.15  # the surface leaves with 1.5 d/T at most
     assert "up to 10 mm inside colliders[0]; let go over 0.15 s" in sentences(made)[0]
+
+
+def test_what_a_body_lets_go_gains_no_energy():
+    box = {**BALL, "type": 3, "pos": xyz((0, -0.3, 0)), "scale": xyz((0.8, 0.6, 0.8)), "thickness": 0.005}
+    made = scene(sheet(12, 0.5, -0.01), colliders=[box], integrationMethod=3, delta=0.01, optimizationIterations=31)
+    found = energies(made, simulate(made))
+    assert found.excess <= 0.01 * found.scale
 
 
 def test_derivatives_through_a_release():

@@ -59,7 +59,7 @@ def assert_states(parts, memory):
     for part in parts:
         begin, end = part.first, part.first + part.steps
         whole = memory.part(begin, end)
-        for name in ("x", "used", "solves", "clamped", "theta", "euler", "early", "budget"):
+        for name in ("x", "used", "solves", "clamped", "theta", "euler", "early", "carried"):
             np.testing.assert_array_equal(getattr(part, name), getattr(whole, name))
         for t in range(part.steps):
             np.testing.assert_array_equal(part.w[t, : part.used[t]], whole.w[t, : part.used[t]])

@@ -79,8 +79,9 @@ def past(found, u, w, s):
 def energy(part, y):
     total = 0.0  # ½ κ d²
     for k in range(count(part, y)):
-        _, _, _, depth, kappa, _, _, _ = row(part, y, k)
-        total += 0.5 * kappa * max(depth, 0.0) * max(depth, 0.0)
+        if most(part, y, k) > 0.0:
+            _, _, _, depth, kappa, _, _, _ = row(part, y, k)
+            total += 0.5 * kappa * max(depth, 0.0) * max(depth, 0.0)
     return total
 
 
@@ -102,9 +103,12 @@ def power(part, y, u, w, s, h, begin, f):
     """
     total = 0.0
     for k in range(count(part, y)):
+        part.depth[k], way = most(part, y, k), way_of(k % len(y), u, w, s, h)
+        if is_far(part, k, way):
+            continue
         found = row(part, y, k)
         own, c, n, depth, kappa, _, V, _ = found
-        if knows(part, y, k, found, way_of(k % len(y), u, w, s, h)):
+        if knows(part, y, k, found, way):
             push = kappa * (depth - dot(n, mixed(c, own, s)))
             T = law.force(push, sliding(found, u)[0], n, sub(mixed(c, own, w), V))
             spread(c, own, T, f)

@@ -175,6 +175,14 @@ def energetic(inputs):
     return inputs.energetic
 
 
+@kernel(absent=False)
+def draws(inputs, applied):
+    """Whether paths of pins are fitted, or vertices are pulled to places, by the tables or, as long as it holds one, by
+    a hand.
+    """
+    return len(inputs.fitted.pin) > 0 or inputs.gain.shape[1] > 0 or (applied.gain > 0.0).any()
+
+
 @kernel(absent=0.0)
 def power(inputs, t, v):
     """What the forces that are applied in step t do at velocities v (n, 3), W."""

@@ -17,19 +17,22 @@ them, as implicit springs from the surface on (`spheres.begins`): a convex energ
 the energy after that step becomes the budget, so that no later contact gives back what one took.
 
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
-wind that stays, which brings energy, while air at rest only takes it away; where a cloth is let go by what it began
-inside of; and where the rise is below a thousandth. Where inputs change over time, a step after which the kinetic
-energy and that of the springs are higher by more than SUSPECT is compared with the work that was done in it (`work`);
-what gains by more than that is mended as where a cloth touches itself (`touching`). At `colliders` that stay where they
-are a step ends with the contacts that it knows (`forces.contact`): what rises there are springs, as elsewhere.
+wind that stays, which brings energy, while air at rest only takes it away; and where the rise is below a thousandth.
+Where inputs change over time, or a cloth is let go by what it began inside of, the work done in a step (`work`) is no
+gain: of BDF2 motions each step is compared with it, of implicit ones those after which the kinetic energy and that of
+the springs are higher by more than SUSPECT. An Euler step that gains is mended as where a cloth touches itself
+(`touching`). At `colliders` that stay where they are a step ends with the contacts that it knows (`forces.contact`):
+what rises there are springs, as elsewhere.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from clothfit.engine.forces import springs, total
 from clothfit.engine.forces.spheres import contact
 from clothfit.engine.forces.touch import lets_go
-from clothfit.engine.inputs.tables import energetic, power
+from clothfit.engine.inputs.tables import draws, energetic, power
 from clothfit.engine.system import IMPLICIT
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub, sum3
@@ -50,8 +53,13 @@ SUSPECT = 0.05
 comes from, where something moves.
 """
 
-SECOND_SLACK = 0.02
-"""The same of BDF2 steps where something moves: their forces are those between the last two steps."""
+BUDGET, POWER = 0, 1
+"""What a step hands to the next one beside its state: the energy that contacts may bring it to, J, −∞ for that of the
+state; and the mean power of what moves, and of the wind, W, in a step where that may bring energy.
+"""
+
+NOTHING = np.array([-np.inf, 0.0])
+"""What the first step is handed."""
 
 NONE, SPRINGS, CONTACTS = 0, 1, 2
 """What added energy in a step."""
@@ -65,18 +73,20 @@ def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if energetic(system.inputs) or lets_go(system.colliders):
-        return False
-    return system.guarded and system.method == IMPLICIT and (still or not faces.drag.any() or len(faces.corners) == 0)
+    calm = still or not faces.drag.any() or len(faces.corners) == 0
+    return system.guarded and system.method == IMPLICIT and calm and not brings_energy(system)
 
 
 @kernel(absent=False)
 def watches(inputs, system):
-    """Whether it is looked where the energy of steps comes from, as something moves, and they may be shortened; the
-    work of what pulls vertices to places is not known.
-    """
-    held = lets_go(system.colliders) or len(inputs.fitted.pin) > 0 or inputs.gain.shape[1] > 0
-    return system.guarded and system.method >= IMPLICIT and energetic(inputs) and not held
+    """Whether it is looked where the energy of steps comes from, as something moves, and they may be shortened."""
+    return system.guarded and system.method >= IMPLICIT and brings_energy(system) and not draws(inputs, system.applied)
+
+
+@kernel
+def brings_energy(system):
+    """Whether anything but the applied forces may: what moves, and what is let go that begins inside."""
+    return energetic(system.inputs) or lets_go(system.colliders)
 
 
 @kernel

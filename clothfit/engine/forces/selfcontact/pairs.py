@@ -257,9 +257,9 @@ def chosen(surface, x, after, numbers, close, moving):
     for k in range(len(numbers)):
         kind = vertices_of(surface, numbers[k], own)
         if counts(surface, kind, own):
-            kept[k] = (close and is_near(surface, kind, own, after)) or (
-                moving and is_passing(surface, kind, own, x, after)
-            )
+            thickness = thickness_of(surface, kind, own)
+            near = close and distance(kind, own, after) < thickness
+            kept[k] = near or (moving and nearest.passes(kind, own, x, after, surface.thickness, thickness))
     return numbers[kept]
 
 
@@ -310,19 +310,6 @@ def apart(kind, own, n, y):
         else:
             high = max(high, place)
     return low - high
-
-
-@kernel
-def is_passing(surface, kind, own, x, after):
-    """Whether a pair would pass through itself from x to `after`."""
-    return nearest.passes(kind, own, x, after, surface.thickness, thickness_of(surface, kind, own))
-
-
-@kernel
-def is_near(surface, kind, own, x):
-    """Whether a pair is nearer than its thickness."""
-    delta = distance(kind, own, x)
-    return delta < surface.thickness and delta < thickness_of(surface, kind, own)
 
 
 def pierced(surface: Surface) -> Indices:
