@@ -336,8 +336,10 @@ class Rows:
 
         counts = np.asarray(self.found.valid.sum(axis=0))
         links = csr_array((np.ones(len(self.ends)), self.ends.T), shape=(len(counts),) * 2)
-        for centres in np.array_split(np.flatnonzero(counts == counts.max()), most):
-            near = breadth_first_order(links, centres[len(centres) // 2], directed=False, return_predecessors=False)
+        best = np.flatnonzero((counts == counts.max()) & (counts > 0))
+        apart = -(-len(best) // most) or 1
+        for centre in best[(apart - 1) // 2 :: apart]:
+            near = breadth_first_order(links, centre, directed=False, return_predecessors=False)
             yield self.patch(near[counts[near] > 0][:size])
 
     def gram(self, kept: Flags) -> csr_array:
