@@ -63,19 +63,19 @@ MOST = 0.95
 
 def with_scans(
     scene: Scene, given: list[Experiment], start: Start, options: FitOptions
-) -> tuple[list[Experiment], Start]:
-    """The targets with their scans tracked, and where a fit to them starts; as they are where half of its time is too
-    short for that.
+) -> tuple[list[Experiment], Start, list[Experiment]]:
+    """The targets with their scans tracked, where a fit to them starts, and what `places` has of them; as they are
+    where half of its time is too short for that.
     """
     if not any(each.motion.correspondence.mesh for each in given):
-        return given, start
-    seconds = None if options.budget is None else 0.5 * options.budget
-    return in_time(partial(tracked_by_values, scene, given, start, options), (given, start), seconds)
+        return given, start, []
+    seconds, none = None if options.budget is None else 0.5 * options.budget, list[Experiment]()
+    return in_time(partial(tracked_by_values, scene, given, start, options), (given, start, none), seconds)
 
 
 def tracked_by_values(
     scene: Scene, given: list[Experiment], start: Start, options: FitOptions
-) -> tuple[list[Experiment], Start]:
+) -> tuple[list[Experiment], Start, list[Experiment]]:
     """The same, however long it takes."""
     first = with_parameters(scene, start_of(scene, start))
     few = ladder.as_model(first, ladder.models(first)[0])
@@ -86,7 +86,47 @@ def tracked_by_values(
     found = [Experiment(new.motion, own.scene) for new, own in zip(found, given, strict=True)]
     whole = objective_of(scene, found, options)
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
-    return found, few if costs[0] < costs[1] else start
+    nearest, start = (few, few) if costs[0] < costs[1] else (first, start)
+    return found, start, places(nearest, found) if found[0].scene is scene and not scene.frame else []
+
+
+def places(scene: Scene, given: Sequence[Experiment]) -> list[Experiment]:
+    """The targets by where their vertices were tracked, in the place of distances, where a scene's motion does not
+    explain the first of them; else none.
+    """
+    if not leaves_more(scene, given[0].motion):
+        return []
+    return [
+        Experiment(replace(motion, correspondence=Correspondence(*motion.correspondence[:2])), own)
+        for motion, own in given
+    ]
+
+
+def leaves_more(scene: Scene, motion: Motion) -> bool:
+    """Whether the matched points of a tracked scan are farther from the cloth that a scene simulates than noise takes
+    them: the variance of their distances is twice that about the cloth that was drawn to them, or more.
+
+    The model then is not the scan's. A cloth would slide along itself to bring points near, and distances do not say
+    where along itself it is.
+    """
+    scan, squares = motion.correspondence, np.zeros(2)
+    if scan.mesh is None or scene.method == REST:
+        return False
+    try:
+        x = at_times(scene, motion)
+    except Diverged:
+        return True
+    for frame, both in enumerate(zip(x, motion.positions, strict=True)):
+        seen = scan.seen[frame]
+        parts = (scan.mesh.feet(scan.points[frame, seen], scan.faces[frame, seen], s).gaps for s in both)
+        squares += [float(gaps @ gaps) for gaps in parts]
+    return bool(squares[0] >= 2.0 * squares[1])
+
+
+def at_times(scene: Scene, motion: Motion) -> Array:
+    """The positions (F, n, 3), m, of a scene's own motion at the times of another. Raises Diverged."""
+    step, fraction = frame_places(motion, scene.delta)
+    return interpolated(simulate(scene, int(np.ceil(step + fraction).max()) + 1).positions, step, fraction)
 
 
 def by_windows(
@@ -138,15 +178,14 @@ def with_figures(found: Fit, raw: Motion, given: Motion) -> Fit:
     scan, share = raw.correspondence, given.correspondence.share
     if scan.mesh is None or found.status == Status.DIVERGED:
         return found
-    step, fraction = frame_places(raw, found.scene.delta)
     try:
-        x = simulate(found.scene, int(np.ceil(step + fraction).max()) + 1).positions
+        x = at_times(found.scene, raw)
     except Diverged:
         return found
     from scipy.spatial import KDTree
 
     there, back = list[Array](), list[Array]()
-    for frame, s in enumerate(interpolated(x, step, fraction)):
+    for frame, s in enumerate(x):
         points = scan.points[frame, scan.seen[frame]]
         there.append(np.abs(scan.mesh.feet(points, scan.faces[frame, scan.seen[frame]], s).gaps))
         if len(points):
