@@ -1,5 +1,5 @@
 """Default fits of shots of other programs: `python benchmarks/shots/table.py FOLDER [NAME …] [--half choose|report]
-[--beside PYTHON|CHECKOUT] [--kept-out] [--auto]`. Needs clothfit only.
+[--beside PYTHON|CHECKOUT] [--kept-out] [--shuffled] [--auto]`. Needs clothfit only.
 
 FOLDER has the files that the generators beside this module write (`with_mujoco.py`, `with_newton.py`,
 `with_pybullet.py`, `with_bpy.py` and `inextensible.py`, each of which says what it needs), or others of that form.
@@ -9,7 +9,9 @@ move, pinned to their paths. Stiffnesses as a smooth map, damping, drag, wind an
 
 Columns: travel and still are root mean squares, over all frames and vertices, of the target's distance from its first
 and from its mean frame, the best still picture; the error is the fit's, and bold where a still picture is better. With
-`--kept-out` a second fit is made without the last quarter of the frames, and its error there is given. Seconds are
+`--kept-out` a second fit is made without the last quarter of the frames, and its error there is given. With
+`--shuffled` another fit sees the vertices in another order in each frame, as points of a scan, and the error of its
+motion, vertex by vertex, and how many times the first one's that is, are given. Seconds are
 those of the processor (all threads) that one fit takes, after a first one that compiles. `--beside` repeats the fit by
 another Python, or by this one with the package of another checkout, in columns of its own.
 
@@ -88,10 +90,30 @@ def _document(scene: Any) -> Any:
     return json.loads(text.getvalue())
 
 
-def fitted(path: Path, auto: bool, kept_out: bool) -> dict[str, Any]:
+def fitted(path: Path, auto: bool, kept_out: bool, as_scan: bool) -> dict[str, Any]:
     """What the fits of a shot come to."""
     with tempfile.TemporaryDirectory() as folder:
-        return fits(*scene_of(path, auto, Path(folder)), kept_out)
+        scene, motion = scene_of(path, auto, Path(folder))
+        found = fits(scene, motion, kept_out)
+        return found | {"shuffled": shuffled(path, scene, motion, Path(folder))} if as_scan else found
+
+
+def shuffled(path: Path, scene: Any, motion: Any, folder: Path) -> float:
+    """The error, m, of a fit that does not know which vertex is which."""
+    import clothfit
+    from clothfit.motion.foreign import load
+    from clothfit.motion.times import frame_places, interpolated
+
+    chance = np.random.default_rng(0)
+    with np.load(path) as arrays:
+        points = np.stack([chance.permutation(each) for each in arrays["positions"]])
+        reading = clothfit.Reading(up=str(arrays["up"])[:1], handedness="right", fps=float(arrays["fps"]))
+    np.savez(folder / "shuffled.npz", positions=points, fps=reading.fps)
+    scan = load(folder / "shuffled.npz", scene, reading).motion
+    found = clothfit.estimate(scene, scan, intervals=False).scene
+    step, fraction = frame_places(motion, found.delta)
+    x = clothfit.simulate(found, int(np.ceil(step + fraction).max()) + 1).positions
+    return float(np.sqrt(((interpolated(x, step, fraction) - motion.positions) ** 2).sum(axis=2).mean()))
 
 
 def fits(scene: Any, motion: Any, kept_out: bool) -> dict[str, Any]:
@@ -123,14 +145,16 @@ def measured(path: Path, given: str, options: list[str]) -> dict[str, Any]:
     return found
 
 
-def cells(found: dict[str, Any], travel: float, still: float, kept_out: bool) -> str:
+def cells(found: dict[str, Any], travel: float, still: float, kept_out: bool, as_scan: bool) -> str:
     """The columns of one fit."""
     if "trouble" in found:
-        return f" {found['trouble'][:80]} |" + " |" * (3 + kept_out)
+        return f" {found['trouble'][:80]} |" + " |" * (3 + kept_out + as_scan)
     error = found["error"]
     text = f"{1e3 * error:.1f} mm" if error < still else f"**{1e3 * error:.1f} mm**"
     out = found.get("kept out")
     last = (f" {1e3 * out:.1f} mm |" if out is not None else " |") if kept_out else ""
+    if as_scan:
+        last += f" {1e3 * found['shuffled']:.1f} mm, {found['shuffled'] / error:.2f} × |"
     return f" {text} | {error / travel:.1%} |{last} {found['seconds']:.0f} | {found['verdict']}, {found['status']} |"
 
 
@@ -142,15 +166,17 @@ def main() -> None:
     parser.add_argument("--half", choices=("choose", "report"))
     parser.add_argument("--beside")
     parser.add_argument("--kept-out", action="store_true")
+    parser.add_argument("--shuffled", action="store_true")
     parser.add_argument("--auto", action="store_true")
     parser.add_argument("--one", action="store_true", help="used by the program itself")
     given = parser.parse_args()
     if given.one:
-        print(json.dumps(fitted(given.folder, given.auto, given.kept_out)))
+        print(json.dumps(fitted(given.folder, given.auto, given.kept_out, given.shuffled)))
         return
-    options = [f"--{name}" for name in ("kept-out", "auto") if getattr(given, name.replace("-", "_"))]
+    options = [f"--{name}" for name in ("kept-out", "shuffled", "auto") if getattr(given, name.replace("-", "_"))]
     both = ["", *([given.beside] if given.beside else [])]
-    names = ["error", "of travel", *(["kept out"] if given.kept_out else []), "CPU s", "verdict"]
+    names = ["error", "of travel", *(["kept out"] if given.kept_out else []),
+             *(["shuffled"] if given.shuffled else []), "CPU s", "verdict"]
     columns = ["shot", "half", "program", "travel", "still", *names]
     columns += [f"{name}, beside" for name in names] if given.beside else []
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|")
@@ -166,7 +192,7 @@ def main() -> None:
         travel, still = measures(x)
         row = f"| {path.stem} | {half} | {program} | {1e3 * travel:.0f} mm | {1e3 * still:.0f} mm |"
         for each in both:
-            row += cells(measured(path, each, options), travel, still, given.kept_out)
+            row += cells(measured(path, each, options), travel, still, given.kept_out, given.shuffled)
         print(row, flush=True)
 
 

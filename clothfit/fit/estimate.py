@@ -43,7 +43,7 @@ from clothfit.fit.result import (
     without_intervals,
 )
 from clothfit.fit.routes import Fitting, by_routes, in_words
-from clothfit.fit.tracked_fit import left_behind, with_figures, with_scans
+from clothfit.fit.tracked_fit import leaves_more, left_behind, with_figures, with_scans
 from clothfit.motion.correspondence import Correspondence
 from clothfit.motion.degrade import rounding
 from clothfit.motion.divergence import Diverged
@@ -221,9 +221,9 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
     hints = left_behind(raw)
     say(hints, options)
     before = interrupts.now()
-    given, start, short = with_scans(scene, raw, start, options)
-    tracking = interrupts.now() - before
-    tracks = [motion for motion, _ in given] if given is not raw else None
+    clouds, start, short, places = with_scans(scene, raw, start, options)
+    tracking, given = interrupts.now() - before, places or clouds
+    tracks = [motion for motion, _ in clouds] if clouds is not raw else None
     if not (options.keep_markers or callable(options.objective)):
         given, markers, mended = put_right(scene, given, options)
         say(mended, options)
@@ -235,7 +235,10 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
     else:
         given, starts, late = begun(given)
         say(late, options)
-        found = replace(one_fit(scene, given, start, options, began), registration=starts)
+        found = one_fit(scene, given, start, options, began)
+        if places and not (starts or ended(found) or leaves_more(found.scene, clouds[0].motion)):
+            found = one_fit(scene, clouds, found.scene, options, began, found)
+        found = replace(found, registration=starts)
         hints = [*hints, *late]
     corresponds = Correspondence(*given[0].motion.correspondence[:2])
     hints = [*hints, Hint("untracked", short, early=False)] if short else hints

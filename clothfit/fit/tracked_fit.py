@@ -80,6 +80,7 @@ class Tracks(NamedTuple):
     given: list[Experiment]
     start: Start
     text: str = ""  # what was left out, as the time was too short
+    places: Sequence[Experiment] = ()  # what `places` has of them
 
 
 def with_scans(scene: Scene, given: list[Experiment], start: Start, options: FitOptions) -> Tracks:
@@ -106,7 +107,8 @@ def tracked_by_values(
     found = own_scenes(found, given)
     whole = objective_of(scene, found, options)
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
-    return Tracks(found, few if costs[0] < costs[1] else start)
+    nearest, start = (few, few) if costs[0] < costs[1] else (first, start)
+    return Tracks(found, start, "", places(nearest, found) if found[0].scene is scene and not scene.frame else ())
 
 
 def own_scenes(found: Sequence[Experiment], given: Sequence[Experiment]) -> list[Experiment]:
@@ -132,6 +134,45 @@ def left_behind(given: Sequence[Experiment]) -> list[Hint]:
         if away[0] <= edge < max(away):
             return [Hint("held_vertices_move", LEFT_BEHIND.format(metres(max(away))))]
     return []
+
+
+def places(scene: Scene, given: Sequence[Experiment]) -> list[Experiment]:
+    """The targets by where their vertices were tracked, in the place of distances, where a scene's motion does not
+    explain the first of them; else none.
+    """
+    if not leaves_more(scene, given[0].motion):
+        return []
+    return [
+        Experiment(replace(motion, correspondence=Correspondence(*motion.correspondence[:2])), own)
+        for motion, own in given
+    ]
+
+
+def leaves_more(scene: Scene, motion: Motion) -> bool:
+    """Whether the matched points of a tracked scan are farther from the cloth that a scene simulates than noise takes
+    them: the variance of their distances is twice that about the cloth that was drawn to them, or more.
+
+    The model then is not the scan's. A cloth would slide along itself to bring points near, and distances do not say
+    where along itself it is.
+    """
+    scan, squares = motion.correspondence, np.zeros(2)
+    if scan.mesh is None or scene.method == REST:
+        return False
+    try:
+        x = at_times(scene, motion)
+    except Diverged:
+        return True
+    for frame, both in enumerate(zip(x, motion.positions, strict=True)):
+        seen = scan.seen[frame]
+        parts = (scan.mesh.feet(scan.points[frame, seen], scan.faces[frame, seen], s).gaps for s in both)
+        squares += [float(gaps @ gaps) for gaps in parts]
+    return bool(squares[0] >= 2.0 * squares[1])
+
+
+def at_times(scene: Scene, motion: Motion) -> Array:
+    """The positions (F, n, 3), m, of a scene's own motion at the times of another. Raises Diverged."""
+    step, fraction = frame_places(motion, scene.delta)
+    return interpolated(simulate(scene, int(np.ceil(step + fraction).max()) + 1).positions, step, fraction)
 
 
 def by_windows(
@@ -229,15 +270,14 @@ def with_figures(found: Fit, raw: Motion, given: Motion) -> Fit:
     scan, share = raw.correspondence, given.correspondence.share
     if scan.mesh is None or found.status == Status.DIVERGED:
         return found
-    step, fraction = frame_places(raw, found.scene.delta)
     try:
-        x = simulate(found.scene, int(np.ceil(step + fraction).max()) + 1).positions
+        x = at_times(found.scene, raw)
     except Diverged:
         return found
     from scipy.spatial import KDTree
 
     there, back = list[Array](), list[Array]()
-    for frame, s in enumerate(interpolated(x, step, fraction)):
+    for frame, s in enumerate(x):
         points = scan.points[frame, scan.seen[frame]]
         there.append(np.abs(scan.mesh.feet(points, scan.faces[frame, scan.seen[frame]], s).gaps))
         if len(points):

@@ -1,13 +1,17 @@
 """Where the vertices of a cloth are in a scan: the cloth is simulated, and drawn to the points frame by frame.
 
 After the steps to a frame the points y are tied to the nearest places of the cloth (`motion.feet`), as far as they are
-within a cap, not among the farthest and their normals agree. The least change u of the vertices that brings these near,
+within a cap, not much farther than the points around them, and their normals agree. The least change u of the vertices
+that brings these near,
 
-    Σ (n·(B u + q − y))² + α |B u + q − y|² + κ |G u|²,
+    Σ (n·(B u + q − y))² + α |B u + q − y|² + κ |G u|² + λ Σ (e·G u + l − L)² + Σ |u + x − y|²,
 
 G the differences along edges, is added to their positions, and u / t, t the time since the frame before, to their
-velocities: an observer with full gain. α keeps points from sliding, κ carries along what is not seen, and smooths.
-Points are tied again, and the change repeated, a few times; what is matched in the end belongs to the scan.
+velocities: an observer with full gain. α keeps points from sliding, κ carries along what is not seen, and smooths. λ
+keeps edges, of directions e, as long as they came, L: cloth hardly stretches, so that where it is held, and where it
+ends, says where along itself all of it is. The last sum ties vertices x of hems to points, each the nearest of the
+other kind, as a point says that there is cloth, but not that there is none beside it. Points are tied again, and the
+change repeated, a few times; what is matched in the end belongs to the scan.
 
 J. Schulman et al., Tracking deformable objects with point clouds, 2013, ties points softly and lets an engine draw.
 """
@@ -15,11 +19,12 @@ J. Schulman et al., Tracking deformable objects with point clouds, 2013, ties po
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine import rollout
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.step import implicit
@@ -33,19 +38,29 @@ from clothfit.registration.record import rigid
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene, with_places
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 CAP = 3.0
 """Distance, in median edges, beyond which a point is tied to nothing."""
 
-TRIM, FINE = 8.0, 0.05
-"""Distance, in medians of those within the cap, beyond which a point counts as an outlier; and in median edges, up to
-which none does.
+TRIM, NEAR, FINE = 8.0, 7, 0.05
+"""Distance, in medians of those within the cap, or of so many points around if that is more, beyond which a point
+counts as an outlier: a part of a cloth that lags does so as a whole. And in median edges, up to which none does.
 """
 
 AGREE = 0.5
 """Cosine of the angle, 60°, up to which the normals of a point and of the cloth agree."""
 
-ROUNDS, SLIDING, SMOOTH = 3, 0.1, 0.3
-"""Times that points are tied in each frame; α; and κ relative to the weight of the points of a vertex."""
+ALONE = 3.0
+"""Mean distance of a point from those around it, in medians of all, beyond which it is an outlier wherever the cloth is
+(statistical outlier removal, R. B. Rusu, 2008).
+"""
+
+ROUNDS, SETTLED, SLIDING, SMOOTH, LASTING = 5, 0.01, 0.1, 0.3, 10.0
+"""Times that points are tied in each frame, and change, in median edges, at which that ends; α; and κ and λ relative to
+the weight of the points of a vertex.
+"""
 
 RESTING = 30
 """Times that points are tied to a cloth at rest, whose shape by other values may have other folds."""
@@ -60,6 +75,9 @@ TURNS, ITERATIONS, POINTS, ALIKE, RELAXING = 3, 20, 300, 1.5, 60
 """Angles about the last axis that are tried, closest points for each with so many points, distance relative to the
 least that is as good, and steps of relaxing.
 """
+
+STIFF = 1e9
+"""What keeps held vertices where they are, relative to κ."""
 
 SHOWN = 0.25
 """Weight of matched points from which on a vertex counts as seen."""
@@ -112,12 +130,11 @@ def tracked(given: Experiment, rounds: int | None = None) -> Experiment:
         normals = None if own.normals is None else own.normals[frame, seen]
         if end > before:
             x = np.concatenate([state.advance(before, end) for state in states])
-            change = draw(x, points, normals, rounds)
+        drawn, found, good = draw(x, points, normals, rounds if end > before else 0)
+        if end > before:
             for state in states:
-                state.put(end, change[state.part], (end - before) * scene.delta)
-            x = x + change
-        found = mesh.feet(points, np.full(len(points), -1, np.int32), x)
-        good = draw.good(found, normals)
+                state.put(end, (drawn - x)[state.part], (end - before) * scene.delta)
+        x = drawn
         faces[frame, seen], matched[frame, seen] = found.faces, good
         positions[frame] = x
         weight = weights_of_corners(mesh.triangles[found.faces[good]], found.weights[good], len(x)).sum(axis=0)
@@ -161,11 +178,11 @@ def placed(given: Experiment) -> Scene:
     states = [State(still, group[0], RELAXING) for group in scene.groups]
     for t in range(RELAXING):
         x = np.concatenate([state.advance(t, t + 1) for state in states])
-        change = draw(x, points, None if scan.normals is None else scan.normals[0, scan.seen[0]])
-        x = x + change
+        drawn = draw(x, points, None if scan.normals is None else scan.normals[0, scan.seen[0]], ROUNDS)[0]
         for state in states:
-            state.put(t + 1, change[state.part], np.inf)
+            state.put(t + 1, (drawn - x)[state.part], np.inf)
             state.whole.w[t] = 0.0
+        x = drawn
     after = np.quantile(np.abs(scan.mesh.feet(points, lost, x).gaps), MOSTLY)
     return with_places(scene, x) if after < before else scene
 
@@ -207,48 +224,93 @@ class Drawing:
 
     def __init__(self, mesh: Faces, scene: Scene, free: Flags) -> None:
         """`mesh`: that of the scene; `free` (n,): which vertices may move."""
+        from scipy.sparse import csr_array, diags_array, eye_array, kron
+
         edges = roughness(scene)  # G
-        self.mesh, self.smooth = mesh, edges.T @ edges
+        square, self.held = edges.T @ edges, np.repeat(~free, 3)
+        stiff = kron(square / float(square.diagonal().mean()), eye_array(3)) + diags_array(STIFF * self.held)
+        self.mesh, self.smooth = mesh, csr_array(stiff)
         self.edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))  # m
-        self.free = np.flatnonzero(np.repeat(free, 3))
+        sides = np.sort(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        self.sides, faces = np.unique(sides, axis=0, return_counts=True)
+        self.hem = np.unique(self.sides[faces == 1])  # vertices where the cloth ends
 
-    def __call__(self, x: Array, points: Array, normals: Array | None, rounds: int = ROUNDS) -> Array:
-        """The change (n, 3) of vertices at x (n, 3) to points (m, 3) with normals (m, 3), tied so many times."""
-        start, faces = x.copy(), np.full(len(points), -1, np.int32)
-        for _ in range(rounds if len(points) else 0):
-            found = self.mesh.feet(points, faces, x)
-            faces = found.faces
-            x = x + self.change(found, self.good(found, normals), x)
-        return x - start
+    def __call__(self, x: Array, points: Array, normals: Array | None, rounds: int) -> tuple[Array, Feet, Flags]:
+        """Vertices at x (n, 3) after they were drawn to points (m, 3) with normals (m, 3), tied so many times; what is
+        nearest to the points then, and which are tied.
+        """
+        from scipy.spatial import KDTree
 
-    def good(self, found: Feet, normals: Array | None) -> Flags:
-        """Which of the points are tied to their nearest places."""
+        lengths, lost = np.linalg.norm(self.along(x), axis=1), np.full(len(points), -1, np.int32)
+        if not len(points):
+            found = self.mesh.feet(points, lost, x)
+            return x, found, found.inside
+        tree = KDTree(points)
+        away, around = map(np.asarray, tree.query(points, k=np.arange(1, min(NEAR, len(points)) + 1)))
+        spaces = away.mean(axis=1)
+        dense = spaces <= ALONE * np.median(spaces)
+        change = np.inf
+        for left in range(rounds, -1, -1):
+            found = self.mesh.feet(points, lost, x)
+            good = dense & self.good(found, normals, around)
+            if not left or not good.any() or change <= SETTLED * self.edge:
+                break
+            moved = x + self.change(x, found, good, points, tree, lengths)
+            change, x = float(np.abs(moved - x).max()), moved
+        return x, found, good
+
+    def along(self, x: Array) -> Array:
+        """The vectors (E, 3) along the edges."""
+        return np.asarray(x[self.sides[:, 1]] - x[self.sides[:, 0]])
+
+    def good(self, found: Feet, normals: Array | None, around: Indices) -> Flags:
+        """Which of the points are tied to their nearest places; `around` (m, k) are the points near each."""
         away = np.abs(found.gaps)
         near = away <= CAP * self.edge
         if normals is not None:
             near &= np.abs((normals * found.normals).sum(axis=1)) >= AGREE
         if near.any():
-            near &= away <= max(TRIM * float(np.median(away[near])), FINE * self.edge)
+            usual = np.maximum(np.median(away[near]), np.median(away[around], axis=1))
+            near &= away <= np.maximum(TRIM * usual, FINE * self.edge)
         return np.asarray(near)
 
-    def change(self, found: Feet, good: Flags, x: Array) -> Array:
-        """The least change (n, 3) that brings tied points near."""
-        from scipy.sparse import csc_array, csr_array, eye_array, kron
+    def change(self, x: Array, found: Feet, good: Flags, points: Array, tree: Any, lengths: Array) -> Array:
+        """The least change (n, 3) that brings tied points near, and leaves edges their lengths (E,)."""
+        from scipy.sparse import csc_array, csr_array, diags_array, eye_array, kron, vstack
         from scipy.sparse.linalg import splu
 
-        out = np.zeros_like(x)
-        if not good.any():
-            return out
         corners, weights = self.mesh.triangles[found.faces[good]], found.weights[good]
-        n, r = found.normals[good], found.gaps[good]
-        B = weights_of_corners(corners, weights, len(x))
-        rows = np.repeat(np.arange(len(r)), 9)
-        columns = (3 * corners[:, :, None] + np.arange(3)).ravel()
-        J = csr_array(((weights[:, :, None] * n[:, None]).ravel(), (rows, columns)), shape=(len(r), x.size))
-        square = B.T @ B
-        kappa = SMOOTH * float(square.diagonal().mean()) / float(self.smooth.diagonal().mean())
-        free = csr_array(eye_array(x.size))[self.free]
-        A = J.T @ J + kron(SLIDING * square + kappa * self.smooth, eye_array(3))
-        g = np.asarray((free @ J.T) @ r)
-        out.reshape(-1)[self.free] = splu(csc_array(free @ A @ free.T)).solve(-(1.0 + SLIDING) * g)
+        B, e = weights_of_corners(corners, weights, len(x)), self.along(x)
+        square, own = B.T @ B, np.linalg.norm(e, axis=1)
+        unit, e = float(square.diagonal().mean()), e / np.maximum(own, 1e-300)[:, None]
+        root = np.sqrt(LASTING * unit)
+        near = rows_of(corners, weights[:, :, None] * found.normals[good][:, None], x)
+        J = csr_array(vstack([near, rows_of(self.sides, root * np.stack([-e, e], axis=1), x)]))
+        way = self.to_points(x, points, tree, good)
+        flat = SLIDING * square + diags_array(way.any(axis=1).astype(float))
+        A = J.T @ J + kron(flat, eye_array(3), format="csr") + SMOOTH * unit * self.smooth
+        left = np.concatenate([(1.0 + SLIDING) * found.gaps[good], root * (own - lengths)])
+        out = splu(csc_array(A)).solve(-(J.T @ left) - way.ravel())
+        out[self.held] = 0.0
+        return np.asarray(out.reshape(x.shape))
+
+    def to_points(self, x: Array, points: Array, tree: Any, good: Flags) -> Array:
+        """How far vertices of hems are from the points (m, 3) that they are tied to (n, 3); 0 for all others."""
+        from scipy.spatial import KDTree
+
+        out, hem = np.zeros_like(x), x[self.hem]
+        if len(hem):
+            point = tree.query(hem)[1]
+            way = hem - points[point]
+            both = good[point] & (KDTree(hem).query(points[point])[1] == np.arange(len(hem)))
+            out[self.hem[both]] = way[both]
         return out
+
+
+def rows_of(vertices: Indices, by: Array, x: Array) -> csr_array:
+    """A matrix (m, 3 n) of rows that have factors `by` (m, k, 3) of so many vertices (m, k) of x (n, 3)."""
+    from scipy.sparse import csr_array
+
+    rows = np.repeat(np.arange(len(vertices)), by[0].size if len(by) else 0)
+    columns = 3 * vertices[:, :, None].astype(int) + np.arange(3)
+    return csr_array((by.ravel(), (rows, columns.ravel())), shape=(len(vertices), x.size))

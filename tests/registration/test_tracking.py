@@ -1,6 +1,7 @@
 """Scans: points that are others in each frame, from files; tracked, compared by their distances, and fitted."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -108,6 +109,30 @@ def test_vertices_that_are_shuffled_in_each_frame_are_a_scan(tmp_path):
     turned = [x @ rotation(np.array([0.0, each, 0.0])).T for x, each in zip(MOTION.positions, angles, strict=True)]
     np.savez(tmp_path / "motion.npz", positions=turned, times=MOTION.times)
     assert load(tmp_path / "motion.npz", SCENE, Reading()).motion.correspondence.kind == "same"
+
+
+@pytest.mark.parametrize("factor", [1.0, 5.0])
+def test_vertices_are_tracked_to_where_they_were(tmp_path, factor):
+    """With stiffnesses of the scan, to rounding; with five times as large ones, by cloth that keeps its edges."""
+    shuffled = [np.random.default_rng(0).permutation(x) for x in MOTION.positions]
+    own = with_parameters(SCENE, np.array([factor * FACTOR]))
+    given = tracked(Experiment(read(as_npz(tmp_path, shuffled), bind="scan"), own)).motion
+    away = np.sqrt(((given.positions - MOTION.positions) ** 2).sum(axis=2).mean())
+    assert away < (1e-6 if factor == 1.0 else 0.02 * np.median(CLOTH.lengths))
+
+
+@pytest.mark.slow
+def test_another_fabric_is_fitted_where_it_was_tracked(tmp_path):
+    """One that falls another way: the model differs, and vertices end about as near as if they were known."""
+    other = replace(TRUTH, gravity=np.array([1.0, -7.0, 0.5]))
+    truth = simulate(other)
+    shuffled = [np.random.default_rng(0).permutation(x) for x in truth.positions]
+    scan = read(as_npz(tmp_path, shuffled), bind="scan")
+    errors = []
+    for target in (truth, scan):
+        fit = estimate(SCENE, target, intervals=False)
+        errors.append(evaluate(other, fit.scene, target=truth).fitted.rmse)
+    assert 1e-3 < errors[1] < 1.2 * errors[0]
 
 
 def test_the_gradient_of_distances_is_their_derivative(tmp_path):
