@@ -83,7 +83,7 @@ def solve(A, b, tolerance, work, w, anyhow):
     return iterations, 1, True
 
 
-@kernel(apart=None)
+@kernel
 def solve_directly(A, b, w):
     """Solve A w = b by a factorisation."""
     order, row, column, subdomains, diagonal, upper, joined = A

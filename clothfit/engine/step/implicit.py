@@ -79,7 +79,7 @@ def assemble(system, y, u, ahead, A, b):
     return total.add_step(system, y, u, system.h, ahead, A, b)
 
 
-@kernel(apart=None)
+@kernel
 def assemble_newton(system, x, v, u, y, A, f, b):
     """Write y = x + h u, A at (y, u) and b = M (v − u) + h f(y, u) + A u, so that b − A u is Newton's residual."""
     h = system.h

@@ -33,7 +33,7 @@ def test_on_all_motions_the_steps_are_the_engine_s(method, law):
     full.
     """
     system = of_air(system_of(method)) if law == "air" else system_of(method)
-    full, good = rollout(system, STEPS, 1e-13)
+    full, good = rollout(system._replace(guarded=False), STEPS, 1e-13)  # reduced steps are never judged
     assert good == STEPS
     assert not full.clamped.any()
     own = Reduced(system, whole(system))
