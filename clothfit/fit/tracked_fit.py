@@ -33,7 +33,7 @@ from clothfit.objective.experiment import Experiment, experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
-from clothfit.registration.tracking import FINE, tracked
+from clothfit.registration.tracking import FINE, median_edge, tracked
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
@@ -128,7 +128,7 @@ def left_behind(given: Sequence[Experiment]) -> list[Hint]:
         if scan.mesh is None or scene.frame or not held.any() or not scan.seen.any(axis=1).all():
             continue
         x = np.concatenate([cloth.positions for cloth in scene.cloths])[held]
-        edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))
+        edge = median_edge(scene)
         frames = zip(scan.points, scan.seen, strict=True)
         away = [float(np.median(KDTree(points[seen]).query(x)[0])) for points, seen in frames]
         if away[0] <= edge < max(away):
@@ -163,9 +163,7 @@ def leaves_more(scene: Scene, motion: Motion) -> bool:
     except Diverged:
         return True
     for frame, both in enumerate(zip(x, motion.positions, strict=True)):
-        seen = scan.seen[frame]
-        parts = (scan.mesh.feet(scan.points[frame, seen], scan.faces[frame, seen], s).gaps for s in both)
-        squares += [float(gaps @ gaps) for gaps in parts]
+        squares += [float(gaps @ gaps) for gaps in (scan.feet(s, frame).gaps for s in both)]
     return bool(squares[0] >= 2.0 * squares[1])
 
 
@@ -199,7 +197,7 @@ def by_folds(
     def at(factor: float) -> Scene:
         return with_parameters(few, factor**bends * parameters(few))
 
-    factors, near = [1.0], FINE * float(np.median(np.concatenate([cloth.lengths for cloth in few.cloths])))
+    factors, near = [1.0], FINE * median_edge(few)
     away = dict[float, float]()
 
     def measure(factor: float) -> float:
@@ -233,13 +231,10 @@ def distance(given: Sequence[Experiment], found: Sequence[Experiment]) -> float:
     """Root mean square distance, m, of the nearest points of scans from cloths at rest as they were found."""
     squares = [0.0]
     for (motion, _), (own, _) in zip(given, found, strict=True):
-        points, shown, faces, mesh = motion.correspondence[3:7]
-        if mesh is None:
+        if motion.correspondence.mesh is None:
             continue
-        for frame in np.flatnonzero(motion.times > 0):
-            seen = shown[frame]
-            feet = mesh.feet(points[frame, seen], faces[frame, seen], own.positions[frame])
-            away = np.sort(np.abs(feet.gaps))
+        for frame in np.flatnonzero(motion.times > 0).tolist():
+            away = np.sort(np.abs(motion.correspondence.feet(own.positions[frame], frame).gaps))
             squares.append(float((away[: int(np.ceil(NEAREST * len(away)))] ** 2).mean()))
     return float(np.sqrt(sum(squares)))
 
@@ -248,7 +243,7 @@ def unmatched(given: Sequence[Experiment], found: Sequence[Experiment]) -> float
     """What points cost that no place of a cloth was found for, each an edge away, m²."""
     lost = 0.0
     for (motion, _), (own, scene) in zip(given, found, strict=True):
-        edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))
+        edge = median_edge(scene)
         if motion.correspondence.mesh:
             lost += edge**2 * float(motion.correspondence.seen.sum() - own.correspondence.seen.sum())
     return lost
@@ -279,7 +274,7 @@ def with_figures(found: Fit, raw: Motion, given: Motion) -> Fit:
     there, back = list[Array](), list[Array]()
     for frame, s in enumerate(x):
         points = scan.points[frame, scan.seen[frame]]
-        there.append(np.abs(scan.mesh.feet(points, scan.faces[frame, scan.seen[frame]], s).gaps))
+        there.append(np.abs(scan.feet(s, frame).gaps))
         if len(points):
             back.append(np.asarray(KDTree(points).query(s)[0]))
     sides = {"scan_to_cloth": np.concatenate(there), "cloth_to_scan": np.concatenate(back)}

@@ -24,7 +24,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import counted, metres
 from clothfit.formats.axes import AUTO, ORDER, SURFACE
-from clothfit.motion.feet import Faces, nearest
+from clothfit.motion.feet import Faces, Feet, nearest
 from clothfit.scene.mesh_numbering import triangles_of
 from clothfit.scene.scene import Scene
 
@@ -75,6 +75,12 @@ class Correspondence(NamedTuple):
     def summary(self) -> dict[str, Any]:
         """As --json gives it."""
         return {"kind": self.kind, "share": self.share, **(self.figures or {})}
+
+    def feet(self, s: Array, frame: int) -> Feet:
+        """The places of a state s (n, 3) that are nearest to the points that a frame of a scan shows."""
+        assert self.mesh is not None
+        seen = self.seen[frame]
+        return self.mesh.feet(self.points[frame, seen], self.faces[frame, seen], s)
 
     def at(self, frames: slice) -> Correspondence:
         """The same at some frames only."""

@@ -557,7 +557,7 @@ def scan_alignment(scan: Correspondence, start: Array, axes: Axes) -> Alignment:
     points = scan.points[0, scan.seen[0]]
     if not len(points):
         return Alignment(np.nan, None, None)
-    distance = float(np.median(np.abs(scan.mesh.feet(points, scan.faces[0, scan.seen[0]], start).gaps)))
+    distance = float(np.median(np.abs(scan.feet(start, 0).gaps)))
     if distance <= DOUBTFUL_DISTANCE * size(start):
         return Alignment(distance, None, None)
     doubt = f"its first frame is {metres(distance)} (in the median) away from where the scene begins"

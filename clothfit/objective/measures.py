@@ -111,6 +111,12 @@ def matrix(rows: Integers, columns: Integers, values: Array, shape: tuple[int, i
     return csr_array((entries[0], (entries[1], entries[2])), shape=shape)
 
 
+def rows_of(vertices: Integers, by: Array, size: int) -> csr_array:
+    """A sparse matrix (m, size) of rows with factors `by` (m, k, 3) of the coordinates of vertices (m, k)."""
+    columns = 3 * vertices[:, :, None].astype(int) + np.arange(3)
+    return matrix(np.arange(len(vertices))[:, None, None], columns, by, (len(vertices), size))
+
+
 class Position:
     """Differences of the positions; R observed positions, c = 3."""
 
@@ -260,11 +266,9 @@ class OnCloud:
         """J (R, 3 F n)."""
         found, n = self._feet(s), s.shape[1]
         corners = self.cloud.mesh.triangles
-        vertex = np.concatenate([3 * (k * n + corners[each.faces].astype(int)) for k, each in enumerate(found)])
+        vertex = np.concatenate([k * n + corners[each.faces].astype(int) for k, each in enumerate(found)])
         weights, normals = (np.concatenate([getattr(each, key) for each in found]) for key in ("weights", "normals"))
-        columns = vertex[:, :, None] + np.arange(3)
-        values = weights[:, :, None] * normals[:, None]
-        return matrix(np.arange(len(vertex))[:, None, None], columns, values, (len(vertex), s.size))
+        return rows_of(vertex, weights[:, :, None] * normals[:, None], s.size)
 
 
 class OnSurface:

@@ -383,10 +383,12 @@ class Equations:
             largest = self.gram(self.counts > 0).diagonal().max(initial=0.0)
             self.anchor = whole * np.sqrt(ANCHOR * largest / max(whole @ whole, np.finfo(float).tiny))
 
-    def patches(self, size: int, most: int) -> Iterator[tuple[int, Patch]]:
-        """Those of all parts, with the number of steps before each part."""
-        for part, before in zip(self.parts, np.cumsum([0, *(len(part.counts) for part in self.parts)]), strict=False):
-            yield from ((int(before), each) for each in part.patches(size, most))
+    def patches(self, size: int, most: int) -> Iterator[tuple[int, Iterator[Patch]]]:
+        """Those of each part, with the number of steps before it."""
+        before = 0
+        for part in self.parts:
+            yield before, part.patches(size, most)
+            before += len(part.counts)
 
     def of_parts(self, kept: Flags) -> list[Flags]:
         """Flags of all steps (S,), by parts."""

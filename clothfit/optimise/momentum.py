@@ -233,7 +233,7 @@ def solve(
         return p
     H = rows.gram(kept)
     if trim:
-        good = trimmed(rows, kept, trust_region.either(H), waiting)
+        good = trimmed(rows, kept, trust_region.either(H))
         if not np.array_equal(good, kept):
             kept, H = good, rows.gram(good)
     size = np.sqrt(H.diagonal())
@@ -285,7 +285,7 @@ ENOUGH = 4
 """Rows for each parameter, at least."""
 
 
-def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix, waiting: Callable[[], None] | None = None) -> Flags:
+def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix) -> Flags:
     """The steps (S,) that can be in balance, of those that are `known`, whose CᵀC (Q, Q) is H."""
     if rows.counts[known].sum() < ENOUGH * H.shape[0]:
         return known
@@ -295,8 +295,7 @@ def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix, waiting: Call
         return known
     agreed = consensus(rows, known)
     if agreed.any():
-        size, terms = rows.sizes(balanced(rows, agreed))
-        away = relative(size, terms)
+        away = relative(*rows.sizes(balanced(rows, agreed)))
         return known & is_sharp(away, away[agreed])
     if size[known].max() <= UNEVEN * np.median(size[known]):  # as noise leaves it
         return known
@@ -306,10 +305,12 @@ def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix, waiting: Call
 def consensus(rows: Equations, known: Flags) -> Flags:
     """The known steps (S,) that agree on the values in some patch of each part; none where too few do."""
     agreed: Flags = np.zeros(len(known), bool)
-    for before, patch in rows.patches(PATCH, PATCHES):
-        own = before + patch.steps
-        if len(own) and not agreed[own].any():
-            agreed[own] = agreeing(patch)
+    for before, patches in rows.patches(PATCH, PATCHES):
+        for patch in patches:
+            found = agreeing(patch)
+            if found.any():
+                agreed[before + patch.steps] = found
+                break
     return agreed & known
 
 
@@ -320,6 +321,8 @@ def agreeing(patch: Patch) -> Flags:
     C = patch.entries @ patch.spread
     (T, R, Q), best = C.shape, np.zeros(len(C), bool)
     length = max(RUN, -(-2 * Q // R))
+    if Q == 0 or length > T:
+        return best
     runs = [slice(first, first + length) for first in range(T - length + 1)]
     found = patch.away(np.array([solved(C[run], patch.residual[run]) for run in runs]).reshape(len(runs), Q).T)
     for away, run in zip(found.T, runs, strict=True):

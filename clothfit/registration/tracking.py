@@ -19,7 +19,7 @@ J. Schulman et al., Tracking deformable objects with point clouds, 2013, ties po
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -34,12 +34,11 @@ from clothfit.motion.feet import Faces, Feet
 from clothfit.motion.motion import in_scene, in_world, rms
 from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
+from clothfit.objective.measures import rows_of
 from clothfit.registration.record import rigid
+from clothfit.scene.directions import edges_of
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene, with_places
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 CAP = 3.0
 """Distance, in median edges, beyond which a point is tied to nothing."""
@@ -157,8 +156,8 @@ def placed(given: Experiment) -> Scene:
         return scene
     start = np.concatenate([cloth.positions for cloth in scene.cloths])
     draw = Drawing(scan.mesh, scene, np.ones(len(start), bool))
-    points, lost = scan.points[0, scan.seen[0]], scan.faces[0, scan.seen[0]]
-    before = np.quantile(np.abs(scan.mesh.feet(points, lost, start).gaps), MOSTLY)
+    points = scan.points[0, scan.seen[0]]
+    before = np.quantile(np.abs(scan.feet(start, 0).gaps), MOSTLY)
     if before <= draw.edge:
         return scene
     few = points[:: max(len(points) // POINTS, 1)]
@@ -183,7 +182,7 @@ def placed(given: Experiment) -> Scene:
             state.put(t + 1, (drawn - x)[state.part], np.inf)
             state.whole.w[t] = 0.0
         x = drawn
-    after = np.quantile(np.abs(scan.mesh.feet(points, lost, x).gaps), MOSTLY)
+    after = np.quantile(np.abs(scan.feet(x, 0).gaps), MOSTLY)
     return with_places(scene, x) if after < before else scene
 
 
@@ -219,6 +218,11 @@ def moved_to(mesh: Faces, points: Array, start: Array, R: Array) -> tuple[float,
     return left, R, d
 
 
+def median_edge(scene: Scene) -> float:
+    """The median length of the springs of a scene, m, at its start."""
+    return float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))
+
+
 class Drawing:
     """What draws the vertices of a mesh to points."""
 
@@ -230,10 +234,9 @@ class Drawing:
         square, self.held = edges.T @ edges, np.repeat(~free, 3)
         stiff = kron(square / float(square.diagonal().mean()), eye_array(3)) + diags_array(STIFF * self.held)
         self.mesh, self.smooth = mesh, csr_array(stiff)
-        self.edge = float(np.median(np.concatenate([cloth.lengths for cloth in scene.cloths])))  # m
-        sides = np.sort(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        self.sides, faces = np.unique(sides, axis=0, return_counts=True)
-        self.hem = np.unique(self.sides[faces == 1])  # vertices where the cloth ends
+        self.edge = median_edge(scene)
+        sides = edges_of(mesh.triangles)
+        self.sides, self.hem = sides.ends, np.unique(sides.ends[sides.uses == 1])  # and vertices where the cloth ends
 
     def __call__(self, x: Array, points: Array, normals: Array | None, rounds: int) -> tuple[Array, Feet, Flags]:
         """Vertices at x (n, 3) after they were drawn to points (m, 3) with normals (m, 3), tied so many times; what is
@@ -284,8 +287,8 @@ class Drawing:
         square, own = B.T @ B, np.linalg.norm(e, axis=1)
         unit, e = float(square.diagonal().mean()), e / np.maximum(own, 1e-300)[:, None]
         root = np.sqrt(LASTING * unit)
-        near = rows_of(corners, weights[:, :, None] * found.normals[good][:, None], x)
-        J = csr_array(vstack([near, rows_of(self.sides, root * np.stack([-e, e], axis=1), x)]))
+        near = rows_of(corners, weights[:, :, None] * found.normals[good][:, None], x.size)
+        J = csr_array(vstack([near, rows_of(self.sides, root * np.stack([-e, e], axis=1), x.size)]))
         way = self.to_points(x, points, tree, good)
         flat = SLIDING * square + diags_array(way.any(axis=1).astype(float))
         A = J.T @ J + kron(flat, eye_array(3), format="csr") + SMOOTH * unit * self.smooth
@@ -305,12 +308,3 @@ class Drawing:
             both = good[point] & (KDTree(hem).query(points[point])[1] == np.arange(len(hem)))
             out[self.hem[both]] = way[both]
         return out
-
-
-def rows_of(vertices: Indices, by: Array, x: Array) -> csr_array:
-    """A matrix (m, 3 n) of rows that have factors `by` (m, k, 3) of so many vertices (m, k) of x (n, 3)."""
-    from scipy.sparse import csr_array
-
-    rows = np.repeat(np.arange(len(vertices)), by[0].size if len(by) else 0)
-    columns = 3 * vertices[:, :, None].astype(int) + np.arange(3)
-    return csr_array((by.ravel(), (rows, columns.ravel())), shape=(len(vertices), x.size))

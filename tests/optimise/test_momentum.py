@@ -14,7 +14,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
 from clothfit.optimise.balances import Equations, Patch, Track, balances, smoothed, summed_twice, track
-from clothfit.optimise.momentum import ANCHORED, TREATMENTS, Treatment, in_balance, trimmed
+from clothfit.optimise.momentum import ANCHORED, TREATMENTS, Treatment, agreeing, in_balance, trimmed
 from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -241,7 +241,7 @@ class Dense:
 
     def patches(self, size, most):
         steps, one = np.arange(len(self.C)), np.eye(self.Q)
-        yield 0, Patch(steps, self.C, self.r, np.zeros(self.Q), one)
+        yield 0, [Patch(steps, self.C, self.r, np.zeros(self.Q), one)]
 
     def gram(self, kept):
         C = self.C[kept].reshape(-1, self.C.shape[2])
@@ -265,6 +265,13 @@ def test_what_is_left_out_is_little_unless_the_rest_is_exact(out, noise, kept):
     r = C @ q + noise * rng.normal(size=(40, 30))
     r[:out] += rng.normal(size=(out, 30))
     assert kept_of(C, r).sum() == kept
+
+
+@pytest.mark.parametrize(("steps", "count"), [(10, 0), (0, 2), (6, 2)])
+def test_a_patch_of_no_value_or_too_few_steps_says_nothing(steps, count):
+    every, base = np.arange(steps, dtype=np.int32), np.ones(4)
+    patch = Patch(every, np.ones((steps, 6, 4)), np.ones((steps, 6)), base, np.ones((4, count)))
+    assert not agreeing(patch).any()
 
 
 @pytest.mark.parametrize("first", [0, 10, 22])

@@ -92,6 +92,8 @@ def overlapping(one: Parts, other: Parts, place: Array, way: Array, room: float,
     may come nearer than some room, m, where each vertex goes straight from its place by its way, (V, 3) each, and ends
     no farther than `stray`, m, from there along each axis.
     """
+    if not (len(one.number) and len(other.number)):
+        return np.zeros((0, 2), np.int32)
     alike, low, high = one is other, place - 0.5 * room, place + 0.5 * room
     own = fitted(one, low, high), fitted(one, way - stray, way + stray)
     others = own if alike else (fitted(other, low, high), fitted(other, way - stray, way + stray))

@@ -87,7 +87,7 @@ def with_crossed(surface: Surface) -> Surface:
     should be. The free vertices of the others are drawn back through what they are nearest to, unless they would have
     to be faster than FASTEST.
     """
-    hits = pierced(surface) if len(surface.triangles) else surface.triangles
+    hits = pierced(surface)
     if not len(hits):
         return surface
     n, passing = len(surface.start), np.isin(np.arange(len(surface.edges)), hits[:, 0])
