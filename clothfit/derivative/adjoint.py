@@ -56,7 +56,9 @@ def gradient(
     """
     derivative_of = by_position if callable(by_position) else whole(by_position)
     wanted = {*kinds, "wind"} if "gusts" in kinds else kinds  # the one by the keys is that by the wind, step by step
-    grad, work, taken = zeros(system, wanted), implicit.workspace(system), Taken(system)
+    grad, taken = zeros(system, wanted), Taken(system)
+    work = memory.work if isinstance(memory, Tape) else implicit.workspace(system)
+    work = work._replace(past=guess.past(len(system.x0)), solution=np.zeros_like(system.x0))  # of λ, from part to part
     if system.inputs is not None:
         system.inputs.counted[:] = 0.0
     tables.forget(system.inputs)

@@ -12,7 +12,6 @@ differentiation, Optimization Methods and Software 1, 1992.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from copy import deepcopy
 from typing import NamedTuple
 
 from clothfit.base import memory
@@ -23,7 +22,7 @@ from clothfit.engine import prescribed
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, work_of
-from clothfit.engine.solve.guess import Past
+from clothfit.engine.solve import guess
 from clothfit.engine.step import guard, implicit
 from clothfit.engine.system import BDF2, System
 from clothfit.kernels.work import counted
@@ -54,7 +53,7 @@ class Snapshot(NamedTuple):
     v_before: Array  # (n, 3), m/s
     ready: bool  # whether the next step can be a BDF2 step
     carried: Array  # (2,), of `Rollout.carried`
-    past: Past  # solutions of the last steps, for the first guesses
+    past: guess.Past  # solutions of the last steps, for the first guesses
 
 
 class Held(NamedTuple):
@@ -71,9 +70,11 @@ class Tape:
 
     def __init__(
         self, system: System, steps: int, tolerance: float, plan: Plan | None = None,
-        forms: prescribed.Forms | None = None,
+        forms: prescribed.Forms | None = None, work: implicit.Workspace | None = None,
     ) -> None:  # fmt: skip
-        """Without a plan the motion only goes forwards. Raises InvalidInput where its parts do not fit into memory."""
+        """Without a plan the motion only goes forwards. Tapes of one pattern may share the memory `work`, which no step
+        leaves anything in for the next. Raises InvalidInput where its parts do not fit into memory.
+        """
         check_steps(system.inputs, steps)
         self.system, self.steps, self.tolerance, self.forms = system, steps, tolerance, forms
         iterations = iterations_of(system)
@@ -89,11 +90,11 @@ class Tape:
         self.fallbacks = NO_FALLBACKS  # those of the good steps, after `forward`
         self.fault: Array | None = None  # (n, 3), m, the positions after the first step that is not good
         self.fault_velocity: Array = system.v0  # (n, 3), m/s, the velocities there
-        self._work = implicit.workspace(system)
+        self.work = work or implicit.workspace(system)
         self._room: Rollout | None = None
         self._held: Held | None = None
         x, v = system.x0, system.v0
-        self._kept = {0: Snapshot(0, x, v, x, v, False, guard.NOTHING, deepcopy(self._work.past))}
+        self._kept = {0: Snapshot(0, x, v, x, v, False, guard.NOTHING, guess.past(len(x)))}
 
     @property
     def shape(self) -> Array:
@@ -157,7 +158,7 @@ class Tape:
         part = part._replace(ready=at.ready, first=at.step)
         part.x[0], part.carried[0] = at.x, at.carried
         self._held = None  # an interrupt may come
-        work = self._work._replace(past=deepcopy(at.past))
+        work = self.work._replace(past=guess.Past(*(kept.copy() for kept in at.past)))
         if self.forms is None:
             good = fill(self.system, self.tolerance, work, part)
         else:

@@ -19,6 +19,7 @@ from clothfit.derivative.adjoint import Observer
 from clothfit.engine.inputs.sampling import Axes, axes
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty, state_bytes
+from clothfit.engine.step.implicit import Workspace, workspace
 from clothfit.engine.system import System, meets_itself, mobile, rests, with_elements
 from clothfit.engine.tape import Plan, Tape
 from clothfit.motion.divergence import Diverged
@@ -134,6 +135,7 @@ class Recent:
         touching = any(meets_itself(run.system) for run in runs)  # what touches is not counted
         self._small = not touching and KEPT * sum(needed.values()) <= min(BYTES, SHARE * memory)
         self._kept: dict[tuple[int, int], dict[bytes, tuple[System, Tape]]] = {key: {} for key in needed}
+        self._work: dict[tuple[int, int], Workspace] = {}
         # of cloths at rest (n, 3) m, where a search begins: the first, and where shadows are compared those that are
         # found, with their p
         self._first = {(run.cloth, run.experiment): first_shape(run) for run in runs if rests(run.system)}
@@ -157,7 +159,9 @@ class Recent:
             system, steps = run.changed(p), max(run.steps, 1)
             if rests(system):
                 system = system._replace(x0=self.near(run, p))
-            kept[key] = system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)), run.forms)
+            place = run.cloth, run.experiment
+            work = self._work[place] = self._work.get(place) or workspace(system)
+            kept[key] = system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)), run.forms, work)
         system, tape = kept.pop(key)
         shown(run, tape, observers)
         if rests(system) and "position" not in run.comparison.scales:

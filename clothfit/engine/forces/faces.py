@@ -10,8 +10,23 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
+from clothfit.engine.solve.sparse import add_block
+from clothfit.kernels.fours import four_of, of_four
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
+from clothfit.kernels.lanes.operations import (
+    across0,
+    across1,
+    across2,
+    across3,
+    add,
+    fma,
+    index3,
+    load3,
+    mul,
+    splat,
+    store3,
+    sub,
+)
 from clothfit.kernels.vectors import cross, item, vector
 
 
@@ -83,6 +98,53 @@ def add_by_normal(gy, faces, y, i, g):
     add_along(gy, faces.corners[i, 1], 1.0, by_b)
     add_along(gy, faces.corners[i, 2], 1.0, by_c)
     add_along(gy, faces.corners[i, 0], -1.0, add(by_b, by_c))
+
+
+@kernel
+def fours(x, faces, i, end, corner):
+    """The rows of x (n, 3) of one corner of up to four faces from i, before `end`."""
+    p, q = load3(x, index3(faces.corners, i, corner)), load3(x, index3(faces.corners, min(i + 1, end - 1), corner))
+    r, s = index3(faces.corners, min(i + 2, end - 1), corner), index3(faces.corners, min(i + 3, end - 1), corner)
+    return of_four(p, q, load3(x, r), load3(x, s))
+
+
+@kernel
+def all_fours(x, faces, i, end):
+    """The same for all three corners."""
+    return fours(x, faces, i, end, 0), fours(x, faces, i, end, 1), fours(x, faces, i, end, 2)
+
+
+@kernel
+def add_fours(out, faces, i, end, corner, v):
+    """Add vectors to the rows of one corner of up to four faces from i, before `end`."""
+    p, q, r, s = four_of(v, splat(0.0))
+    add_along(out, index3(faces.corners, i, corner), 1.0, p)
+    if i + 1 < end:
+        add_along(out, index3(faces.corners, i + 1, corner), 1.0, q)
+    if i + 2 < end:
+        add_along(out, index3(faces.corners, i + 2, corner), 1.0, r)
+    if i + 3 < end:
+        add_along(out, index3(faces.corners, i + 3, corner), 1.0, s)
+
+
+@kernel
+def add_blocks(A, faces, i, end, six):
+    """Add the blocks of up to four faces from i, before `end`, to the diagonal at each corner; see `fours.blocks`."""
+    xx, xy, xz, yy, yz, zz = six
+    add_at_corners(A, faces, i, across0(xx, xy, xz, yz), across0(zz, xy, yy, yz))
+    if i + 1 < end:
+        add_at_corners(A, faces, i + 1, across1(xx, xy, xz, yz), across1(zz, xy, yy, yz))
+    if i + 2 < end:
+        add_at_corners(A, faces, i + 2, across2(xx, xy, xz, yz), across2(zz, xy, yy, yz))
+    if i + 3 < end:
+        add_at_corners(A, faces, i + 3, across3(xx, xy, xz, yz), across3(zz, xy, yy, yz))
+
+
+@kernel
+def add_at_corners(A, faces, i, low, high):
+    """Add the two halves of a block to the diagonal at the corners of face i."""
+    for corner in range(3):
+        add_block(A.diagonal, index3(faces.corners, i, corner), low, high)
 
 
 @kernel

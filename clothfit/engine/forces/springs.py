@@ -28,41 +28,44 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.engine.solve.sparse import add_block, outer, subtract_block
+from clothfit.engine.solve.sparse import add_block, subtract_block
+from clothfit.kernels.fours import (
+    add_some,
+    add_to_objects,
+    along,
+    blocks,
+    dots,
+    four_of,
+    of_four,
+    of_objects,
+    scaled,
+    some,
+)
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import (
+    across0,
+    across1,
+    across2,
+    across3,
     add,
     div,
     fma,
     index,
-    load,
+    index2,
     load3,
-    load4,
     mul,
-    pack,
     prefetch,
     root,
     splat,
-    store,
     store3,
-    store4,
     sub,
     sum4,
     where_less,
 )
 from clothfit.kernels.vectors import dot, item
 
-TOGETHER = 64
-"""Springs whose lengths are computed together: roots and divisions take as long as all else that a spring needs, but
-four at a time, and not one after the other.
-"""
-
-FEW = 10_000
-"""Springs whose blocks stay in the caches; those of more are fetched ahead of their turn."""
-
-ROWS = 14
-EE, LE, SE, WE, LS, REST, K, BENT, BY_K, CL, CS, CW, CE, BETA = range(ROWS)
-"""What `add_pullback` computes of springs: e·e, λ·e, s·e, w·e, λ·s, L₀, k, ρ̃, −∂φ/∂k, the factors of ∂φ/∂e, and β."""
+FEW, AHEAD = 10_000, 64
+"""Springs whose blocks stay in the caches; those of more are fetched so many springs ahead of their turn."""
 
 
 class Springs(NamedTuple):
@@ -90,13 +93,13 @@ def build(
 @kernel
 def difference(x, springs, i):
     """x_a − x_b for spring i."""
-    return sub(load3(x, springs.ends[i, 0]), load3(x, springs.ends[i, 1]))
+    return sub(load3(x, index2(springs.ends, i, 0)), load3(x, index2(springs.ends, i, 1)))
 
 
 @kernel
 def add_opposite(out, springs, i, p):
     """out_a += p, out_b −= p for spring i."""
-    a, b = springs.ends[i, 0], springs.ends[i, 1]
+    a, b = index2(springs.ends, i, 0), index2(springs.ends, i, 1)
     store3(add(load3(out, a), p), out, a)
     store3(sub(load3(out, b), p), out, b)
 
@@ -131,20 +134,12 @@ def capped(springs, rho):
 
 @kernel
 def energy(springs, y):
-    k, rest, twice = springs.stiffness, springs.rest, splat(0.0)  # k (L − L₀)², also where L = 0, as its limit
-    whole = len(rest) - len(rest) % 4
-    for i in range(0, whole, 4):
-        p, q = difference(y, springs, i), difference(y, springs, i + 1)
-        r, s = difference(y, springs, i + 2), difference(y, springs, i + 3)
-        length = root(pack(dot(p, p), dot(q, q), dot(r, r), dot(s, s)))
-        stretch = sub(length, pack(rest[i], rest[i + 1], rest[i + 2], rest[i + 3]))
-        twice = fma(mul(pack(k[i], k[i + 1], k[i + 2], k[i + 3]), stretch), stretch, twice)
-    total = sum4(twice)
-    for i in range(whole, len(rest)):
-        e = difference(y, springs, i)
-        stretch = sqrt(dot(e, e)) - rest[i]
-        total += k[i] * stretch * stretch
-    return 0.5 * total
+    end, twice = len(springs.rest), splat(0.0)  # k (L − L₀)², also where L = 0, as its limit
+    for i in range(0, end, 4):
+        e = differences(y, springs, i, end)
+        stretch = sub(root(dots(e, e)), some(springs.rest, i, end, 1.0))
+        twice = fma(mul(some(springs.stiffness, i, end, 0.0), stretch), stretch, twice)
+    return 0.5 * sum4(twice)
 
 
 @kernel
@@ -178,35 +173,85 @@ def add_damping(springs, y, u, scale, q, out):
 
 @kernel(apart=0.0)
 def add_step(springs, y, u, h, ahead, A, b):
-    upright, lowered = pack(1.0, 0.0, 0.0, 0.0), pack(1.0, 0.0, 1.0, 0.0)  # where xx, zz and yy are in a block
-    count, stored = len(springs.rest), 0.0
-    e, size = np.empty((TOGETHER, 4)), np.ones((3, TOGETHER))
-    for begin in range(0, count, TOGETHER):
-        end = min(begin + TOGETHER, count)
-        for i in range(end, min(end + TOGETHER, count) if count > FEW else end):
-            prefetch(A.upper, index(springs.slot, i))
-        measure(springs, y, begin, end, e, size)
-        for i in range(begin, end):
-            j = i - begin
-            k, stretch, hat = springs.stiffness[i], size[1, j], size[2, j]
-            d = mul(load4(e, j), splat(size[0, j]))
-            across = splat(h * h * k * (1.0 - hat))
-            along = splat(h * k * (h * hat + springs.damping[item(springs.object, i)]))
-            low, high = outer(mul(along, d), d)
-            low, high = fma(across, upright, low), fma(across, lowered, high)
-            add_block(A.diagonal, springs.ends[i, 0], low, high)
-            add_block(A.diagonal, springs.ends[i, 1], low, high)
-            subtract_block(A.upper, springs.slot[i], low, high)
-            if len(b) == 0:
-                continue
+    end, linear = len(springs.rest), len(b) > 0
+    one, step, twice = splat(1.0), splat(h), splat(0.0)
+    for i in range(0, end, 4):
+        for e in range(i + AHEAD, min(i + AHEAD + 4, end) if end > FEW else 0):
+            prefetch(A.upper, index(springs.slot, e))
+        e = differences(y, springs, i, end)
+        length, inverse = lengths(springs, i, end, dots(e, e))
+        d, rest, k = scaled(inverse, e), some(springs.rest, i, end, 1.0), some(springs.stiffness, i, end, 0.0)
+        hat, _ = capped_lanes(springs, mul(rest, inverse))
+        stretch, hk, wide = sub(length, rest), mul(step, k), mul(step, hat)
+        across = mul(mul(step, hk), sub(one, hat))
+        axial = mul(hk, add(wide, of_objects(springs.damping, springs.object, i, end)))
+        xx, xy, xz, yy, yz, zz = blocks(scaled(axial, d), d, across)
+        add_blocks(springs, i, A, across0(xx, xy, xz, yz), across0(zz, xy, yy, yz))
+        if i + 1 < end:
+            add_blocks(springs, i + 1, A, across1(xx, xy, xz, yz), across1(zz, xy, yy, yz))
+        if i + 2 < end:
+            add_blocks(springs, i + 2, A, across2(xx, xy, xz, yz), across2(zz, xy, yy, yz))
+        if i + 3 < end:
+            add_blocks(springs, i + 3, A, across3(xx, xy, xz, yz), across3(zz, xy, yy, yz))
+        twice = fma(mul(k, stretch), stretch, twice)
+        if linear:
+            pull = mul(splat(-h), mul(k, stretch))
             if ahead:
-                u_i = difference(u, springs, i)
-                pull = mul(splat(h * k * (h * hat * dot(u_i, d) - stretch)), d)
-                add_opposite(b, springs, i, fma(across, u_i, pull))
+                moved = differences(u, springs, i, end)
+                pull = fma(mul(hk, wide), dots(moved, d), pull)
+                add_opposites(b, springs, i, end, along(across, moved, scaled(pull, d)))
             else:
-                stored += k * stretch * stretch
-                add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
-    return 0.5 * stored
+                add_opposites(b, springs, i, end, scaled(pull, d))
+    return 0.5 * sum4(twice)
+
+
+@kernel
+def add_blocks(springs, i, A, low, high):
+    """Add the block of spring i, given in two halves, to the diagonal and subtract it from what is beside that."""
+    add_block(A.diagonal, index2(springs.ends, i, 0), low, high)
+    add_block(A.diagonal, index2(springs.ends, i, 1), low, high)
+    subtract_block(A.upper, index(springs.slot, i), low, high)
+
+
+@kernel
+def differences(x, springs, i, end):
+    """x_a − x_b for up to four springs from i, before `end`."""
+    p, q = difference(x, springs, i), difference(x, springs, min(i + 1, end - 1))
+    return of_four(p, q, difference(x, springs, min(i + 2, end - 1)), difference(x, springs, min(i + 3, end - 1)))
+
+
+@kernel
+def add_opposites(out, springs, i, end, v):
+    """`add_opposite` for up to four springs from i, before `end`."""
+    p, q, r, s = four_of(v, splat(0.0))
+    add_opposite(out, springs, i, p)
+    if i + 1 < end:
+        add_opposite(out, springs, i + 1, q)
+    if i + 2 < end:
+        add_opposite(out, springs, i + 2, r)
+    if i + 3 < end:
+        add_opposite(out, springs, i + 3, s)
+
+
+@kernel
+def lengths(springs, i, end, square):
+    """L and 1/L of up to four springs from i, of L²; as `axis` does where they are 0."""
+    length = root(square)
+    return length, div(splat(1.0), where_less(splat(0.0), length, length, some(springs.rest, i, end, 1.0)))
+
+
+@kernel
+def capped_lanes(springs, rho):
+    """`capped`, of four springs."""
+    zero, cap = splat(0.0), splat(springs.cap)
+    hat = bent = rho
+    if springs.bend > 0.0:
+        two, three, four, bend = splat(2.0), splat(3.0), splat(4.0), splat(springs.bend)
+        left = sub(cap, rho)
+        t = mul(splat(1.0 / springs.bend), left)
+        hat = where_less(left, bend, sub(cap, mul(mul(left, t), sub(two, t))), rho)
+        bent = where_less(left, bend, mul(mul(rho, t), sub(four, mul(three, t))), rho)
+    return where_less(cap, rho, cap, hat), where_less(cap, rho, zero, bent)
 
 
 @kernel
@@ -219,100 +264,35 @@ def pull_of(springs, y, i, h, w):
     return fma(splat(h * h * k * (1.0 - hat)), w, mul(splat(along), d))
 
 
-@kernel
-def measure(springs, y, begin, end, e, size):
-    """Write e of the springs `begin` to below `end` to the rows of e, and 1/L, L − L₀ and ρ̂ to those of size (3, ·); of
-    springs of zero length as `axis` does.
-    """
-    for i in range(begin, end):
-        j, e_i = i - begin, difference(y, springs, i)
-        store4(e_i, e, j)
-        size[0, j], size[1, j] = dot(e_i, e_i), springs.rest[i]
-    zero, cap, bend = splat(0.0), splat(springs.cap), splat(springs.bend)
-    for j in range(0, end - begin, 4):
-        length, rest = root(load(size, 0, j)), load(size, 1, j)
-        inverse = div(splat(1.0), where_less(zero, length, length, rest))
-        hat = rho = mul(rest, inverse)
-        if springs.bend > 0.0:  # as `capped`
-            left = sub(cap, rho)
-            t = mul(splat(1.0 / springs.bend), left)
-            hat = where_less(left, bend, sub(cap, mul(mul(left, t), sub(splat(2.0), t))), rho)
-        store(inverse, size, 0, j)
-        store(sub(length, rest), size, 1, j)
-        store(where_less(cap, rho, cap, hat), size, 2, j)
-
-
 @kernel(apart=None)
 def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
     # φ = −h k ψ(e),  ψ = (L − L₀) λ·d + (1 − ρ̂) λ·s + ρ̂ (λ·d)(d·s) + β (λ·d)(d·w),  with λ = λ_a − λ_b held fixed.
     # ∂ρ̂/∂e = −ρ̃ d/L and ∂(p·d)/∂e = (p − (p·d) d)/L for any fixed vector p, so ∂φ/∂e = cl λ + cs s + cw w + ce e.
-    count = len(springs.rest)
-    rows, size = np.empty((4 * TOGETHER, 4)), np.ones((ROWS, TOGETHER))
-    for begin in range(0, count, TOGETHER):
-        end = min(begin + TOGETHER, count)
-        for i in range(begin, end):
-            j, a, b = i - begin, springs.ends[i, 0], springs.ends[i, 1]
-            e_i, s_i = sub(load3(y, a), load3(y, b)), sub(load3(s, a), load3(s, b))
-            w_i, l_i = sub(load3(w, a), load3(w, b)), sub(load3(lam, a), load3(lam, b))
-            store4(e_i, rows, 4 * j)
-            store4(s_i, rows, 4 * j + 1)
-            store4(w_i, rows, 4 * j + 2)
-            store4(l_i, rows, 4 * j + 3)
-            size[EE, j], size[LE, j] = dot(e_i, e_i), dot(l_i, e_i)
-            size[SE, j], size[WE, j] = dot(s_i, e_i), dot(w_i, e_i)
-            size[LS, j], size[REST, j], size[K, j] = dot(l_i, s_i), springs.rest[i], springs.stiffness[i]
-            size[BETA, j] = springs.damping[item(springs.object, i)]
-        by_lengths(springs, end - begin, h, size)
-        for i in range(begin, end):
-            j = i - begin
-            grad.stiffness[i] -= size[BY_K, j]
-            g = fma(splat(size[CW, j]), load4(rows, 4 * j + 2), mul(splat(size[CE, j]), load4(rows, 4 * j)))
-            g = fma(splat(size[CL, j]), load4(rows, 4 * j + 3), fma(splat(size[CS, j]), load4(rows, 4 * j + 1), g))
-            add_opposite(gy, springs, i, g)
-        if len(grad.damping) > 0:  # β = α/2
-            for j in range(end - begin):
-                own = item(springs.object, begin + j)
-                grad.damping[own] -= 0.5 * h * size[K, j] * size[LE, j] * size[WE, j]
-        if len(grad.rest) > 0:
-            for j in range(end - begin):
-                if size[EE, j] > 0.0:  # else it exerts nothing, whatever its rest length
-                    bent = (size[LS, j] - size[LE, j] * size[SE, j]) * size[BENT, j] / size[REST, j]
-                    grad.rest[begin + j] += h * size[K, j] * (size[LE, j] + bent)
-
-
-@kernel
-def by_lengths(springs, count, h, size):
-    """From the products of so many springs' vectors, in the rows of `size`, what depends on their lengths, four at a
-    time: the factors of ∂φ/∂e, what they add to the gradient, ρ̃, and λ·d, s·d, w·d for the products with e.
-    """
-    zero, one, two, three, four = splat(0.0), splat(1.0), splat(2.0), splat(3.0), splat(4.0)
-    cap, bend, step = splat(springs.cap), splat(springs.bend), splat(h)
-    for j in range(0, count, 4):
-        beta, length, rest = load(size, BETA, j), root(load(size, EE, j)), load(size, REST, j)
-        inverse = div(one, where_less(zero, length, length, rest))
-        ld, sd = mul(load(size, LE, j), inverse), mul(load(size, SE, j), inverse)
-        wd, ls = mul(load(size, WE, j), inverse), load(size, LS, j)
-        hat = bent = rho = mul(rest, inverse)
-        if springs.bend > 0.0:  # as `capped`
-            left = sub(cap, rho)
-            t = mul(splat(1.0 / springs.bend), left)
-            hat = where_less(left, bend, sub(cap, mul(mul(left, t), sub(two, t))), rho)
-            bent = where_less(left, bend, mul(mul(rho, t), sub(four, mul(three, t))), rho)
-        hat, bent = where_less(cap, rho, cap, hat), where_less(cap, rho, zero, bent)
-        slack, pull = sub(one, rho), mul(length, ld)
+    end, zero, one, step = len(springs.rest), splat(0.0), splat(1.0), splat(h)
+    for i in range(0, end, 4):
+        e, s_i = differences(y, springs, i, end), differences(s, springs, i, end)
+        w_i, l_i = differences(w, springs, i, end), differences(lam, springs, i, end)
+        length, inverse = lengths(springs, i, end, dots(e, e))
+        ld, sd, wd = mul(dots(l_i, e), inverse), mul(dots(s_i, e), inverse), mul(dots(w_i, e), inverse)
+        ls, beta = dots(l_i, s_i), of_objects(springs.damping, springs.object, i, end)
+        rest, hk = some(springs.rest, i, end, 1.0), mul(step, some(springs.stiffness, i, end, 0.0))
+        rho = mul(rest, inverse)
+        hat, bent = capped_lanes(springs, rho)
+        slack, pull, back = sub(one, rho), mul(length, ld), sub(zero, hk)
         turn = fma(beta, wd, mul(hat, sd))
-        store(mul(step, fma(mul(slack, length), ld, fma(sub(one, hat), ls, mul(ld, turn)))), size, BY_K, j)
-        hk = mul(sub(zero, step), load(size, K, j))
-        by_length = mul(hk, inverse)
-        store(fma(by_length, turn, mul(hk, slack)), size, CL, j)
-        store(mul(by_length, mul(hat, ld)), size, CS, j)
-        store(mul(by_length, mul(beta, ld)), size, CW, j)
-        along = sub(fma(rho, pull, mul(bent, ls)), mul(ld, fma(bent, sd, add(turn, turn))))
-        store(mul(by_length, mul(inverse, along)), size, CE, j)  # 1/L² of tiny scenes overflows
-        store(ld, size, LE, j)
-        store(sd, size, SE, j)
-        store(wd, size, WE, j)
-        store(bent, size, BENT, j)
+        by_k = mul(step, fma(mul(slack, length), ld, fma(sub(one, hat), ls, mul(ld, turn))))
+        add_some(grad.stiffness, i, end, sub(zero, by_k))
+        if len(grad.damping) > 0:  # β = α/2
+            add_to_objects(grad.damping, springs.object, i, end, mul(mul(splat(0.5), back), mul(ld, wd)))
+        if len(grad.rest) > 0:  # without length nothing acts, whatever the rest length
+            by_rest = mul(hk, add(ld, div(mul(sub(ls, mul(ld, sd)), bent), rest)))
+            add_some(grad.rest, i, end, where_less(zero, length, by_rest, zero))
+        by_length = mul(back, inverse)
+        along_d = sub(fma(rho, pull, mul(bent, ls)), mul(ld, fma(bent, sd, add(turn, turn))))
+        g = scaled(mul(by_length, mul(inverse, along_d)), e)  # 1/L² of tiny scenes overflows
+        g = along(mul(by_length, mul(beta, ld)), w_i, g)
+        g = along(mul(by_length, mul(hat, ld)), s_i, g)
+        add_opposites(gy, springs, i, end, along(fma(by_length, turn, mul(back, slack)), l_i, g))
 
 
 @kernel(apart=None)

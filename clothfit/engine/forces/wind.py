@@ -18,10 +18,32 @@ from __future__ import annotations
 from math import sqrt
 
 from clothfit.engine.forces import air
-from clothfit.engine.forces.faces import add_along, add_by_normal, at, change_of_normal, drag_of, edges, mean, relative
-from clothfit.engine.solve.sparse import add_block, outer
+from clothfit.engine.forces.faces import (
+    add_along,
+    add_blocks,
+    add_fours,
+    all_fours,
+    change_of_normal,
+    drag_of,
+    edges,
+    mean,
+    relative,
+)
+from clothfit.kernels.fours import (
+    add_to_objects,
+    along,
+    blocks,
+    crosses,
+    dots,
+    everywhere,
+    kept,
+    minus,
+    of_objects,
+    plus,
+    scaled,
+)
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, splat, sub
+from clothfit.kernels.lanes.operations import add, div, fma, load3, mul, root, splat, sub, sum4, where_less
 from clothfit.kernels.vectors import cross, dot, item, vector
 
 
@@ -77,18 +99,29 @@ def add_step(faces, y, u, h, ahead, A, b):
     if faces.quadratic:
         air.add_step(faces, y, u, h, ahead, A, b)
         return 0.0
-    for i in range(len(faces.corners)):
-        n, kappa = normal(faces, y, i)
-        c = h * kappa
-        low, high = outer(mul(splat(c), n), n)
-        for corner in range(3):
-            add_block(A.diagonal, faces.corners[i, corner], low, high)
+    end, third = len(faces.corners), splat(1.0 / 3.0)
+    for i in range(0, end, 4):
+        _, _, n, _, size = normals(faces, y, i, end)
+        c = scaled(mul(mul(splat(h / 6.0), of_objects(faces.drag, faces.object, i, end)), size), n)  # h κ n
+        add_blocks(A, faces, i, end, blocks(n, c, splat(0.0)))
         if len(b) > 0:
-            push = dot(n, relative(faces, u, i))
-            for corner in range(3):
-                j = faces.corners[i, corner]
-                add_along(b, j, c * (push + dot(load3(u, j), n)), n)
+            u_a, u_b, u_c = all_fours(u, faces, i, end)
+            at_a, at_b, at_c = dots(n, u_a), dots(n, u_b), dots(n, u_c)
+            push = sub(dots(n, everywhere(faces.wind)), mul(third, add(add(at_a, at_b), at_c)))
+            add_fours(b, faces, i, end, 0, scaled(add(push, at_a), c))
+            add_fours(b, faces, i, end, 1, scaled(add(push, at_b), c))
+            add_fours(b, faces, i, end, 2, scaled(add(push, at_c), c))
     return 0.0
+
+
+@kernel
+def normals(faces, y, i, end):
+    """p, q, n, |n|² and |n| of up to four faces from i, before `end`."""
+    a, b, c = all_fours(y, faces, i, end)
+    p, q = minus(b, a), minus(c, a)
+    n = crosses(p, q)
+    square = dots(n, n)
+    return p, q, n, square, root(square)
 
 
 @kernel(empty=None, apart=None)
@@ -96,33 +129,41 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
     if faces.quadratic:
         air.add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu)
         return
-    for i in range(len(faces.corners)):
-        n, kappa = normal(faces, y, i)
-        size = dot(n, n)
-        if size == 0.0:
-            continue  # φ is of third order in n: its derivative is 0
-        flow = relative(faces, u, i)
-        eta = dot(n, flow)
-        a, b, c = at(lam, faces, i)
-        lam_sum = add(add(a, b), c)  # Λ
-        total = dot(n, lam_sum)
-        g = fma(splat(eta), lam_sum, mul(splat(total), flow))  # ∂[φ/(h κ)]/∂n at fixed κ
-        value = total * eta
-        for corner in range(3):
-            j = faces.corners[i, corner]
-            lam_j, change = load3(lam, j), sub(load3(w, j), load3(u, j))
-            nu, theta = dot(n, lam_j), dot(n, change)
-            value -= nu * theta
-            g = fma(splat(-theta), lam_j, fma(splat(-nu), change, g))
-            add_along(gu, j, h * kappa * (nu - total / 3.0), n)
+    end, zero, third = len(faces.corners), splat(0.0), splat(1.0 / 3.0)
+    for i in range(0, end, 4):
+        p, q, n, square, size = normals(faces, y, i, end)
+        c = mul(splat(h / 6.0), size)
+        scale = mul(c, of_objects(faces.drag, faces.object, i, end))  # h κ
+        (u_a, u_b, u_c), (w_a, w_b, w_c) = all_fours(u, faces, i, end), all_fours(w, faces, i, end)
+        l_a, l_b, l_c = all_fours(lam, faces, i, end)
+        flow = minus(everywhere(faces.wind), scaled(third, plus(plus(u_a, u_b), u_c)))
+        lam_sum = plus(plus(l_a, l_b), l_c)  # Λ
+        eta, total = dots(n, flow), dots(n, lam_sum)
+        w_a, w_b, w_c = minus(u_a, w_a), minus(u_b, w_b), minus(u_c, w_c)  # of −θ
+        nu_a, nu_b, nu_c = dots(n, l_a), dots(n, l_b), dots(n, l_c)
+        at_a, at_b, at_c = dots(n, w_a), dots(n, w_b), dots(n, w_c)
+        value = fma(total, eta, fma(nu_a, at_a, fma(nu_b, at_b, mul(nu_c, at_c))))  # φ/(h κ)
+        g = along(eta, lam_sum, scaled(total, flow))  # its derivative by n at fixed κ
+        g = along(at_a, l_a, along(nu_a, w_a, along(at_b, l_b, along(nu_b, w_b, g))))
+        g = along(at_c, l_c, along(nu_c, w_c, g))
+        push, mean_nu = scaled(scale, n), mul(third, total)
+        add_fours(gu, faces, i, end, 0, scaled(sub(nu_a, mean_nu), push))
+        add_fours(gu, faces, i, end, 1, scaled(sub(nu_b, mean_nu), push))
+        add_fours(gu, faces, i, end, 2, scaled(sub(nu_c, mean_nu), push))
         if len(grad.drag) > 0:
-            grad.drag[item(faces.object, i)] += h / 6.0 * sqrt(size) * value
+            add_to_objects(grad.drag, faces.object, i, end, mul(c, value))
         if len(grad.wind) > 0:
-            grad.wind[0] += h * kappa * total * lane0(n)
-            grad.wind[1] += h * kappa * total * lane1(n)
-            grad.wind[2] += h * kappa * total * lane2(n)
-        g = fma(splat(value / size), n, g)  # κ = drag |n| / 6, so ∂κ/∂n = κ n / |n|²
-        add_by_normal(gy, faces, y, i, mul(splat(h * kappa), g))
+            by_x, by_y, by_z = scaled(kept(total, i, end), push)
+            grad.wind[0] += sum4(by_x)
+            grad.wind[1] += sum4(by_y)
+            grad.wind[2] += sum4(by_z)
+        # κ = drag |n| / 6, so ∂κ/∂n = κ n / |n|²; without area φ is of third order in n, and its derivative is 0
+        bent = where_less(zero, square, div(value, square), zero)
+        g = scaled(scale, along(bent, n, g))
+        by_b, by_c = crosses(q, g), crosses(g, p)  # g·(dp × q) = dp·(q × g) and g·(p × dq) = dq·(g × p)
+        add_fours(gy, faces, i, end, 1, by_b)
+        add_fours(gy, faces, i, end, 2, by_c)
+        add_fours(gy, faces, i, end, 0, minus(scaled(splat(-1.0), by_b), by_c))
 
 
 @kernel(empty=None, apart=None)

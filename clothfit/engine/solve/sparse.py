@@ -31,6 +31,7 @@ from clothfit.kernels.lanes.operations import (
     spread0,
     spread1,
     spread2,
+    spread4,
     store3,
     store_column,
     sub,
@@ -197,6 +198,14 @@ def times_spread(blocks, i, x, total):
 def times(blocks, i, x, total):
     """total + B x for block i; lane 3 is of no use."""
     return times_spread(blocks, i, spread(x), total)
+
+
+@kernel
+def times_row(blocks, i, x, j, total):
+    """total + B x_j for block i and row j of x (m, 4); lane 3 is of no use."""
+    total = fma(column(blocks, i, 0), spread4(x, j, 0), total)
+    total = fma(column(blocks, i, 5), spread4(x, j, 1), total)
+    return fma(column(blocks, i, 2), spread4(x, j, 2), total)
 
 
 @kernel

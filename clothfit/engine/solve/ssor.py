@@ -8,7 +8,7 @@ pushed. Vectors are (n, 4), lane 3 being 0.
 
 from __future__ import annotations
 
-from clothfit.engine.solve.sparse import spread, times, times_spread
+from clothfit.engine.solve.sparse import spread, times, times_row, times_spread
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, clear3, fma, index, load4, mul, splat, store4, sub, sum3
 
@@ -44,14 +44,13 @@ def residual(A, subdomain, x, own, r):
     rr, zero = splat(0.0), splat(0.0)
     for k in range(len(order)):
         i = order[k]
-        x_i = sub(zero, load4(x, i))
-        wide = spread(x_i)
-        total = times_spread(A.diagonal, i, wide, load4(own, i))
+        wide = spread(sub(zero, load4(x, i)))
+        total = zero
         for e in range(row[k], row[k + 1]):
             j = index(A.column, e)
-            total = sub(total, times(A.upper, e, load4(x, j), zero))
+            total = times_row(A.upper, e, x, j, total)
             store4(times_spread(A.upper, e, wide, load4(own, j)), own, j)
-        total = clear3(total)
+        total = clear3(sub(times_spread(A.diagonal, i, wide, load4(own, i)), total))
         store4(total, r, i)
         rr = fma(total, total, rr)
     return sum3(rr)
@@ -92,7 +91,7 @@ def solve_upper(A, subdomain, inverse, kappa, beta, z, p, t, own):
         store4(p_i, p, i)
         total = zero
         for e in range(row[k + 1] - 1, row[k] - 1, -1):  # the nearest vertex, whose t is the newest, last
-            total = times(A.upper, e, load4(t, index(A.column, e)), total)
+            total = times_row(A.upper, e, t, index(A.column, e), total)
         t_i = clear3(times(inverse, i, sub(p_i, total), zero))
         store4(t_i, t, i)
         store4(clear3(times(A.diagonal, i, mul(minus_kappa, t_i), p_i)), own, i)

@@ -141,6 +141,19 @@ def stores(columns: int | None = None, whole: bool = False, lanes: Lanes = LANES
 
 
 load, load4, column = loads(), loads(4, whole=True), loads(8)
+
+
+@written(LANES, None, types.intp)
+def quad(at: At, array: Any, i: Any) -> Any:
+    return read(at.builder, element(at, array, i), QUAD)
+
+
+@written(types.void, LANES, None, types.intp)
+def store_quad(at: At, v: Any, array: Any, i: Any) -> None:
+    a = at.context.make_array(at.kinds[1])(at.context, at.builder, array)
+    write(at.builder, v, at.builder.gep(a.data, [i]))
+
+
 store, store4, store_column = stores(), stores(4, whole=True), stores(8)
 
 
@@ -163,6 +176,11 @@ def store3(at: At, v: Any, array: Any, i: Any) -> None:
 @written(LANES, types.float64)
 def splat(at: At, x: Any) -> Any:
     return everywhere(at.builder, x, QUAD)
+
+
+@written(LANES, None, types.intp, types.intp)
+def spread4(at: At, array: Any, i: Any, j: Any) -> Any:
+    return everywhere(at.builder, read(at.builder, place(at, at.kinds[0], array, i, j, 4), DOUBLE), QUAD)
 
 
 @written(LANES, *[types.float64] * 4)
@@ -189,6 +207,23 @@ turn, clear3 = reordered([1, 2, 0, 3]), reordered([0, 1, 2, 4])
 xyzz, xxxy, zyyz, zxyy = (reordered(["xyz".index(c) for c in lanes]) for lanes in ("xyzz", "xxxy", "zyyz", "zxyy"))
 
 
+def across(lane: int) -> Any:
+    """A function that takes the same lane of each of its four arguments; of four such functions LLVM makes what two
+    rounds of shuffles take, as both halves begin alike.
+    """
+
+    @written(LANES, *[LANES] * 4)
+    def take(at: At, a: Any, b: Any, c: Any, d: Any) -> Any:
+        half = [lane % 2, 4 + lane % 2, 2 + lane % 2, 6 + lane % 2]
+        low, high = shuffled(at.builder, a, b, half), shuffled(at.builder, c, d, half)
+        return shuffled(at.builder, low, high, [0, 1, 4, 5] if lane < 2 else [2, 3, 6, 7])
+
+    return take
+
+
+across0, across1, across2, across3 = (across(lane) for lane in range(4))
+
+
 def summed(first: int, *others: int) -> Any:
     """A function that adds the named lanes of its argument, in their order."""
 
@@ -202,7 +237,7 @@ def summed(first: int, *others: int) -> Any:
     return take
 
 
-lane0, lane1, lane2 = (summed(lane) for lane in range(3))
+lane0, lane1, lane2, lane3 = (summed(lane) for lane in range(4))
 sum3, sum4 = summed(0, 1, 2), summed(0, 1, 2, 3)
 
 
@@ -239,6 +274,19 @@ def where_less(at: At, a: Any, b: Any, p: Any, q: Any) -> Any:
 @written(types.intp, None, types.intp)
 def index(at: At, array: Any, i: Any) -> Any:
     return at.builder.sext(at.builder.load(element(at, array, i)), i.type)
+
+
+def indices(columns: int) -> Any:
+    """A function that reads a[i, j] of indices in rows of so many."""
+
+    @written(types.intp, None, types.intp, types.intp)
+    def take(at: At, array: Any, i: Any, j: Any) -> Any:
+        return at.builder.sext(at.builder.load(place(at, at.kinds[0], array, i, j, columns)), i.type)
+
+    return take
+
+
+index2, index3 = indices(2), indices(3)
 
 
 @written(types.void, None, types.intp)

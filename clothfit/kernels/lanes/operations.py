@@ -9,12 +9,15 @@ What is fused is named here, product by product, so no result depends on what a 
     column(a, i, j)    a[i, j … j + 3], rows of eight    store_column(v, a, i, j)
     load3(a, i)        a[i, 0 … 2], and 0                store3(v, a, i)       without touching what follows
     splat(x)           x x x x                           pack(x, y, z, w)      x y z w
-    spread0/1/2(v)     one lane in all four              lane0/1/2(v)          one lane as a number
+    spread4(a, i, j)   a[i, j] in all lanes, rows of four, faster than a shuffle of what was loaded on some processors
+    spread0/1/2(v)     one lane in all four              lane0/1/2/3(v)        one lane as a number
     add sub mul div    lane by lane                      fma(a, b, c)          a b + c, rounded once
     root(v)            the square roots                  where_less(a, b, p, q)  p where a < b, else q
     sum3(v), sum4(v)   v₀ + v₁ + v₂ (+ v₃)               clear3(v)             v with 0 in lane 3
     turn(v)            v₁ v₂ v₀ v₃, for cross products     xyzz xxxy zyyz zxyy(v)   the components so named
-    index(a, i)        a[i] of indices, none negative
+    quad(a, i)         a[i … i + 3] of (n,)          store_quad(v, a, i)
+    across0/1/2/3(a, b, c, d)  that lane of each
+    index(a, i)        a[i] of indices, none negative; index2, index3(a, i, j)    a[i, j] in rows of two, of three
     prefetch(a, i)     brings a row of eight near, that will be written
     read_shared(a, i), write_shared(a, i, x)             an int64 of (n,) that two threads look at
     exchange(a, i, old, new)                             the same, set only where it is `old`; whether it was
@@ -71,12 +74,14 @@ named: Any = Named()
 load, store, load3, store3 = named.load, named.store, named.load3, named.store3
 load4, store4, column, store_column = named.load4, named.store4, named.column, named.store_column
 splat, pack, clear3, turn = named.splat, named.pack, named.clear3, named.turn
-spread0, spread1, spread2 = named.spread0, named.spread1, named.spread2
-lane0, lane1, lane2 = named.lane0, named.lane1, named.lane2
+spread4, spread0, spread1, spread2 = named.spread4, named.spread0, named.spread1, named.spread2
+lane0, lane1, lane2, lane3 = named.lane0, named.lane1, named.lane2, named.lane3
 sum3, sum4 = named.sum3, named.sum4
 add, sub, mul, fma = named.add, named.sub, named.mul, named.fma
 div, root, where_less = named.div, named.root, named.where_less
 xyzz, xxxy, zyyz, zxyy = named.xyzz, named.xxxy, named.zyyz, named.zxyy
+quad, store_quad, index2, index3 = named.quad, named.store_quad, named.index2, named.index3
+across0, across1, across2, across3 = named.across0, named.across1, named.across2, named.across3
 index, prefetch, read_shared, write_shared = named.index, named.prefetch, named.read_shared, named.write_shared
 exchange, pause = named.exchange, named.pause
 load16, store16, spread16, splat16 = named.load16, named.store16, named.spread16, named.splat16
