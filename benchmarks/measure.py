@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import platform
 import subprocess
@@ -18,7 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Work = Callable[[], object]
-PEERS = {"numba": "plain_numba", "scipy": "scipy_peer", "jax": "jax_peer", "torch": "torch_peer", "warp": "warp_peer"}
+PEERS = {
+    "cpp": "cpp_peer", "numba": "plain_numba", "scipy": "scipy_peer", "jax": "jax_peer", "torch": "torch_peer",
+    "warp": "warp_peer",
+}  # fmt: skip
 """The peers' files by the names of their libraries."""
 
 PACKAGES = ("numpy", "scipy", "numba", "jax", "torch", "warp-lang")
@@ -66,6 +70,12 @@ def in_turn(works: Mapping[str, Work], rounds: int, clock: str = "wall") -> dict
             work()
             seconds[name].append(now() - began)
     return {name: np.array(each) for name, each in seconds.items()}
+
+
+def fresh(p: NDArray[np.float64]) -> Callable[[], NDArray[np.float64]]:
+    """Values that are others each time, by a part in 10⁹: what is computed is never what is still at hand."""
+    count = itertools.count(1)
+    return lambda: (1.0 + 1e-9 * next(count)) * p
 
 
 def add_options(parser: argparse.ArgumentParser, rounds: int, peers: list[str]) -> None:

@@ -58,12 +58,13 @@ def run(given: argparse.Namespace, side: int) -> tuple[dict[str, Any], Seconds, 
 
     steps, rounds = steps_of(given, side), given.rounds if side <= ABOVE else 1
     this, k, goal = target(side, steps)
+    fresh = measure.fresh(k)
     found = {"clothfit": this}
     names = [name for name in given.peers if side <= ABOVE or name != "jax"]
     found |= {name: peer(problem(this.scene)) for name, peer in measure.peer_classes(names).items()}
     seconds = measure.in_turn({n: lambda p=p: p.steps(steps, TOLERANCE) for n, p in found.items()}, rounds, given.clock)
     works = {
-        name: lambda p=p: p.cost_and_gradient(k, goal, TOLERANCE)
+        name: lambda p=p: p.cost_and_gradient(fresh(), goal, TOLERANCE)
         for name, p in found.items()
         if p.cost_and_gradient and not given.no_gradient
     }

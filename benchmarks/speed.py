@@ -1,10 +1,11 @@
 """Print how fast this program is on this machine, beside others: `python benchmarks/speed.py [SCENE …]`.
 
 Two tables in Markdown. The first, for each scene (default: the example `side`), has one row for each program of `peers`
-whose library is installed: a step at tolerance 1e-5; the cost with its exact gradient by all stiffnesses over the
-scene's frames, linear systems solved to 1e-5 and to 1e-10; each in milliseconds and as a multiple of the plain numba
-program's. The programs run in turn in one process on one core, compiled beforehand; times are medians over the rounds,
-multiples the medians of the ratios within each. A program whose motion or gradient is another one is not quoted.
+whose library, or compiler, is there: a step, and the cost with its exact gradient by all stiffnesses over the scene's
+frames, linear systems solved to 1e-5 and to 1e-10; each also as a multiple of the time of the C++ by hand or, where
+there is no compiler, of plain numba. NUMBA_CPU_NAME=haswell compares both as for another processor. The programs run in
+turn in one process on one core, compiled beforehand; times are medians over the rounds, multiples the medians of the
+ratios within each. A program whose motion or gradient is another one is not quoted.
 
 The second (default: all examples) is of this program alone: CG iterations are means over the steps; the gradient is by
 all flagged parameters, solved to 1e-10 as in a fit, and the last column its time over that of the cost alone.
@@ -24,7 +25,7 @@ import measure
 
 PLAYING, FITTING, REFERENCE = 1e-5, 1e-10, 1e-13
 SAME_MOTION, SAME_GRADIENT = 1e-7, 1e-6  # m and relative, at tolerance FITTING: what 99 steps make of it is below 1e-8
-BASE = "numba"
+BASES = ("cpp", "numba")
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
@@ -79,28 +80,36 @@ def programs_table(path: Path, names: list[str], rounds: int, clock: str = "wall
     """Print the rows of one scene."""
     found, steps = programs(path, names)
     target = found["clothfit"].steps(steps, FITTING)
-    k = guess(found["clothfit"])
+    k = measure.fresh(guess(found["clothfit"]))
     able = {name: program for name, program in found.items() if program.cost_and_gradient}
-    step = measure.in_turn({n: lambda p=p: p.steps(steps, PLAYING) for n, p in found.items()}, rounds, clock)
-    iterations = {name: program.iterations for name, program in found.items()}
-    fast, tight = (
-        measure.in_turn({n: lambda p=p, t=t: p.cost_and_gradient(k, target, t) for n, p in able.items()}, rounds, clock)
-        for t in (PLAYING, FITTING)
-    )
-    print(f"\n{path.stem}: {target.shape[1]} vertices, {steps} steps, gradient by {len(k)} stiffnesses\n")
-    print("| program | ms per step | × numba | CG iterations | ms per gradient, 1e-5 | × numba | 1e-10 | × numba |")
-    print("|---|---|---|---|---|---|---|---|")
-    for name in sorted(found, key=lambda name: np.median(step[name])):
-        cells = [*cell(step, name, steps), f"{iterations[name]:.1f}", *cell(fast, name), *cell(tight, name)]
+    timed, iterations = [], []
+    for t in (PLAYING, FITTING):
+        step = measure.in_turn({n: lambda p=p, t=t: p.steps(steps, t) for n, p in found.items()}, rounds, clock)
+        iterations.append({name: program.iterations for name, program in found.items()})
+        works = {n: lambda p=p, t=t: p.cost_and_gradient(k(), target, t) for n, p in able.items()}
+        timed += [step, measure.in_turn(works, rounds, clock)]
+    print(f"\n{path.stem}: {target.shape[1]} vertices, {steps} steps, gradient by {len(k())} stiffnesses\n")
+    columns = ("µs per step to 1e-5", "× base", "to 1e-10", "× base", "ms per gradient to 1e-5", "× base", "to 1e-10")
+    print(f"| program | CG iterations | {' | '.join(columns)} | × base |".replace("base", base_of(found)))
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for name in sorted(found, key=lambda name: np.median(timed[0][name])):
+        cells = [f"{iterations[0][name]:.1f}, {iterations[1][name]:.1f}"]
+        for seconds, count in zip(timed, (1e-3 * steps, 1, 1e-3 * steps, 1), strict=True):
+            cells += cell(seconds, name, count, base_of(found))
         print(f"| {found[name].name} | {' | '.join(cells)} |", flush=True)
 
 
-def cell(seconds: dict[str, NDArray[np.float64]], name: str, steps: int = 1) -> tuple[str, str]:
-    """Milliseconds per step, and the ratio to the plain program; dashes where a program has none."""
+def base_of(found: dict[str, Any]) -> str:
+    """The program that the others are compared with: the fastest that is there."""
+    return next((name for name in BASES if name in found), "clothfit")
+
+
+def cell(seconds: dict[str, NDArray[np.float64]], name: str, count: float, base: str) -> tuple[str, str]:
+    """Milliseconds over so many steps, and the ratio to the base; dashes where a program has none."""
     if name not in seconds:
         return "–", "–"
-    ratio = f"{np.median(seconds[name] / seconds[BASE]):.2f}" if BASE in seconds else "–"
-    return f"{1e3 * np.median(seconds[name]) / steps:.3g}", ratio
+    ratio = f"{np.median(seconds[name] / seconds[base]):.2f}"
+    return f"{1e3 * np.median(seconds[name]) / count:.3g}", ratio
 
 
 def scenes_row(path: Path, rounds: int, clock: str) -> str:
@@ -115,12 +124,12 @@ def scenes_row(path: Path, rounds: int, clock: str) -> str:
     steps, system = scene.frames - 1, build(scene, 0)
     memory, _ = rollout(system, steps, PLAYING)
     objective = clothfit.Objective(scene, record_target(scene), FIT_TOLERANCE)
-    p = 1.1 * clothfit.parameters(scene)
+    p = measure.fresh(1.1 * clothfit.parameters(scene))
     seconds = measure.in_turn(
         {
             "step": lambda: rollout(system, steps, PLAYING),
-            "cost": lambda: objective.cost(p),
-            "gradient": lambda: objective.cost_and_gradient(p),
+            "cost": lambda: objective.cost(p()),
+            "gradient": lambda: objective.cost_and_gradient(p()),
         },
         rounds,
         clock,
@@ -128,7 +137,7 @@ def scenes_row(path: Path, rounds: int, clock: str) -> str:
     step, gradient = (1e3 * float(np.median(seconds[name])) for name in ("step", "gradient"))
     return (
         f"| {path.stem} | {len(system.x0)} | {step / steps:.3f} | {memory.solves[:, 0].mean():.1f} "
-        f"| {len(p)} | {steps} | {gradient:.1f} | {np.median(seconds['gradient'] / seconds['cost']):.1f} |"
+        f"| {len(p())} | {steps} | {gradient:.1f} | {np.median(seconds['gradient'] / seconds['cost']):.1f} |"
     )
 
 
