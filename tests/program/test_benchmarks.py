@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow  # compiles a fit
 
 TIGHT = 1e-13
 WINDY = {"windVel": {"x": 3.0, "y": 1.0, "z": -2.0}, "dragCoefficient": 0.5}
-LIBRARIES = ("this program", "scipy", "jax", "torch", "warp")  # numba's takes 7 s to compile; `speed.py` judges each
+LIBRARIES = ("this program", "cpp", "scipy", "jax", "torch", "warp")  # numba's takes 7 s to compile; `speed.py` judges each
 
 
 @pytest.fixture(autouse=True)
@@ -46,9 +46,13 @@ def scene():
 def peer(name, of):
     if name == "this program":
         return import_module("peers.this_program").Peer(of)
-    pytest.importorskip(name)
-    file = import_module("measure").PEERS[name]
-    return import_module(f"peers.{file}").Peer(import_module("peers.problem").problem(of))
+    if name != "cpp":
+        pytest.importorskip(name)
+    file, problem = import_module("measure").PEERS[name], import_module("peers.problem").problem(of)
+    try:
+        return import_module(f"peers.{file}").Peer(problem)
+    except ImportError as reason:  # no compiler
+        pytest.skip(str(reason))
 
 
 @pytest.mark.parametrize("name", LIBRARIES)
