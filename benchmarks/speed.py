@@ -84,17 +84,19 @@ def programs_table(path: Path, names: list[str], rounds: int, clock: str = "wall
     able = {name: program for name, program in found.items() if program.cost_and_gradient}
     timed, iterations = [], []
     for t in (PLAYING, FITTING):
-        step = measure.in_turn({n: lambda p=p, t=t: p.steps(steps, t) for n, p in found.items()}, rounds, clock)
+        works = {n: lambda p=p, t=t: p.steps(steps, t) for n, p in found.items()}
+        timed.append(measure.in_turn(works, rounds, clock))
         iterations.append({name: program.iterations for name, program in found.items()})
+    for t in (PLAYING, FITTING):
         works = {n: lambda p=p, t=t: p.cost_and_gradient(k(), target, t) for n, p in able.items()}
-        timed += [step, measure.in_turn(works, rounds, clock)]
+        timed.append(measure.in_turn(works, rounds, clock))
     print(f"\n{path.stem}: {target.shape[1]} vertices, {steps} steps, gradient by {len(k())} stiffnesses\n")
     columns = ("µs per step to 1e-5", "× base", "to 1e-10", "× base", "ms per gradient to 1e-5", "× base", "to 1e-10")
     print(f"| program | CG iterations | {' | '.join(columns)} | × base |".replace("base", base_of(found)))
     print("|---|---|---|---|---|---|---|---|---|---|")
     for name in sorted(found, key=lambda name: np.median(timed[0][name])):
         cells = [f"{iterations[0][name]:.1f}, {iterations[1][name]:.1f}"]
-        for seconds, count in zip(timed, (1e-3 * steps, 1, 1e-3 * steps, 1), strict=True):
+        for seconds, count in zip(timed, (1e-3 * steps, 1e-3 * steps, 1, 1), strict=True):
             cells += cell(seconds, name, count, base_of(found))
         print(f"| {found[name].name} | {' | '.join(cells)} |", flush=True)
 
