@@ -16,7 +16,7 @@ from clothfit.base.arrays import Array, staggered
 from clothfit.engine.solve import cg, joined, multigrid, ssor, two_threads
 from clothfit.engine.solve.cg import CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.multigrid import AFTER, Hierarchy, rows
-from clothfit.engine.solve.sparse import BlockMatrix, spread, times, times_spread
+from clothfit.engine.solve.sparse import BlockMatrix, added, spread, times_row, times_spread
 from clothfit.engine.solve.two_threads import SERVES, STOP, Worker
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, clear3, fma, index, load4, mul, splat, store4, sum3
@@ -164,12 +164,12 @@ def follow_part(A, s, scale, z, beta, p, q, far):
         i = index(A.order, k)
         p_i = load4(p, i)
         wide = spread(p_i)
-        q_i = times_spread(A.diagonal, i, wide, load4(out, i))
+        sums = load4(out, i), zero, zero
         for e in range(index(A.row, k), index(A.row, k + 1)):
             j = index(A.column, e)
-            q_i = times(A.upper, e, load4(p, j), q_i)
+            sums = times_row(A.upper, e, p, j, sums)
             store4(times_spread(A.upper, e, wide, load4(out, j)), out, j)
-        q_i = clear3(q_i)
+        q_i = clear3(times_spread(A.diagonal, i, wide, added(sums)))
         store4(q_i, q, i)
         total = fma(p_i, q_i, total)
     return sum3(total)

@@ -201,11 +201,19 @@ def times(blocks, i, x, total):
 
 
 @kernel
-def times_row(blocks, i, x, j, total):
-    """total + B x_j for block i and row j of x (m, 4); lane 3 is of no use."""
-    total = fma(column(blocks, i, 0), spread4(x, j, 0), total)
-    total = fma(column(blocks, i, 5), spread4(x, j, 1), total)
-    return fma(column(blocks, i, 2), spread4(x, j, 2), total)
+def times_row(blocks, i, x, j, sums):
+    """Three sums, to be added up, with B x_j more, for block i and row j of x (m, 4); lane 3 is of no use. Each product
+    would wait for the last in one.
+    """
+    a = fma(column(blocks, i, 0), spread4(x, j, 0), sums[0])
+    b = fma(column(blocks, i, 5), spread4(x, j, 1), sums[1])
+    return a, b, fma(column(blocks, i, 2), spread4(x, j, 2), sums[2])
+
+
+@kernel
+def added(sums):
+    """The three together."""
+    return add(add(sums[0], sums[1]), sums[2])
 
 
 @kernel

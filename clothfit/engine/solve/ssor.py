@@ -8,7 +8,7 @@ pushed. Vectors are (n, 4), lane 3 being 0.
 
 from __future__ import annotations
 
-from clothfit.engine.solve.sparse import spread, times, times_row, times_spread
+from clothfit.engine.solve.sparse import added, spread, times, times_row, times_spread
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, clear3, fma, index, load4, mul, splat, store4, sub, sum3
 
@@ -45,12 +45,12 @@ def residual(A, subdomain, x, own, r):
     for k in range(len(order)):
         i = order[k]
         wide = spread(sub(zero, load4(x, i)))
-        total = zero
+        sums = zero, zero, zero
         for e in range(row[k], row[k + 1]):
             j = index(A.column, e)
-            total = times_row(A.upper, e, x, j, total)
+            sums = times_row(A.upper, e, x, j, sums)
             store4(times_spread(A.upper, e, wide, load4(own, j)), own, j)
-        total = clear3(sub(times_spread(A.diagonal, i, wide, load4(own, i)), total))
+        total = clear3(sub(times_spread(A.diagonal, i, wide, load4(own, i)), added(sums)))
         store4(total, r, i)
         rr = fma(total, total, rr)
     return sum3(rr)
@@ -89,10 +89,10 @@ def solve_upper(A, subdomain, inverse, kappa, beta, z, p, t, own):
         i = order[k]
         p_i = fma(growth, load4(p, i), load4(z, i))
         store4(p_i, p, i)
-        total = zero
+        sums = zero, zero, zero
         for e in range(row[k + 1] - 1, row[k] - 1, -1):  # the nearest vertex, whose t is the newest, last
-            total = times_row(A.upper, e, t, index(A.column, e), total)
-        t_i = clear3(times(inverse, i, sub(p_i, total), zero))
+            sums = times_row(A.upper, e, t, index(A.column, e), sums)
+        t_i = clear3(times(inverse, i, sub(p_i, added(sums)), zero))
         store4(t_i, t, i)
         store4(clear3(times(A.diagonal, i, mul(minus_kappa, t_i), p_i)), own, i)
 
