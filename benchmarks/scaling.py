@@ -4,8 +4,10 @@ Grids of SIDE² vertices (`grids.py`): 7 × 7 m held at one side, 4.9 kg in all,
 12.5 N/m across them, steps of 0.02 s, linear systems solved to 1e-5. Times per step are means over the motion from the
 start, cost and gradient by all stiffnesses per step likewise. The programs run in turn in one process on one core,
 compiled beforehand: medians over the rounds, and beside those of a peer this program's as a multiple of it. Memory is
-the peak of a process of its own that computes a cost and gradient, all of Python included. The last lines give the
-exponents p of time ~ vertices^p, fitted to the grids from 64² on.
+the peak of a process of its own that computes a cost and gradient, all of Python included. `× bytes` is the time of
+this program's step beside that which memory takes for the bytes that must move (`bytes_of`), at the speed of a STREAM
+triad (J. McCalpin, 1995) that is measured at the start: below 1 where the caches hold the matrix. The last lines give
+the exponents p of time ~ vertices^p, fitted to the grids from 64² on.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from grids import TOLERANCE, grid
 
 Seconds = dict[str, NDArray[np.float64]]
 STEPS = {32: 100, 64: 100, 128: 50, 256: 20}
+TRIAD = 20_000_000  # numbers in each of its arrays
 LARGE = 64  # exponents are fitted to the grids from here on
 ABOVE = 128  # of larger grids JAX is left out, and there is one round
 
@@ -72,6 +75,36 @@ def run(given: argparse.Namespace, side: int) -> tuple[dict[str, Any], Seconds, 
     return found, *({name: each / steps for name, each in times.items()} for times in (seconds, gradient))
 
 
+def triad() -> float:
+    """Bytes per second of a = b + 3 c on one core, arrays far larger than the caches: two are read, one is written."""
+    import numba
+
+    @numba.njit
+    def run(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> None:
+        for i in range(len(a)):
+            a[i] = b[i] + 3.0 * c[i]
+
+    a, b, c = (np.ones(TRIAD) for _ in range(3))
+    seconds = measure.in_turn({"triad": lambda: run(a, b, c)}, 5)["triad"]
+    return 24.0 * TRIAD / float(np.min(seconds))
+
+
+def bytes_of(system: Any, iterations: float) -> float:
+    """Bytes that a step of so many CG iterations must at least move: the matrix is written once, and read once in each
+    iteration, each level of the preconditioner is read in both of its sweeps, and each vector once where it is read or
+    written; what a sweep touches twice in a row is still in the caches.
+    """
+    from clothfit.engine.step import implicit
+
+    work, n = implicit.workspace(system), len(system.x0)
+    matrix = work.A.upper.nbytes + work.A.diagonal.nbytes + work.A.column.nbytes
+    levels = work.solver.large.hierarchy.levels if n >= LARGE**2 else ()
+    sweeps = sum(2 * (each.A.upper.nbytes + each.A.column.nbytes + each.inverse.nbytes) for each in levels)
+    sweeps += sum(10 * each.r.nbytes for each in levels)  # r, z, rest: read, written, in both sweeps and between
+    springs = sum(each.nbytes for each in (system.springs.ends, system.springs.rest, system.springs.stiffness))
+    return float(iterations * (matrix + sweeps + 10 * work.solver.cg.x.nbytes) + 2 * matrix + sweeps / 2 + springs)
+
+
 def peak_memory(given: argparse.Namespace, side: int) -> float:
     """Peak memory, MB, of a cost and gradient in a process of its own.
 
@@ -118,15 +151,20 @@ def main() -> None:
         return
     print(f"{measure.heading(given)}\n", flush=True)
     memory = {side: f"{peak_memory(given, side):.0f} MB" for side in sides}
+    speed = triad()
+    print(f"STREAM triad: {speed / 1e9:.1f} GB/s\n")
     columns = ("grid", "steps", "program", "CG iterations", "ms per step", "clothfit ×", "with gradient", "clothfit ×")
-    print(f"| {' | '.join(columns)} | peak memory |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print(f"| {' | '.join(columns)} | × bytes | peak memory |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
     grown: dict[str, dict[str, dict[int, float]]] = {"step": {}, "cost and gradient": {}}
     for side in sides:
         found, *seconds = run(given, side)
         for name, program in found.items():
-            own = memory[side] if name == "clothfit" else ""
-            row = [f"{side}²", str(steps_of(given, side)), *cells(name, program, *seconds), own]
+            own = ["", ""]
+            if name == "clothfit":
+                least = bytes_of(program.system, program.iterations) / speed
+                own = [f"{np.median(seconds[0][name]) / least:.1f}", memory[side]]
+            row = [f"{side}²", str(steps_of(given, side)), *cells(name, program, *seconds), *own]
             print(f"| {' | '.join(row)} |", flush=True)
             for kind, times in zip(grown.values(), seconds, strict=True):
                 if name in times:
