@@ -71,7 +71,7 @@ def row(side: int, kind: str) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description="Print exact fits of large sheets.")
-    parser.add_argument("sides", nargs="*", type=int, default=[40, 50, 60], metavar="SIDE", help="vertices along a side")
+    parser.add_argument("sides", nargs="*", type=int, default=[40, 50, 60], metavar="SIDE", help="vertices of a side")
     sides = parser.parse_args().sides
     row(12, ""), row(12, "wind")
     print("| sheet | | CPU s | status | RMSE, mm | median error of the stiffnesses |")
