@@ -233,7 +233,7 @@ class Dense:
 
     def __init__(self, C, r):
         self.C, self.r, self.counts = C, r, np.full(len(C), C.shape[1])
-        self.Q = C.shape[2]
+        self.Q, self.agreed, self.own = C.shape[2], None, False
 
     def sizes(self, q):
         away, terms = self.r - self.C @ q, np.abs(self.C) @ np.abs(q)
@@ -271,7 +271,7 @@ def test_what_is_left_out_is_little_unless_the_rest_is_exact(out, noise, kept):
 def test_a_patch_of_no_value_or_too_few_steps_says_nothing(steps, count):
     every, base = np.arange(steps, dtype=np.int32), np.ones(4)
     patch = Patch(every, np.ones((steps, 6, 4)), np.ones((steps, 6)), base, np.ones((4, count)))
-    assert not agreeing(patch).any()
+    assert not agreeing(patch).steps.any()
 
 
 @pytest.mark.parametrize("first", [0, 10, 22])

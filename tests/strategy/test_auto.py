@@ -16,7 +16,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.optimise import trajectory
-from clothfit.optimise.momentum import TREATMENTS
+from clothfit.optimise.momentum import TREATMENTS, Momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -188,7 +188,8 @@ def test_balances_that_cannot_be_fulfilled_at_first_are_not_solved_for_all_frame
     for target, worth in zip(squeezed(made), (True, False), strict=True):
         search = Search(Objective(made, target, 1e-10), np.full(33, 10.0), 1e-8, 100)
         early = search.objective.until(trajectory_fit.first_window(search.objective))
-        assert balances_can_hold(search, np.full(33, 10.0), early) == worth
+        balances = Momentum(search.objective, np.full(33, 10.0), search.fitted)
+        assert balances_can_hold(search, balances, early) == worth
 
 
 # --- rounded targets
