@@ -286,9 +286,12 @@ def solve(
     kept: Flags = rows.counts > 0
     if not kept.any():
         return p
-    H = rows.gram(kept)
-    if trim:
-        good = trimmed(rows, kept, trust_region.either(H))
+    if trim and rows.agreed is not None and rows.agreed.any():
+        kept = beside(rows, kept, rows.agreed)
+        H = rows.gram(kept)
+    else:
+        H = rows.gram(kept)
+        good = trimmed(rows, kept, trust_region.either(H)) if trim else kept
         if not np.array_equal(good, kept):
             kept, H = good, rows.gram(good)
     size = np.sqrt(H.diagonal())
@@ -354,8 +357,7 @@ def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix) -> Flags:
         return known
     agreed = consensus(rows, known)
     if agreed.any():
-        away = relative(*rows.sizes(balanced(rows, agreed)))
-        return known & is_sharp(away, away[agreed])
+        return beside(rows, known, agreed)
     if size[known].max() <= UNEVEN * np.median(size[known]):  # as noise leaves it
         return known
     return in_balance(rows, known, nearest_half(rows, known, q))
@@ -373,6 +375,12 @@ def consensus(rows: Equations, known: Flags) -> Flags:
                     rows.agreed[before + patch.steps] = found.steps
                     break
     return rows.agreed & known
+
+
+def beside(rows: Equations, known: Flags, agreed: Flags) -> Flags:
+    """Which of the known steps (S,) are in balance beside those that have agreed."""
+    away = relative(*rows.sizes(balanced(rows, agreed)))
+    return known & is_sharp(away, away[agreed])
 
 
 class Agreeing(NamedTuple):
