@@ -339,6 +339,9 @@ DAMPED = 1e-12
 SHOWN = 1e-6
 """Eigenvalue of CᵀC of a patch, relative to the largest, from which on a direction counts as shown."""
 
+CHANGED = 1e-3
+"""Change of the rows of a patch from one step to the next, relative to their size, with which a step is another one."""
+
 SHARE = 0.25
 """Share of the steps, at least, that must agree: the others may all be exceptions."""
 
@@ -414,15 +417,16 @@ def agreeing(patch: Patch) -> Agreeing:
 
 
 def shows_more(C: Array) -> bool:
-    """Whether the rows C (K, R, Q) of some steps determine more than those of one could, with as many to spare: of a
-    cloth at rest all steps are the same, and some values balance any shape.
+    """Whether the rows C (K, R, Q) of some steps determine more than those of one could, with as many to spare. Steps
+    that are as the one before do not count: of a cloth at rest all are, and some values balance any shape.
     """
+    others = 1 + int((np.linalg.norm(np.diff(C, axis=0), axis=(1, 2)) > CHANGED * np.linalg.norm(C[0])).sum())
     flat = C.reshape(-1, C.shape[2])
     size = np.linalg.norm(flat, axis=0)
     flat = flat / np.where(size > 0, size, 1.0)
     shown = np.linalg.eigvalsh(flat.T @ flat)
     rank = int((shown > SHOWN * shown.max(initial=0.0)).sum())
-    return bool(C.shape[1] < rank <= len(flat) // 2)
+    return bool(C.shape[1] < rank <= others * C.shape[1] // 2)
 
 
 def solved(C: Array, r: Array) -> Array:
