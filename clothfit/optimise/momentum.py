@@ -330,8 +330,11 @@ MOST_OUT = 0.25
 ROUNDS = 10
 """Rounds of trimming; a few suffice."""
 
-PATCH, PATCHES, RUN = 36, 3, 7
+PATCH, PATCHES, RUN = 36, 3, 4
 """Vertices of a patch, patches of a motion, and steps that follow one another, at least, with which values begin."""
+
+BEGIN = 1.5
+"""Rows of these steps for each value: as few as one can do with, as a motion may have no more between exceptions."""
 
 DAMPED = 1e-12
 """Added to CᵀC of a patch, whose columns have the length 1: what is below it is rounding."""
@@ -399,7 +402,7 @@ def agreeing(patch: Patch) -> Agreeing:
     """
     C = patch.entries @ patch.spread
     (T, R, Q), best = C.shape, np.zeros(len(C), bool)
-    length = max(RUN, -(-2 * Q // R))
+    length = max(RUN, int(np.ceil(BEGIN * Q / R)))
     if Q == 0 or length > T:
         return Agreeing(best, False)
     runs = [slice(first, first + length) for first in range(T - length + 1)]
@@ -417,8 +420,8 @@ def agreeing(patch: Patch) -> Agreeing:
 
 
 def shows_more(C: Array) -> bool:
-    """Whether the rows C (K, R, Q) of some steps determine more than those of one could, with as many to spare. Steps
-    that are as the one before do not count: of a cloth at rest all are, and some values balance any shape.
+    """Whether the rows C (K, R, Q) of some steps determine more than those of one could, and `BEGIN` holds. Steps that
+    are as the one before do not count: of a cloth at rest all are, and some values balance any shape.
     """
     others = 1 + int((np.linalg.norm(np.diff(C, axis=0), axis=(1, 2)) > CHANGED * np.linalg.norm(C[0])).sum())
     flat = C.reshape(-1, C.shape[2])
@@ -426,7 +429,7 @@ def shows_more(C: Array) -> bool:
     flat = flat / np.where(size > 0, size, 1.0)
     shown = np.linalg.eigvalsh(flat.T @ flat)
     rank = int((shown > SHOWN * shown.max(initial=0.0)).sum())
-    return bool(C.shape[1] < rank <= others * C.shape[1] // 2)
+    return bool(C.shape[1] < rank <= others * C.shape[1] / BEGIN)
 
 
 def solved(C: Array, r: Array) -> Array:
