@@ -59,6 +59,9 @@ which couples all masses.
 ENTRY = 32
 """Bytes for each number in the balances, with those of sums beside it."""
 
+NEARLY = 1.0 - 4.0 * np.finfo(float).eps
+"""Share of the way to a bound that is all of it but for rounding."""
+
 REFINEMENTS = 3
 """Solutions for what the one before left: the first loses half of the digits, as CᵀC is badly conditioned."""
 
@@ -302,7 +305,9 @@ def solve(
     for _ in range(REFINEMENTS):
         g = -rows.right(q / scale, kept) / scale
         q = q + trust_region.solve(scaled, g, low - q, high - q, waiting=waiting)
-    return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
+    inner = np.clip(p + q / scale, lower, upper)
+    ended = np.where(q >= high * NEARLY, upper, np.where(q <= low * NEARLY, lower, inner))  # to the bit
+    return np.asarray(np.where(determined, ended, p))
 
 
 OUT_OF_BALANCE = 10.0
