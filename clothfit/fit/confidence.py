@@ -142,12 +142,15 @@ def confidence(search: Search, differs: bool, others: Alternatives | None = None
     """
     loose = max(LOOSE, search.objective.tolerance) if differs else None
     problem = Trajectory(search.aside(budget=100), search.objective, loose)
-    quick = balances(search) if is_exact(search, search.best.cost) else None
+    exact = search.proven is not None or is_exact(search, search.best.cost)
+    quick = balances(search) if exact else None
     expensive = quick is None and (problem.operations() > trajectory.LARGEST or not problem.fits())
     if not np.isfinite(search.best.cost):
         return None
     try:
-        return found_by_samples(search, differs) if expensive else found_with(problem, quick, differs, others)
+        if expensive:
+            return None if differs or exact else found_by_samples(search)
+        return found_with(problem, quick, differs, others)
     except (Diverged, np.linalg.LinAlgError):
         return None
 
@@ -180,10 +183,8 @@ def found_with(
     return replace(found, warning=DISAGREEING) if wrong and np.isnan(low).all() else found
 
 
-def found_by_samples(search: Search, differs: bool) -> Confidence | None:
+def found_by_samples(search: Search) -> Confidence | None:
     """The confidence by samples, without combinations of values; None where they are of no use. Raises Diverged."""
-    if differs or is_exact(search, search.best.cost):
-        return None
     squares, count = residual_squares(search.objective, search.best.p)
     sampling = sampled(search, squares, count)
     if sampling is None:

@@ -29,7 +29,7 @@ from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.options import AUTO, FitOptions, Keywords, options_of, settled
 from clothfit.fit.preparation import flagged, followed, in_time, in_windows, with_start_velocity, with_whole
 from clothfit.fit.registered_fit import SAME_FALL, Look, begun, put_right
-from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint, with_start, with_still
+from clothfit.fit.residual_hints import with_own_motion, with_residual_hints, with_stall_hint, with_start, with_still
 from clothfit.fit.result import (
     UNKNOWN,
     Fit,
@@ -358,6 +358,7 @@ def assessed(found: Fit, fit: Fitting, whole: Objective | None) -> Fit:
     if options.intervals:
         found = looked_at(found, with_lower_bounds, objective, options=options)
     found = with_still(replace(found, windows=options.windows), whole or objective)
+    found = with_own_motion(found, fit.search)
     found = looked_at(found, with_residual_hints, objective, options=options)
     if whole is not None:
         found = looked_at(found, with_whole, whole, options=options)

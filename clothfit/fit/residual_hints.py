@@ -44,6 +44,7 @@ from clothfit.objective.run import Run, shown
 from clothfit.objective.target import Frames, sample
 from clothfit.optimise import trust_region
 from clothfit.optimise.gauss_newton import Model
+from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
@@ -252,7 +253,8 @@ class Distances:
 
 def with_stall_hint(found: Fit, objective: Objective) -> Fit:
     """The fit with what to do next where its search has stalled."""
-    if found.status != Status.STALLED or not found.rmse > 0.0 or (found.verdict and found.verdict.fails):
+    known = found.single_steps or (found.verdict and found.verdict.fails)
+    if found.status != Status.STALLED or not found.rmse > 0.0 or known:
         return found
     others = [objective.rmse(objective.cost_or_infinity(p)) for p in around(found, objective)]
     away = max(others, key=lambda rmse: abs(rmse - found.rmse), default=found.rmse)
@@ -269,6 +271,27 @@ def with_stall_hint(found: Fit, objective: Objective) -> Fit:
             "from other starts (--starts 8)"
         )
     return replace(found, hints=[*found.hints, Hint("stalled", text, early=False)])
+
+
+def with_own_motion(found: Fit, search: Search) -> Fit:
+    """The fit with what is left of a target that is a motion of its model."""
+    each, left = found.single_steps, f"the motion as a whole ends {metres(found.rmse)} from it"
+    if each is not None:
+        if not found.rmse > each.steps**2 * each.rmse:  # what errors of single steps add up to, if nothing grows
+            return found
+        text = (
+            f"the values are those of the target: each of its {each.steps} steps, begun where the target begins it, "
+            f"ends within {metres(each.largest)} of it (RMS); {left}, {found.rmse / each.rmse:.0e} times as far: it is "
+            "chaotic, and no search brings it nearer"
+        )
+        return replace(found, hints=[*found.hints, Hint("chaotic", text, early=False)])
+    if not search.misses_own or found.status not in (Status.CONVERGED, Status.STALLED):
+        return found
+    text = (
+        f"the target is a motion of this model, as steps of it show; {left}, so other values explain it, which the "
+        "search has not found: fit the first frames, then all of them from that result (--start)"
+    )
+    return replace(found, hints=[*found.hints, Hint("own_motion", text, early=False)])
 
 
 def around(found: Fit, objective: Objective) -> list[Array]:

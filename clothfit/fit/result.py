@@ -32,6 +32,7 @@ from clothfit.objective.identifiability import Correlation
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import ResidualTest, residual_test
+from clothfit.optimise.momentum import SingleSteps
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.registration.record import Markers, Registration
@@ -147,6 +148,7 @@ class Fit:
     tracks: list[Motion] | None = None  # the targets, where a scan is among them, as they were tracked
     markers: list[Markers] | None = None  # of each target, those that were mistaken; None: none was
     start: Scene | None = None  # where the fit began
+    single_steps: SingleSteps | None = None  # how near it takes each step of the target, where it does so to rounding
     stage: str = ""  # of the search, the last one: a method, or what prepares it
     objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights
     correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
@@ -213,6 +215,7 @@ def result(
         objective=dict(search.objective.weights),
         start=with_parameters(search.objective.scene, search.origin),
         stage=search.progress.stage,
+        single_steps=search.proven,
         correlations=() if known is None else known.correlations,
         samples=None if known is None else known.samples,
     )
@@ -287,8 +290,9 @@ def judgement(search: Search, trial: bool) -> Judgement:
     rmse, travel = position_rmse(search, p, cost), objective.travel
     if not (travel > 0 and np.isfinite(rmse)):
         return UNKNOWN
-    exact = objective.rmse(cost) <= min(search.rmse_tolerance, EXACT)
-    left = Verdict(ADEQUATE, rmse / travel) if exact else verdict(objective, p, rmse / travel)
+    exact = bool(search.proven) or objective.rmse(cost) <= min(search.rmse_tolerance, EXACT)
+    shown = search.proven.rmse if search.proven else rmse
+    left = Verdict(ADEQUATE, shown / travel) if exact else verdict(objective, p, rmse / travel)
     if left is None:
         return UNKNOWN
     enough = reproduced(objective, cost, search.rmse_tolerance, trial)
@@ -342,6 +346,8 @@ def with_verdict(found: Fit, objective: Objective, tolerance: float, trial: bool
     """
     if found.verdict is not None or found.relative_rmse is None:
         return found
+    if found.single_steps and found.travel:
+        return replace(found, verdict=Verdict(ADEQUATE, found.single_steps.rmse / found.travel))
     if reproduced(objective, found.cost, tolerance, trial):
         return replace(found, verdict=Verdict(ADEQUATE, found.relative_rmse))
     try:

@@ -145,6 +145,7 @@ class Fitting:
         """The fit of an objective, with its time. Raises InvalidInput where a start is none."""
         first = parameters(objective.scene) if hidden else choose_start(objective, start, hidden)
         search = Search(objective, first, options.enough, options.max_evaluations, options.on_progress)
+        search.own = hidden
         if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
             search.looser = objective.scene.tolerance
         longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_OVER_TIME
@@ -320,6 +321,7 @@ def with_best_step(fit: Fitting) -> None:
     root.budget = Budget(step_choice.EVALUATIONS)
     found = step_choice.chosen(root, fit.counts, fit.own, fit.options.model != AUTO)
     fit.search.budget.beside += root.budget.evaluations
+    fit.search.own, fit.search.single = root.own, root.single
     fit.step, fit.tried, fit.known = found.step, found.tried, True
     fit.adopt(found.objective, found.p, found.cost)
     fit.wanted = None if found.explained else ladder.left(found.objective.scene)
@@ -451,14 +453,17 @@ def by_models_left(fit: Fitting) -> Status:
 def by_balances(fit: Fitting) -> None:
     """The momentum fits, where the balances can hold."""
     search, start = fit.search, fit.search.start
-    early = first_frames(search.objective)
-    if not auto.balances_can_hold(search, start, early):
+    if search.proven or (auto.is_exact(search) and auto.too_many(search)):
+        fit.exact = [search.best.p]
+        return
+    early, balances = first_frames(search.objective), momentum.Momentum(search.objective, start, search.fitted)
+    if not auto.balances_can_hold(search, balances, early):
         return
     tried = auto.TRIED[:1] if auto.one_value_each(search) else auto.TRIED
     if momentum.anchors(search.objective, search.fitted):
         tried = (tried[0], momentum.ANCHORED, *tried[1:])
     try:
-        fit.exact = auto.by_momentum(search, start, tried, early)
+        fit.exact = auto.by_momentum(search, start, tried, early, balances)
     except auto.SolvedLooser as looser:
         fit.adopt(search.objective.until(search.objective.steps + 1, looser.tolerance), looser.p)
         fit.keep()
@@ -642,6 +647,7 @@ ROUTES = (
           lambda fit: by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)),
     Route("models left", lambda fit: fit.wanted is not None or bool(fit.state and fit.state.rungs), by_models_left),
     Route("balances of momentum", lambda fit: True, by_balances),
+    Route("single steps", lambda fit: fit.search.proven is not None, lambda fit: Status.CONVERGED),
     Route("scan", lambda fit: auto.one_value_each(fit.search), by_scan),
     Route("exact balances", lambda fit: auto.too_many(fit.search) and bool(fit.exact) and auto.is_exact(fit.search),
           lambda fit: Status.CONVERGED),

@@ -353,7 +353,7 @@ class Objective:
         """Which fallbacks the steps of the motions of p (P,) need. Raises Diverged."""
         found = NO_FALLBACKS
         for run in self.runs:
-            found = found.together(self.simulate(run, p)[1].fallbacks)
+            found = found.together(self._recent.fallbacks(run, p))
         return found
 
     def plan(self, run: Run) -> Plan:

@@ -16,6 +16,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.adjoint import Observer
+from clothfit.engine.fallbacks import Fallbacks
 from clothfit.engine.inputs.sampling import Axes, axes
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty, state_bytes
@@ -136,6 +137,8 @@ class Recent:
         self._small = not touching and KEPT * sum(needed.values()) <= min(BYTES, SHARE * memory)
         self._kept: dict[tuple[int, int], dict[bytes, tuple[System, Tape]]] = {key: {} for key in needed}
         self._work: dict[tuple[int, int], Workspace] = {}
+        # of the motions that are too large to be kept
+        self._fallbacks: dict[tuple[int, int], tuple[bytes, Fallbacks]] = {}
         # of cloths at rest (n, 3) m, where a search begins: the first, and where shadows are compared those that are
         # found, with their p
         self._first = {(run.cloth, run.experiment): first_shape(run) for run in runs if rests(run.system)}
@@ -153,6 +156,7 @@ class Recent:
             system = run.changed(p)
             tape = Tape(system, run.steps, self.tolerance, plan, run.forms)
             shown(run, tape, observers)
+            self._fallbacks[run.cloth, run.experiment] = key_of(p), tape.fallbacks
             return system, tape
         kept, key = self._kept[run.cloth, run.experiment], key_of(p)
         if key not in kept:  # a tape that holds all states, and nothing yet
@@ -170,6 +174,11 @@ class Recent:
         while len(kept) > KEPT:
             del kept[next(iter(kept))]
         return system, tape
+
+    def fallbacks(self, run: Run, p: Array) -> Fallbacks:
+        """The fallbacks of the steps of a run with parameters p (P,). Raises Diverged."""
+        key, found = self._fallbacks.get((run.cloth, run.experiment), (b"", None))
+        return found if found is not None and key == key_of(p) else self.simulate(run, p, (), None)[1].fallbacks
 
     def near(self, run: Run, p: Array) -> Array:
         """Where the search for the shape at rest at p (P,) begins: that found for the nearest p, unless it is far."""

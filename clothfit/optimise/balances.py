@@ -378,6 +378,8 @@ class Equations:
         self.parts, self.anchor = parts, np.zeros(0)
         self.counts = np.concatenate([part.counts for part in parts])
         self.Q = parts[0].spread.shape[1]
+        self.agreed: Flags | None = None  # (S,), once `momentum.consensus` has looked for them
+        self.own = False  # whether some steps show that they are those of the model
         if anchored:
             whole = parts[0].spread[: len(parts[0].of)].sum(axis=0)
             largest = self.gram(self.counts > 0).diagonal().max(initial=0.0)

@@ -37,7 +37,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.sensitivity import Columns, columns
-from clothfit.engine.system import EXPLICIT
+from clothfit.engine import prescribed
+from clothfit.engine.system import EXPLICIT, mobile
 from clothfit.kernels.parallel import only_here, together
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
@@ -45,7 +46,7 @@ from clothfit.optimise import trust_region
 from clothfit.optimise.balances import Equations, Patch, Rows, balances, relative, smoothed, summed_twice, track
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import bounds
-from clothfit.scene.kinds import LETTERED
+from clothfit.scene.kinds import LETTERED, REST
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -57,6 +58,9 @@ which couples all masses.
 
 ENTRY = 32
 """Bytes for each number in the balances, with those of sums beside it."""
+
+NEARLY = 1.0 - 4.0 * np.finfo(float).eps
+"""Share of the way to a bound that is all of it but for rounding."""
 
 REFINEMENTS = 3
 """Solutions for what the one before left: the first loses half of the digits, as CᵀC is badly conditioned."""
@@ -86,32 +90,92 @@ TREATMENTS = (
 """From exact targets to very noisy ones."""
 
 
-def fit(
-    objective: Objective,
-    p: Array,
-    fitted: Flags,
-    treatment: Treatment = TREATMENTS[0],
-    waiting: Callable[[], None] | None = None,
-) -> Array:
-    """Fit the masses and stiffnesses among the parameters p (P,) that are `fitted` (P,); the rest stays, and so do the
-    factors of maps. A fit of thousands of values calls `waiting` now and then.
-
-    What no complete balance determines stays as well: everything, where the target shows no three successive steps.
+class Momentum:
+    """The momentum fits of an objective from its parameters p (P,), of the masses and stiffnesses among those that are
+    `fitted` (P,). The rows of exact targets are made once for all of them where the memory holds those of all cloths.
     """
-    lower, upper = bounds(objective.scene)
-    found, heard = p.copy(), only_here(waiting)
 
-    def fitted_one(cloth: int) -> tuple[Indices, Array]:
-        places, rows = equations(objective, p, fitted, cloth, treatment)
-        if rows is None:
-            return places, p[places]
-        return places, solve(rows, p[places], lower[places], upper[places], not treatment.summed, heard)
+    def __init__(self, objective: Objective, p: Array, fitted: Flags) -> None:
+        self.objective, self.p, self.fitted = objective, p, fitted
+        self.at_once = sum(needed(objective)) <= objective.room
+        self.own = False  # whether some steps show that the target is a motion of the model
+        self._kept: dict[int, tuple[Indices, Equations | None]] = {}
 
-    made = [partial(fitted_one, cloth) for cloth in objective.cloths]
-    at_once = sum(needed(objective)) <= objective.room
-    for places, values in together(made) if at_once else (each() for each in made):
-        found[places] = values
-    return found
+    def rows(self, cloth: int, treatment: Treatment = TREATMENTS[0]) -> tuple[Indices, Equations | None]:
+        """The places of the values of a cloth, and its balances."""
+        if treatment not in (TREATMENTS[0], ANCHORED):
+            return equations(self.objective, self.p, self.fitted, cloth, treatment)
+        if cloth not in self._kept:
+            made = equations(self.objective, self.p, self.fitted, cloth)
+            if not self.at_once:
+                return made
+            self._kept[cloth] = made
+        places, rows = self._kept[cloth]
+        return places, Equations(rows.parts, True) if rows and treatment.anchored else rows
+
+    def agree(self) -> bool:
+        """Whether enough steps of a cloth agree on its values."""
+        for _, rows in map(self.rows, self.objective.cloths):
+            agreed = rows is not None and bool(consensus(rows, rows.counts > 0).any())
+            self.own |= rows is not None and rows.own
+            if agreed:
+                return True
+        return False
+
+    def fit(self, treatment: Treatment = TREATMENTS[0], waiting: Callable[[], None] | None = None) -> Array:
+        """The values (P,); the rest stays, and so do the factors of maps. A fit of thousands of values calls `waiting`
+        now and then.
+
+        What no complete balance determines stays as well: everything, where the target shows no three successive steps.
+        """
+        lower, upper = bounds(self.objective.scene)
+        found, heard = self.p.copy(), only_here(waiting)
+
+        def fitted_one(cloth: int) -> tuple[Indices, Array]:
+            places, rows = self.rows(cloth, treatment)
+            if rows is None:
+                return places, found[places]
+            best = solve(rows, found[places], lower[places], upper[places], not treatment.summed, heard)
+            self.own |= rows.own
+            return places, best
+
+        made = [partial(fitted_one, cloth) for cloth in self.objective.cloths]
+        for places, values in together(made) if self.at_once else (each() for each in made):
+            found[places] = values
+        return found
+
+
+def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TREATMENTS[0]) -> Array:
+    """One momentum fit; see `Momentum`."""
+    return Momentum(objective, p, fitted).fit(treatment)
+
+
+class SingleSteps(NamedTuple):
+    """How far steps end from a target if each begins in the state that this shows."""
+
+    steps: int
+    rmse: float  # m, of all of them
+    largest: float  # m, of the one that ends farthest
+
+
+def single_steps(objective: Objective, p: Array) -> SingleSteps | None:
+    """The single steps of p (P,), in the time of a simulation; None where one fails, or where a step does not show in
+    the positions after it.
+    """
+    if objective.scene.method in (EXPLICIT, REST):
+        return None
+    squares, counts = [np.zeros(0)], [np.zeros(0)]
+    for run in objective.runs:
+        system = run.changed(p)
+        shown = track(run.comparison.goal, system)
+        away = prescribed.single_steps(system, shown.x, shown.seen, objective.tolerance)
+        if away is None:
+            return None
+        squares.append((away * away).sum(axis=(1, 2)))
+        counts.append((shown.seen[1:] & mobile(system)).sum(axis=1))
+    all_squares, count = np.concatenate(squares), np.maximum(np.concatenate(counts), 1)
+    largest = np.sqrt((all_squares / count).max(initial=0.0))
+    return SingleSteps(len(count), float(np.sqrt(all_squares.sum() / count.sum())), float(largest))
 
 
 def equations(
@@ -127,12 +191,6 @@ def equations(
     column[places] = np.arange(len(places))
     parts = [rows_of(run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
     return places, Equations(parts, treatment.anchored)
-
-
-def agree(objective: Objective, p: Array, fitted: Flags) -> bool:
-    """Whether enough steps of a cloth agree on its values: then the target is the model's own motion."""
-    made = (equations(objective, p, fitted, cloth)[1] for cloth in objective.cloths)
-    return any(rows is not None and consensus(rows, rows.counts > 0).any() for rows in made)
 
 
 def anchors(objective: Objective, fitted: Flags) -> bool:
@@ -231,9 +289,12 @@ def solve(
     kept: Flags = rows.counts > 0
     if not kept.any():
         return p
-    H = rows.gram(kept)
-    if trim:
-        good = trimmed(rows, kept, trust_region.either(H))
+    if trim and rows.agreed is not None and rows.agreed.any():
+        kept = beside(rows, kept, rows.agreed)
+        H = rows.gram(kept)
+    else:
+        H = rows.gram(kept)
+        good = trimmed(rows, kept, trust_region.either(H)) if trim else kept
         if not np.array_equal(good, kept):
             kept, H = good, rows.gram(good)
     size = np.sqrt(H.diagonal())
@@ -244,7 +305,9 @@ def solve(
     for _ in range(REFINEMENTS):
         g = -rows.right(q / scale, kept) / scale
         q = q + trust_region.solve(scaled, g, low - q, high - q, waiting=waiting)
-    return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
+    inner = np.clip(p + q / scale, lower, upper)
+    ended = np.where(q >= high * NEARLY, upper, np.where(q <= low * NEARLY, lower, inner))  # to the bit
+    return np.asarray(np.where(determined, ended, p))
 
 
 OUT_OF_BALANCE = 10.0
@@ -272,11 +335,20 @@ MOST_OUT = 0.25
 ROUNDS = 10
 """Rounds of trimming; a few suffice."""
 
-PATCH, PATCHES, RUN = 36, 3, 7
+PATCH, PATCHES, RUN = 36, 3, 4
 """Vertices of a patch, patches of a motion, and steps that follow one another, at least, with which values begin."""
+
+BEGIN = 1.5
+"""Rows of these steps for each value: as few as one can do with, as a motion may have no more between exceptions."""
 
 DAMPED = 1e-12
 """Added to CᵀC of a patch, whose columns have the length 1: what is below it is rounding."""
+
+SHOWN = 1e-6
+"""Eigenvalue of CᵀC of a patch, relative to the largest, from which on a direction counts as shown."""
+
+CHANGED = 1e-3
+"""Change of the rows of a patch from one step to the next, relative to their size, with which a step is another one."""
 
 SHARE = 0.25
 """Share of the steps, at least, that must agree: the others may all be exceptions."""
@@ -292,11 +364,11 @@ def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix) -> Flags:
     q = balanced(rows, known, H)
     size, terms = rows.sizes(q)
     if size[known].max() <= NEGLIGIBLE * np.median(terms[known]):
+        rows.own = True
         return known
     agreed = consensus(rows, known)
     if agreed.any():
-        away = relative(*rows.sizes(balanced(rows, agreed)))
-        return known & is_sharp(away, away[agreed])
+        return beside(rows, known, agreed)
     if size[known].max() <= UNEVEN * np.median(size[known]):  # as noise leaves it
         return known
     return in_balance(rows, known, nearest_half(rows, known, q))
@@ -304,27 +376,43 @@ def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix) -> Flags:
 
 def consensus(rows: Equations, known: Flags) -> Flags:
     """The known steps (S,) that agree on the values in some patch of each part; none where too few do."""
-    agreed: Flags = np.zeros(len(known), bool)
-    for before, patches in rows.patches(PATCH, PATCHES):
-        for patch in patches:
-            found = agreeing(patch)
-            if found.any():
-                agreed[before + patch.steps] = found
-                break
-    return agreed & known
+    if rows.agreed is None:
+        rows.agreed = np.zeros(len(known), bool)
+        for before, patches in rows.patches(PATCH, PATCHES):
+            for patch in patches:
+                found = agreeing(patch)
+                rows.own |= found.own
+                if found.steps.any():
+                    rows.agreed[before + patch.steps] = found.steps
+                    break
+    return rows.agreed & known
 
 
-def agreeing(patch: Patch) -> Flags:
-    """The most steps (T,) of a patch that are in balance with the same values, which some that follow one another
-    determine (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981).
+def beside(rows: Equations, known: Flags, agreed: Flags) -> Flags:
+    """Which of the known steps (S,) are in balance beside those that have agreed."""
+    away = relative(*rows.sizes(balanced(rows, agreed)))
+    return known & is_sharp(away, away[agreed])
+
+
+class Agreeing(NamedTuple):
+    """Which steps of a patch agree on its values."""
+
+    steps: Flags  # (T,); none where they are too few
+    own: bool  # whether some, however few, show that they are those of the model
+
+
+def agreeing(patch: Patch) -> Agreeing:
+    """The most steps of a patch that are in balance with the same values, which some that follow one another determine
+    (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981).
     """
     C = patch.entries @ patch.spread
     (T, R, Q), best = C.shape, np.zeros(len(C), bool)
-    length = max(RUN, -(-2 * Q // R))
+    length = max(RUN, int(np.ceil(BEGIN * Q / R)))
     if Q == 0 or length > T:
-        return best
+        return Agreeing(best, False)
     runs = [slice(first, first + length) for first in range(T - length + 1)]
     found = patch.away(np.array([solved(C[run], patch.residual[run]) for run in runs]).reshape(len(runs), Q).T)
+    own = any(away[run].max() <= EXACT and shows_more(C[run]) for away, run in zip(found.T, runs, strict=True))
     for away, run in zip(found.T, runs, strict=True):
         best = max(best, is_sharp(away, away[run]) & (away <= SHARP), key=np.sum)
     for _ in range(ROUNDS if best.any() else 0):
@@ -333,7 +421,20 @@ def agreeing(patch: Patch) -> Flags:
         if not best.any() or np.array_equal(best, before):
             break
     enough = best.sum() * R >= ENOUGH * Q and best.mean() >= SHARE
-    return best if enough else np.zeros(T, bool)
+    return Agreeing(best if enough else np.zeros(T, bool), own or bool(enough))
+
+
+def shows_more(C: Array) -> bool:
+    """Whether the rows C (K, R, Q) of some steps determine more than those of one could, and `BEGIN` holds. Steps that
+    are as the one before do not count: of a cloth at rest all are, and some values balance any shape.
+    """
+    others = 1 + int((np.linalg.norm(np.diff(C, axis=0), axis=(1, 2)) > CHANGED * np.linalg.norm(C[0])).sum())
+    flat = C.reshape(-1, C.shape[2])
+    size = np.linalg.norm(flat, axis=0)
+    flat = flat / np.where(size > 0, size, 1.0)
+    shown = np.linalg.eigvalsh(flat.T @ flat)
+    rank = int((shown > SHOWN * shown.max(initial=0.0)).sum())
+    return bool(C.shape[1] < rank <= others * C.shape[1] / BEGIN)
 
 
 def solved(C: Array, r: Array) -> Array:

@@ -28,6 +28,7 @@ from clothfit.optimise.status import Budget, Rung, Status, Stop
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, with_parameters
 
 if TYPE_CHECKING:
+    from clothfit.optimise.momentum import SingleSteps
     from clothfit.optimise.prior import Prior
 
 STATIONARY = 1e-5
@@ -45,6 +46,11 @@ every other one down: far from a minimum, the motion may no longer depend on the
 
 SAME_POINT = 1e-12
 """Relative distance of points that differ by the rounding of coordinates."""
+
+SEEN, SEEN_PART = 1e-3, 5e-4
+"""Error, m, and relative to the distance travelled, above which a fit to a motion of its own model has not come to it,
+whatever minimum it has come to.
+"""
 
 HEIGHT = 1e3
 """Height of the bowl at its bottom, relative to the largest cost met; twice that at distance 1 from the best point."""
@@ -173,6 +179,8 @@ class Search:
         self.each = 0.0  # seconds of computing that the cost took when it was measured last
         self.model, self.substeps, self.integrator = "", 0, 0  # that were chosen for the fit, as in a `State`
         self.left_out: Sequence[str] = ()  # kinds, as there
+        self.own = False  # whether the target is known to be a motion of the model
+        self.single: tuple[Array, SingleSteps] | None = None  # values (P,) that take each step of the target
         self.settled: Array | None = None  # (P,), a minimum by the metric of Gauss–Newton (`preconditioned`)
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
@@ -287,6 +295,7 @@ class Search:
     def finish(self, status: Status) -> Status:
         """Keep how the search ended; "diverged" where there is no result."""
         self.best.belief = None
+        status = Status.STALLED if status == Status.CONVERGED and self.misses_own else status
         if status in (Status.CONVERGED, Status.STALLED):
             self.best.descent = None
         if not np.isfinite(self.best.cost):
@@ -331,7 +340,8 @@ class Search:
         """A search by other parameters, from `start` (P′,) of that cost, with the budget and the reports of this."""
         other = Search(objective, start, self.rmse_tolerance, self.budget.limit, start_cost=cost)
         other.budget, other.progress, other.warnings = self.budget, self.progress, self.warnings
-        other.longest, other.each = self.longest, self.each
+        other.longest, other.each, other.own = self.longest, self.each, self.own
+        other.single = self.single if objective is self.objective else None
         other.origin = self.origin if len(self.origin) == len(start) else other.start
         self.progress.p = other.start
         self.budget.enter_stage()
@@ -355,6 +365,19 @@ class Search:
             raise Stop(Status.CONVERGED)
         if self.budget.is_stalled:
             raise Stop(self.verdict())
+
+    @property
+    def proven(self) -> SingleSteps | None:
+        """How near the best point takes each step of the target, where it does so to rounding."""
+        return self.single[1] if self.single is not None and np.array_equal(self.single[0], self.best.p) else None
+
+    @property
+    def misses_own(self) -> bool:
+        """Whether the best motion is visibly not the target, though that is a motion of the model."""
+        objective = self.objective
+        if not (self.own and objective.plain and np.isfinite(self.best.cost)):
+            return False
+        return objective.rmse(self.best.cost) > max(min(SEEN, SEEN_PART * objective.travel), self.rmse_tolerance)
 
     def verdict(self) -> Status:
         """How the search ended, if it ends here: converged or stalled."""

@@ -107,13 +107,15 @@ def at_the_start(scene: Scene, motion: Motion) -> tuple[list[Swap], list[int]]:
 
 def moved(points: Array, start: Array) -> Array:
     """The points (k, 3), m, as a whole moved and turned onto most of their places (k, 3)."""
-    half, best = max(len(points) // 2 + 1, 3), points
+    half, best, least = max(len(points) // 2 + 1, 3), points, np.inf
     near = np.arange(len(points))
     for _ in points:
         R, d = rigid(points[near], start[near])
-        best, before = points @ R.T + d, near
-        near = np.sort(np.argsort(np.linalg.norm(best - start, axis=1), kind="stable")[:half])
-        if np.array_equal(near, before):
+        best = points @ R.T + d
+        away = np.linalg.norm(best - start, axis=1)
+        near = np.sort(np.argsort(away, kind="stable")[:half])
+        before, least = least, float((away[near] ** 2).sum())
+        if not least < before:  # of places that agree to rounding, other ones are the nearest each time
             break
     return best
 

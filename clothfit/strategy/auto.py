@@ -38,6 +38,11 @@ EXACT = 1e-5
 steps of minutes would only follow how a cloth that buckles makes more of that.
 """
 
+STEP, ROUNDINGS = 1e-8, 8.0
+"""Error of a single step, m, that no noise of a target is below, and how many roundings of positions it may make of
+them: the weights of the positions that lead to a BDF2 step are 24, 22, 8 and 1 ninth, and its end is one more.
+"""
+
 FINE = "ML"
 """Models of a ladder with so many values that they follow noise."""
 
@@ -142,8 +147,10 @@ def by_momentum(
     start: Array,
     treatments: Sequence[momentum.Treatment] = momentum.TREATMENTS,
     early: Objective | None = None,
+    balances: momentum.Momentum | None = None,
 ) -> list[Array]:
-    """The momentum fits (P,), the best last; none where the target does not show enough.
+    """The momentum fits (P,), the best last, by `balances` where they are begun; none where the target does not show
+    enough.
 
     One that costs more over the frames of `early` than a cloth that keeps still is left out: of a target that the model
     cannot reproduce it may be so soft that a whole motion takes minutes.
@@ -153,15 +160,18 @@ def by_momentum(
         return []
     search.enter("momentum")
     found: list[tuple[float, Array]] = []
+    balances = balances or momentum.Momentum(search.objective, start, search.fitted)
     for treatment in treatments:
-        p = momentum.fit(search.objective, start, search.fitted, treatment, search.report)
+        p = balances.fit(treatment, search.report)
         if np.array_equal(p, start):
             return []
         begun = np.nan if early is None else early.cost_or_infinity(p)  # no evaluation of the whole
         if early is not None and begun > early.still:
             continue
         found.append((search.visit(p), p))
-        if is_accurate(search):
+        search.own |= balances.own
+        ended = is_exact(search) or (search.own and takes_each_step(search))
+        if ended or is_accurate(search):
             break
         if early is not None and begun <= NEAR_ERROR**2 * early.still and not is_near(search):
             check_tolerance(search, p)
@@ -179,17 +189,29 @@ def check_tolerance(search: Search, p: Array) -> None:
         raise SolvedLooser(search.looser, p)
 
 
-def balances_can_hold(search: Search, start: Array, early: Objective) -> bool:
-    """Whether the momentum fit is worth its time: in a long fit, where the balances hold over the frames of `early`, or
-    steps agree on the values.
+def balances_can_hold(search: Search, balances: momentum.Momentum, early: Objective) -> bool:
+    """Whether the momentum fit is worth its time: in a long fit, where steps agree on the values, or the balances hold
+    over the frames of `early`.
     """
     if not is_long(search):
         return True
     search.enter("momentum", early)
-    p = momentum.fit(early, start, search.fitted, momentum.TREATMENTS[0], search.report)
-    if early.cost_or_infinity(p) <= FAR_ERROR**2 * early.still:
+    agree = momentum.fits(search.objective) and balances.agree()
+    search.own |= balances.own
+    if agree:
         return True
-    return momentum.fits(search.objective) and momentum.agree(search.objective, start, search.fitted)
+    p = momentum.Momentum(early, balances.p, search.fitted).fit(waiting=search.report)
+    return early.cost_or_infinity(p) <= FAR_ERROR**2 * early.still
+
+
+def takes_each_step(search: Search) -> bool:
+    """Whether the best point takes each step of the target from where that begins it to where that ends it: then no
+    other values are nearer, however far a motion that makes more and more of any difference ends from the target.
+    """
+    found = momentum.single_steps(search.objective, search.best.p)
+    if found is not None and found.largest <= ROUNDINGS * max(STEP, search.objective.rounding):
+        search.single = search.best.p, found
+    return search.proven is not None
 
 
 def is_exact(search: Search) -> bool:

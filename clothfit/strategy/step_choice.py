@@ -30,7 +30,7 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.strategy import continuation, ladder
-from clothfit.strategy.auto import balances_can_hold
+from clothfit.strategy.auto import balances_can_hold, by_momentum
 from clothfit.strategy.continuation import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
 from clothfit.strategy.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_explain
@@ -121,10 +121,11 @@ class Trial:
 
         def look(search: Search) -> None:
             search.visit(search.start)
-            if momentum.fits(objective) and balances_can_hold(search, search.start, first_frames(objective)):
-                search.visit(momentum.fit(objective, search.start, search.fitted, momentum.TREATMENTS[0]))
+            balances = momentum.Momentum(objective, search.start, search.fitted)
+            if momentum.fits(objective) and balances_can_hold(search, balances, first_frames(objective)):
+                by_momentum(search, search.start, momentum.TREATMENTS[:1], balances=balances)
             single = ladder.model_of(objective.scene) == "L"
-            self.explains = is_near(search) or (single and may_explain(search, None))
+            self.explains = is_near(search) or search.proven is not None or (single and may_explain(search, None))
             if not (self.explains or single):
                 ladder.carried(search, ladder.part_of(search, model, search.start), by_windows_of_noise)
 

@@ -41,8 +41,8 @@ pytestmark = pytest.mark.slow
 KEYS = {
     "schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds",
     "ladder", "step", "parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory", "windows",
-    "samples", "objective", "correlations", "travel", "relative_rmse", "verdict", "baselines", "pins", "hints",
-    "registration", "markers", "correspondence", "fabric",
+    "samples", "objective", "correlations", "travel", "relative_rmse", "verdict", "single_steps", "baselines", "pins",
+    "hints", "registration", "markers", "correspondence", "fabric",
 }  # fmt: skip
 DOWNHILL = "--method l-bfgs-b --start 1"  # begins at the start, and takes its time
 ENDLESS = f"{DOWNHILL} --rmse 0 --max-evaluations 1000000 --prior none --json"

@@ -9,8 +9,9 @@ import pytest
 from helpers.strangers import sheet, small, stranger, with_finer_steps
 
 from clothfit import Fit, degrade, estimate, simulate
-from clothfit.fit.residual_hints import SHIFT, around, with_stall_hint
+from clothfit.fit.residual_hints import SHIFT, around, with_own_motion, with_stall_hint
 from clothfit.motion.motion import at_frames
+from clothfit.optimise.momentum import SingleSteps
 from clothfit.optimise.status import Status
 from clothfit.scene.fit_vector import bounds, parameters
 
@@ -70,6 +71,28 @@ def test_the_model_with_noise_gives_no_hint_and_finer_steps_none_of_clock_or_pla
     assert late_hints(motion(1e-3)) == {}
     said = late_hints(with_finer_steps(sheet(20.0), 4))
     assert not {"time_offset", "time_scale", "placement", "swapped_markers"} & set(said)
+
+
+# --- targets that are motions of the model
+
+
+def missing(misses_own):
+    """A search whose target is a motion of its model, or may be another's."""
+    return SimpleNamespace(misses_own=misses_own)
+
+
+def test_what_is_left_of_a_motion_of_the_model_itself_is_said():
+    each = SingleSteps(98, 1e-13, 2e-13)
+    for single, rmse, own, code in (
+        (each, 1e-4, False, ["chaotic"]),
+        (each, 1e-10, False, []),  # single errors add up to that: 98² of them
+        (None, 2e-2, True, ["own_motion"]),
+        (None, 2e-2, False, []),
+    ):
+        found = with_own_motion(replace(fit(rmse=rmse), single_steps=single, hints=[]), missing(own))
+        assert [hint.code for hint in found.hints] == code
+    stopped = replace(fit(Status.LIMIT, 2e-2), hints=[])
+    assert not with_own_motion(stopped, missing(True)).hints  # the time was up: that says enough
 
 
 # --- searches that have stalled

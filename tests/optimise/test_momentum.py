@@ -14,7 +14,16 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
 from clothfit.optimise.balances import Equations, Patch, Track, balances, smoothed, summed_twice, track
-from clothfit.optimise.momentum import ANCHORED, TREATMENTS, Treatment, agreeing, in_balance, trimmed
+from clothfit.optimise.momentum import (
+    ANCHORED,
+    TREATMENTS,
+    SingleSteps,
+    Treatment,
+    agreeing,
+    in_balance,
+    single_steps,
+    trimmed,
+)
 from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -97,10 +106,7 @@ def test_without_air_masses_and_stiffnesses_keep_their_common_factor():
 
 @pytest.mark.parametrize(("delta", "shortened"), [(0.03, 0), (0.04, 1)])
 def test_steps_that_the_guard_made_otherwise_are_left_out(delta, shortened):
-    stiffness = np.random.default_rng(3).uniform(500, 1500, 56).tolist()
-    hung = {"vertIsFixed": [i < 5 for i in range(25)], "springStiffness": stiffness, "damping": 0.02}
-    one = sheet("nL", 5, 5, dragCoefficient=0.0, **hung)
-    given = made(one, method="bdf2", frames=60, delta=delta)
+    given = whipping(delta)
     memory, _ = rollout(build(given, 0), 59, TIGHT)
     assert (memory.euler.sum() > 1, (memory.theta < 1).sum()) == (True, shortened)  # it whips through
     assert_found(given)
@@ -142,6 +148,37 @@ def test_there_is_a_mass_to_hold_where_masses_and_stiffnesses_of_a_cloth_are_fit
         given = made(*(sheet(each, 3, 3) for each in settings), frames=4)
         aim = Objective(given, simulate(given), TIGHT)
         assert momentum.anchors(aim, aim.identifiable) is expected
+
+
+def whipping(delta=0.04):
+    """A sheet that is held at one side and whips through: steps are shortened, and by implicit Euler."""
+    stiffness = np.random.default_rng(3).uniform(500, 1500, 56).tolist()
+    hung = {"vertIsFixed": [i < 5 for i in range(25)], "springStiffness": stiffness, "damping": 0.02}
+    return made(sheet("nL", 5, 5, dragCoefficient=0.0, **hung), method="bdf2", frames=60, delta=delta)
+
+
+def test_each_single_step_of_a_motion_is_taken_to_where_it_ends_however_it_was_taken():
+    given = whipping()
+    memory, _ = rollout(build(given, 0), 59, TIGHT)
+    assert (memory.theta < 1).any()
+    assert memory.euler.sum() > 1
+    target, p = simulate(given, tolerance=TIGHT), parameters(given)
+    aim = Objective(given, target, TIGHT)
+    assert single_steps(aim, p) == SingleSteps(59, 0.0, 0.0)  # the same computation
+    assert single_steps(aim, 1.01 * p).rmse > 1e-5  # a hundredth of steps of millimetres to decimetres
+    rounded = Objective(given, Motion(np.round(target.positions, 7), target.times, target.vertex_counts), TIGHT)
+    # the weights of four positions, and its own end: 55/9 + 1 roundings at most
+    assert 0.1 * rounded.rounding < single_steps(rounded, p).largest < 7.2 * rounded.rounding
+
+
+def test_single_steps_pass_over_what_is_not_seen_and_explicit_ones_show_nothing():
+    given = made(sheet("nL"), method="bdf2")
+    motion, p = simulate(given, tolerance=TIGHT), parameters(given)
+    where = np.random.default_rng(9).uniform(size=motion.positions.shape[:2]) < 0.05
+    found = single_steps(Objective(given, hide(motion, where), TIGHT), p)
+    assert found.largest < 1e-12  # rounding of positions over h, as motions and target part where nothing is seen
+    explicit = made(sheet("nL"), method="explicit")
+    assert single_steps(Objective(explicit, simulate(explicit), TIGHT), parameters(explicit)) is None
 
 
 # --- targets with gaps
@@ -233,7 +270,7 @@ class Dense:
 
     def __init__(self, C, r):
         self.C, self.r, self.counts = C, r, np.full(len(C), C.shape[1])
-        self.Q = C.shape[2]
+        self.Q, self.agreed, self.own = C.shape[2], None, False
 
     def sizes(self, q):
         away, terms = self.r - self.C @ q, np.abs(self.C) @ np.abs(q)
@@ -267,11 +304,23 @@ def test_what_is_left_out_is_little_unless_the_rest_is_exact(out, noise, kept):
     assert kept_of(C, r).sum() == kept
 
 
-@pytest.mark.parametrize(("steps", "count"), [(10, 0), (0, 2), (6, 2)])
+@pytest.mark.parametrize(("steps", "count"), [(10, 0), (0, 2), (3, 2)])
 def test_a_patch_of_no_value_or_too_few_steps_says_nothing(steps, count):
     every, base = np.arange(steps, dtype=np.int32), np.ones(4)
     patch = Patch(every, np.ones((steps, 6, 4)), np.ones((steps, 6)), base, np.ones((4, count)))
-    assert not agreeing(patch).any()
+    assert not agreeing(patch).steps.any()
+
+
+@pytest.mark.parametrize(("moves", "own"), [(True, True), (False, False)])
+def test_few_steps_in_balance_show_whose_they_are_but_for_those_of_a_cloth_at_rest(moves, own):
+    rng = np.random.default_rng(6)
+    C, q = rng.normal(size=(40, 6, 20)), rng.normal(size=20)
+    r = C @ q + rng.normal(size=(40, 6))
+    C[5:14] = C[5:14] if moves else C[5]  # some values balance any shape that stays
+    r[5:14] = C[5:14] @ q
+    found = agreeing(Patch(np.arange(40, dtype=np.int32), C, r, np.zeros(20), np.eye(20)))
+    assert not found.steps.any()  # 9 of 40 are too few to go by
+    assert found.own is own
 
 
 @pytest.mark.parametrize("first", [0, 10, 22])

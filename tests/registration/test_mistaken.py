@@ -10,13 +10,23 @@ from helpers.strangers import sheet, stranger, windy
 import clothfit
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
+from clothfit.registration import mistaken as mistaken_module
 from clothfit.registration.mistaken import alone, mistaken
-from clothfit.registration.record import Jump, Markers, Swap, rotation
+from clothfit.registration.record import Jump, Markers, Swap, rigid, rotation
 
 pytestmark = pytest.mark.slow  # compiles a simulation
 
 NOISE = 1e-3
 R, D = rotation(np.array([0.1, 0.3, -0.2])), np.array([0.3, -0.2, 0.1])
+
+
+def test_a_target_that_lies_where_it_starts_is_brought_there_at_once(monkeypatch):
+    """Of places that agree to rounding other ones are the nearest half each time."""
+    calls, rng = [], np.random.default_rng(1)
+    start = rng.normal(size=(400, 3))
+    monkeypatch.setattr(mistaken_module, "rigid", lambda *given: calls.append(1) or rigid(*given))
+    np.testing.assert_allclose(mistaken_module.moved(start @ R.T + D, start), start, atol=1e-14)  # rounding
+    assert len(calls) < 20
 
 
 @cache

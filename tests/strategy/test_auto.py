@@ -16,7 +16,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.optimise import trajectory
-from clothfit.optimise.momentum import TREATMENTS
+from clothfit.optimise.momentum import TREATMENTS, Momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -188,7 +188,8 @@ def test_balances_that_cannot_be_fulfilled_at_first_are_not_solved_for_all_frame
     for target, worth in zip(squeezed(made), (True, False), strict=True):
         search = Search(Objective(made, target, 1e-10), np.full(33, 10.0), 1e-8, 100)
         early = search.objective.until(trajectory_fit.first_window(search.objective))
-        assert balances_can_hold(search, np.full(33, 10.0), early) == worth
+        balances = Momentum(search.objective, np.full(33, 10.0), search.fitted)
+        assert balances_can_hold(search, balances, early) == worth
 
 
 # --- rounded targets
@@ -232,6 +233,44 @@ def test_an_exact_momentum_fit_ends_a_long_fit_of_many_values(monkeypatch):
     np.testing.assert_allclose(parameters(fit.scene)[known], parameters(made)[known], rtol=1e-5)
     noisy = estimate(made, degrade(target, noise=1e-3), start=7.0, max_evaluations=12)
     assert noisy.evaluations > 4
+
+
+@pytest.mark.parametrize("method", [2, 3])
+def test_a_fit_ends_where_each_single_step_of_its_target_is_taken(method, monkeypatch):
+    """As one of a chaotic cloth, whose motion never comes to the target: here no motion is near enough."""
+    for name in ("EXACT", "ACCURATE"):
+        monkeypatch.setattr(auto, name, 0.0)
+    monkeypatch.setattr(trajectory_fit, "LONG_POSITIONS", 100)
+    made = load(trial("nL", windVel=xyz((3.0, 1.0, 2.0)), integrationMethod=method))
+    found = estimate(made, record_target(made), start=7.0, rmse=1e-300)
+    assert (found.status, found.stage, found.verdict.model) == ("converged", "momentum", "adequate")
+    assert found.evaluations <= 4
+    assert found.single_steps.largest <= 1e-10  # linear systems solved to 1e-10 of steps of decimetres
+
+
+def test_steps_are_not_taken_by_other_values():
+    search, _ = searching("nL", 20, start=1.01 * parameters(load(trial("nL", 20))))
+    search.visit(search.start)
+    assert not auto.takes_each_step(search)
+    search.visit((1.0 + 1e-9) * parameters(search.objective.scene))
+    assert auto.takes_each_step(search)
+    assert search.beside(search.objective, search.best.p, search.best.cost).proven is not None
+    search.visit(search.start)
+    assert search.proven is not None  # of the best point
+
+
+def test_a_fit_that_visibly_misses_a_motion_of_its_own_model_has_not_converged():
+    search, _ = searching("nL", 20, start=1.5 * parameters(load(trial("nL", 20))))
+    search.visit(search.start)
+    assert search.objective.rmse(search.best.cost) > 1e-3
+    assert search.finish("converged") == "converged"  # the target may be another model's
+    search.own = True
+    assert search.finish("converged") == "stalled"
+    search.rmse_tolerance = 1.0  # m: good enough for the user
+    assert search.finish("converged") == "converged"
+    search.rmse_tolerance = NEVER
+    search.visit((1.0 + 1e-9) * parameters(search.objective.scene))
+    assert search.finish("converged") == "converged"
 
 
 def test_too_many_values_for_a_matrix_go_on_from_smooth_maps_by_products(monkeypatch):

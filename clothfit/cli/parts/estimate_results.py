@@ -47,8 +47,8 @@ WORTH_A_WORD = 1e-5
 
 AS_IN_FIT = (
     "status", "method", "cost", "rmse", "frames", "evaluations", "seconds", "rank", "sigma", "travel", "relative_rmse",
-    "objective", "prior", "holdout", "verdict", "baselines", "ladder", "parameters", "correlations", "samples",
-    "warnings",
+    "objective", "prior", "holdout", "verdict", "single_steps", "baselines", "ladder", "parameters", "correlations",
+    "samples", "warnings",
 )  # fmt: skip
 """Keys of the summary for --json that are attributes of `Fit`."""
 
