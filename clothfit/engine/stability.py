@@ -94,8 +94,8 @@ def warning(scene: Scene, steps: int) -> str | None:
 
 
 NO_REST = (
-    "no shape at rest was found: a cloth that nothing holds has none, and one whose stiffnesses differ by many powers of "
-    "ten may need a start that is nearer to it"
+    "no shape at rest was found: a cloth that nothing holds has none, and one whose stiffnesses differ by many powers "
+    "of ten may need a start that is nearer to it"
 )
 
 
