@@ -20,6 +20,8 @@ stiffness, and nearly alike for nearly the same cloths. With its whole weight at
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from clothfit.base import interrupts
@@ -49,7 +51,9 @@ MOST = 2000
 """Steps before a search is given up."""
 
 DONE, NEAR = 1e-12, 1e-6
-"""Forces that are left, relative to the weights, where the search ends; and where it ends if rounding leaves more."""
+"""Forces that are left, relative to the weights, where the search ends; and where it ends if rounding leaves more, or
+where Newton's step is so short, in lengths of springs: that of stiff ones leaves more force.
+"""
 
 ENOUGH, GOOD = 0.05, 0.8
 """Share of the energy that Newton's model promises which a step needs, and above which the next one is longer."""
@@ -71,7 +75,7 @@ def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:
         mode = search.lowest()
         if mode is None:
             return search.x, True, search.solves
-        reach = KICK * float(np.median(system.springs.rest)) / np.abs(mode).max()
+        reach = KICK * search.edge / np.abs(mode).max()
         search.x = search.x + (-1) ** look * reach * mode
     return search.x, False, search.solves
 
@@ -85,6 +89,7 @@ class _Search:
         weight = system.vertex.mass[self.free, None] * system.vertex.gravity
         pull = 1e-9 * system.springs.stiffness @ system.springs.rest / max(len(system.springs.rest), 1)
         self.most = max(float(np.linalg.norm(weight)), float(pull))
+        self.edge = float(np.median(system.springs.rest)) if len(system.springs.rest) else 0.0
         self.bear(1.0)
 
     def bear(self, share: float) -> None:
@@ -108,21 +113,21 @@ class _Search:
         """The energy of springs, colliders and weight, J."""
         return float(stored(self.system, x))
 
-    def step(self, h: float) -> Array:
-        """d (m, 3) of the assembled step; NaN where A is singular."""
+    def solver(self) -> Callable[[Array], Array]:
+        """A⁻¹ times forces (m, 3), by the A that is left in the workspace; NaN where it is singular."""
         from scipy.sparse.linalg import splu
 
         self.solves += 1
         try:
             factors = splu(sparse.to_scipy(*self.work.A), **linear.SYMMETRIC)
         except RuntimeError:  # exactly singular
-            return np.full((len(self.free), 3), np.nan)
-        return h * factors.solve(self.work.b[self.free].reshape(-1)).reshape(-1, 3)
+            return lambda f: np.full_like(f, np.nan)
+        return lambda f: np.asarray(factors.solve(f.reshape(-1)).reshape(f.shape))
 
     def descend(self, done: float = DONE) -> bool:
         """Go to where the forces are 0, but for a part of the weights; whether they are."""
         energy, f = self.energy(self.x), self.force(self.x)
-        h = ENDLESS if np.linalg.norm(f) < CLOSE * self.scale else FIRST
+        h, tried = ENDLESS if np.linalg.norm(f) < CLOSE * self.scale else FIRST, False
         for _ in range(MOST):
             size = float(np.linalg.norm(f))
             if not np.isfinite(size):
@@ -131,20 +136,25 @@ class _Search:
                 return True
             interrupts.check()
             f = self.force(self.x, h)
-            d = self.step(h)
+            solved = self.solver()
+            d = h * h * solved(f)
             slope, trial = float((f * d).sum()), self.x.copy()
             trial[self.free] += d
             after = self.energy(trial) if slope > 0.0 else np.inf
             g = self.force(trial) if np.isfinite(after) else f
-            small = slope <= 1e-13 * abs(energy) + 1e-300  # nothing of the energy but rounding
+            noise = 1e-13 * abs(energy) + 1e-300  # rounding of the energy
+            small = slope <= noise
             gain = (energy - after) / (0.5 * slope) if slope > 0.0 else -np.inf
-            if gain >= ENOUGH or (small and np.linalg.norm(g) < 0.5 * size):
-                self.x, energy, f = trial, after, g
+            step = float(np.abs(d).max())
+            newton = small and h == ENDLESS and after <= energy + noise
+            nearer = newton and np.abs(h * h * solved(g)).max() < 0.5 * step
+            if gain >= ENOUGH or nearer:
+                self.x, energy, f, tried = trial, after, g, False
                 h = min(h * (GROW if gain > GOOD else 1.0), ENDLESS)
-            elif small and size <= NEAR * self.scale:
-                if h == ENDLESS:
-                    return True
-                h = ENDLESS
+            elif newton and (size <= NEAR * self.scale or step <= NEAR * self.edge):
+                return True
+            elif small and not tried:
+                h, tried = ENDLESS, True
             else:
                 h = min(h * SHRINK, FIRST)
                 if h < 1e-9:

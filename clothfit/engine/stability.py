@@ -93,6 +93,12 @@ def warning(scene: Scene, steps: int) -> str | None:
     )
 
 
+NO_REST = (
+    "no shape at rest was found: a cloth that nothing holds has none, and one whose stiffnesses differ by many powers "
+    "of ten may need a start that is nearer to it"
+)
+
+
 def advice(scene: Scene, index: int) -> str:
     """What a user can try after the motion of a cloth diverged."""
     if scene.method in UNLIMITED:

@@ -209,16 +209,17 @@ def lower_bound(problem: Trajectory, known: Posterior, j: int, rise: float) -> f
 
 def played(known: Posterior, ratio: Array, p: Array) -> Array:
     """The parameters p (P,) with stiffnesses of `PLAYED` times their lower bounds, which are `ratio` (Q,; else NaN)
-    relative to the best point, and with the others as they then fit best.
+    relative to the best point, or of the start where that is above these, and with the others as they then fit best.
     """
-    local, open_ = known.local, np.isfinite(ratio)
-    change = np.log(PLAYED * ratio[open_])
+    local, search, open_ = known.local, known.local.search, np.isfinite(ratio)
     A, scale, o = local.prior.matrix(known.sigma2), local.scale, np.flatnonzero(~open_)
-    H, y = (local.model.H + A) * np.outer(scale, scale), local.search.coordinates.y(p)[local.search.fitted]
+    y, start = (search.coordinates.y(each)[search.fitted] for each in (p, search.start))
+    change = np.maximum(np.log(PLAYED * ratio[open_]), ((start - y) / scale)[open_])
+    H = (local.model.H + A) * np.outer(scale, scale)
     K = inverse_beside(H[np.ix_(o, o)], np.zeros((len(o), 0)))
     y[open_] += scale[open_] * change
     y[o] += scale[o] * (K @ (H[np.ix_(o, np.flatnonzero(open_))] @ np.expm1(-change)))
-    return local.search.parameters(y)
+    return search.parameters(y)
 
 
 def by_strains(objective: Objective, block: Block, p: Array) -> Array:

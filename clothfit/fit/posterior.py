@@ -237,7 +237,9 @@ def learned_prior(search: Search, model: Model, squares: float, count: int) -> P
     """The prior of the fit. A width that is learned may be less than while fitting, down to nothing beside the standard
     deviation of the mean, so that a cloth of one fabric gets the intervals of one value.
     """
-    prior = search.best.prior or none(len(model.y))
+    prior = search.best.prior
+    if prior is None or prior.guards:
+        return none(len(model.y))
     if not (prior.learns and prior.groups and squares > 0):
         return prior
     sigma2 = variance(squares, count, len(model.y))

@@ -416,7 +416,7 @@ def beyond(block: Block, down: bool, up: bool) -> str:
 
 def scatter(search: Search) -> list[Scatter] | None:
     """The widths of the prior of a search, one for each of its blocks; None where there is no prior."""
-    if search.best.prior is None or not search.best.prior.groups:
+    if search.best.prior is None or not search.best.prior.groups or search.best.prior.guards:
         return None
     places = np.flatnonzero(search.fitted)
     found = []

@@ -309,5 +309,5 @@ def nearer(few: Scene, given: Sequence[Experiment], options: FitOptions) -> Scen
     search.enter("tracking")
     y = start = part.y(search.start)
     with suppress(Diverged, Stop), np.errstate(over="ignore", invalid="ignore"):
-        y = some_steps(part, start, STEPS, SAVING)
+        y = some_steps(part, start, STEPS, SAVING, prior=part.prior(start, None))
     return few if np.abs(y - start).max(initial=0.0) <= SAME else with_parameters(few, part.parameters(y))

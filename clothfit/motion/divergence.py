@@ -18,7 +18,8 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import ClothfitError
 from clothfit.base.writing import Data
 from clothfit.engine.rollout import Rollout
-from clothfit.engine.stability import advice
+from clothfit.engine.stability import NO_REST, advice
+from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -117,6 +118,8 @@ def with_bad(states: States, x: Array, v: Array) -> States:
 def outcome(scene: Scene, motion: Motion, fault: Fault) -> Diverged:
     """The error for a motion that has only its good frames; its message says what to do."""
     step, cloth = len(motion.times), fault.cloth
+    if scene.method == REST:
+        return Diverged(f"{scene.name}: objects[{cloth}]: {NO_REST}", step, motion, fault)
     place = f"objects[{cloth}], vertex {fault.vertex} of {scene.vertex_counts[cloth]}"
     begins, hint = overstretched_from(scene, cloth, motion.of(cloth)), advice(scene, cloth)
     more = hint if begins is None else f"{overstretched(begins)}; {hint}"

@@ -20,6 +20,7 @@ from clothfit.engine.fallbacks import Fallbacks
 from clothfit.engine.inputs.sampling import Axes, axes
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty, state_bytes
+from clothfit.engine.stability import NO_REST
 from clothfit.engine.step.implicit import Workspace, workspace
 from clothfit.engine.system import System, meets_itself, mobile, rests, with_elements
 from clothfit.engine.tape import Plan, Tape
@@ -29,6 +30,7 @@ from clothfit.objective.measures import Cloud
 from clothfit.objective.running_cost import running_cost
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import acting, elements
+from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
 
 REST_STEPS = 16
@@ -78,6 +80,8 @@ def check(run: Run, good: int) -> None:
     """Raise Diverged unless all steps of the run are good; `good` is the number of those that are."""
     if good < run.steps:
         step = good + 1
+        if run.scene.method == REST:
+            raise Diverged(f"{run.scene.name}: objects[{run.cloth}]: {NO_REST}", step)
         place = f"objects[{run.cloth}] diverged at step {step} (t = {step * run.scene.delta:.4g} s)"
         raise Diverged(f"{run.scene.name}: {place}; try a smaller delta", step)
 

@@ -104,6 +104,7 @@ class Prior:
     learns: bool = True  # τ from the data, the mean free
     narrowest: float = NARROWEST  # of what is learned of single values
     patterns: tuple[tuple[Array, ...], ...] = ()  # Bₖ (n, ·) of each group, of mean square row sum 1
+    guards: bool = False  # whether it only keeps values that the data do not show where they began
 
     @cached_property
     def widths(self) -> tuple[tuple[float, ...], ...]:
@@ -262,6 +263,12 @@ def trace(pattern: Array | None, B: Array, inner: Array, count: int, learns: boo
     own = pattern - pattern.mean(axis=0) * learns
     along = B.T @ own
     return float(np.vdot(own, own) - np.vdot(along, inner @ along))
+
+
+def guard(centre: Array, widths: Array) -> Prior:
+    """What keeps each value within such a width (Q,) or so of `centre` (Q,), unless the data show another one."""
+    each = tuple(np.array([i]) for i in range(len(centre)))
+    return Prior(np.array(centre), each, tuple(widths.tolist()), learns=False, patterns=((),) * len(each), guards=True)
 
 
 def none(count: int) -> Prior:

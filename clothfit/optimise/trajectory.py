@@ -29,8 +29,9 @@ from clothfit.objective.run import Run, residual_count
 from clothfit.objective.running_cost import Residuals, running_cost
 from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import gauss_newton
-from clothfit.optimise.prior import Prior, first, patterns
+from clothfit.optimise.prior import Prior, first, guard, patterns
 from clothfit.optimise.search import Search
+from clothfit.scene.kinds import REST
 
 CHUNK = 3_000_000
 """Numbers of the sensitivity that are kept at a time."""
@@ -296,7 +297,8 @@ class Trajectory:
 
     def prior(self, centre: Array, tau: float | None) -> Prior:
         """The belief that values scatter around the coordinates `centre` (Q,), by τ, which is learned where None, and
-        then along the patterns of a fabric as well.
+        then along the patterns of a fabric as well. Values of cloths at rest that nothing else is believed of are kept
+        within a factor e or so, unless the shapes show another one: some hardly change these.
         """
         place, cloths = np.cumsum(self.fitted) - 1, self.objective.scene.cloths
         groups, shared = [], list[tuple[Array, ...]]()
@@ -307,6 +309,8 @@ class Trajectory:
                 groups.append(place[own + block.start])
                 of = block.cloth if patterned else None
                 shared.append(() if of is None else patterns(cloths[of], block, own))
+        if tau is None and not groups and self.objective.scene.method == REST:
+            return guard(centre, self.own_widths)
         return first(centre, groups, tau, shared)
 
 

@@ -160,9 +160,11 @@ class Even(Trajectory):
         return ends[0], ends[1]
 
     @property
-    def widths(self) -> Array:
+    def own_widths(self) -> Array:
         """Those of the coordinates: all are alike."""
         return np.ones(self.size)
+
+    widths = own_widths
 
     def derivative(self, p: Array) -> Array:
         """∂p/∂x (P,) at p (P,), of each parameter by its own coordinate."""
