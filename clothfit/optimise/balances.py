@@ -374,7 +374,7 @@ class Rows:
         spread, shape = self.spread[elements], (len(steps), 3 * len(vertices))
         moved = np.unique(spread.indices)
         r = self.found.residual[steps][:, vertices].reshape(shape)
-        return Patch(steps, C.reshape(*shape, -1), r, self.base[elements], spread[:, moved].toarray())
+        return Patch(steps, C.reshape(*shape, len(elements)), r, self.base[elements], spread[:, moved].toarray())
 
     def patches(self, size: int, most: int) -> Iterator[Patch]:
         """Some patches of so many vertices, which springs join, round those that are seen most often."""
