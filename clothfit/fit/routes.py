@@ -459,11 +459,10 @@ def by_balances(fit: Fitting) -> None:
     early, balances = first_frames(search.objective), momentum.Momentum(search.objective, start, search.fitted)
     if not auto.balances_can_hold(search, balances, early):
         return
-    tried = auto.TRIED[:1] if auto.one_value_each(search) else auto.TRIED
-    if momentum.anchors(search.objective, search.fitted):
-        tried = (tried[0], momentum.ANCHORED, *tried[1:])
+    first, *others = auto.TRIED
+    anchored = [momentum.ANCHORED] if momentum.anchors(search.objective, search.fitted) else []
     try:
-        fit.exact = auto.by_momentum(search, start, tried, early, balances)
+        fit.exact = auto.by_momentum(search, start, [first, *anchored, *others], early, balances)
     except auto.SolvedLooser as looser:
         fit.adopt(search.objective.until(search.objective.steps + 1, looser.tolerance), looser.p)
         fit.keep()

@@ -27,6 +27,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.step_jacobian import Stencil, differentiate, jacobian, stencil
+from clothfit.engine import touching
 from clothfit.engine.forces import contact, total, touch
 from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse
@@ -83,22 +84,39 @@ CHUNK = 4_000_000
 """Numbers between two looks at interrupts."""
 
 
-def balances(system: System, track: Track) -> Balances:
-    """The balances of momentum along a track, with the system's masses and stiffnesses as p₀."""
+def balances(system: System, track: Track, exact: bool = True) -> Balances:
+    """The balances of momentum along a track, with the system's masses and stiffnesses as p₀. In an `exact` one the
+    positions show which pairs of the cloth press, and how deep; else what these may push is left out.
+    """
     near = stencil(system)
     steps = len(track.x) - (2 if system.method == EXPLICIT else 1)
     n, springs = len(system.x0), len(system.springs.rest)
     r, mass, stiffness = (np.zeros((steps, *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
-    out = Balances(r, mass, stiffness, valid_rows(system, near, track, steps))
     x, v = np.ascontiguousarray(track.x), velocities(system, track.x)
+    valid, pressing = valid_rows(system, near, track, v, steps), dict[int, Indices]()
+    if system.surface and meets_itself(system):
+        if exact and system.method >= IMPLICIT:
+            pressing = pressing_pairs(system, x, v, steps, valid)
+        else:
+            valid &= ~touched_rows(system.surface, track.x, steps)
+    out = Balances(r, mass, stiffness, valid)
     two = system.method == BDF2
     pair = bdf2.forms(system) if two else (system, system)
     memory = implicit.workspace(system), jacobian(system, near)
     contact.clear(system.colliders)
     for part in chunks(out):
-        own = Balances(out.residual[part], out.mass[part], out.stiffness[part], out.valid[part])
-        fill(*pair, two, x, v, part.start, *memory, own)
+        fill(*pair, two, x, v, part.start, *memory, of_steps(out, part))
+    for t, numbers in pressing.items():
+        interrupts.check()
+        joined, room = touching.with_pairs(system, memory[0], touching.surface_of(system, t), x[t], numbers)
+        pair = bdf2.forms(joined) if two else (joined, joined)
+        fill(*pair, two, x, v, t, room, memory[1], of_steps(out, slice(t, t + 1)))
     return out
+
+
+def of_steps(rows: Balances, steps: slice) -> Balances:
+    """The rows of some steps."""
+    return Balances(rows.residual[steps], rows.mass[steps], rows.stiffness[steps], rows.valid[steps])
 
 
 def chunks(rows: Balances) -> Iterator[slice]:
@@ -119,7 +137,7 @@ def velocities(system: System, x: Array) -> Array:
     return np.concatenate([moved, moved[-1:]] if system.method == EXPLICIT else [rest, moved])
 
 
-def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags:
+def valid_rows(system: System, near: Stencil, track: Track, v: Array, steps: int) -> Flags:
     """Which rows (T, n) have all their positions seen: of a free vertex and its neighbours, at three steps or five."""
     from scipy.sparse import csr_array
 
@@ -133,22 +151,27 @@ def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags
     for back in {EXPLICIT: (), BDF2: (1, 2, 3)}.get(system.method, (1,)):
         bad[back:] |= missing[: max(steps - back, 0)]
     if system.colliders is not None and system.method >= IMPLICIT and len(system.colliders.rows):
-        bad |= met_rows(system, system.colliders, track.x, steps)
-    if system.surface and meets_itself(system):
-        bad |= touched_rows(system.surface, track.x, steps)
+        bad |= met_rows(system, system.colliders, track.x, v, steps)
     return np.ascontiguousarray(~bad & system.vertex.free)  # in one order, however few steps: to compile once for
 
 
-def met_rows(system: System, colliders: touch.Colliders, x: Array, steps: int) -> Flags:
+def begun(system: System, x: Array, v: Array, t: int) -> Array:
+    """Where the first iteration of step t is linearised, (n, 3), of positions and velocities (T + 1, n, 3)."""
+    if system.method != BDF2 or t == 0:
+        return np.ascontiguousarray(x[t])
+    return np.asarray(x[t] + (x[t] - x[t - 1] + 2.0 * system.h * (2.0 * v[t] - v[t - 1])) / 3.0)
+
+
+def met_rows(system: System, colliders: touch.Colliders, x: Array, v: Array, steps: int) -> Flags:
     """Which rows (T, n) belong to vertices that may only end their step in a collider (`forces.contact`): whether the
     step knew them, the positions do not show.
     """
     met = np.zeros((steps, x.shape[1]), bool)
     for t in range(steps):
         set_inputs(system.inputs, system, t)
-        y, way = np.ascontiguousarray(x[t]), x[t + 1] - x[t]
+        y = begun(system, x, v, t)
         depth, normal = touch.depths(colliders, y)
-        met[t] = ((depth <= 0) & (depth > np.einsum("cni,ni->cn", normal, way))).any(axis=0)
+        met[t] = ((depth <= 0) & (depth > np.einsum("cni,ni->cn", normal, x[t + 1] - y))).any(axis=0)
     return met
 
 
@@ -162,6 +185,30 @@ def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
     for t, y in enumerate(np.ascontiguousarray(x[: steps + 1])):
         near[t, pairs.touching(surface, y).vertices] = True
     return np.asarray(near[:-1] | near[1:])
+
+
+def pressing_pairs(system: System, x: Array, v: Array, steps: int, valid: Flags) -> dict[int, Indices]:
+    """The numbers of the pairs that press in each step, for the step's model, of positions and velocities (T + 1, n, 3)
+    of which a step finds its pairs as in `touching.pressed`. Rows (T, n) are no more `valid` where a pair presses that
+    is not all seen, or of which positions do not say whether the step knew it.
+    """
+    from clothfit.engine.forces.selfcontact import pairs, rows
+
+    found = dict[int, Indices]()
+    for t in range(steps):
+        surface, begin, end = touching.surface_of(system, t), x[t], x[t + 1]
+        y = end if system.newton_iterations > 1 else begun(system, x, v, t)
+        view = pairs.around(surface, begin, end, 0.0)
+        near = pairs.of_numbers(surface, begin, view)
+        presses, still = rows.depths(near, y, end - y) > 0.0, np.zeros_like(end)
+        known = np.isin(view, np.union1d(pairs.near(surface, begin, view), pairs.meeting(surface, begin, end, view)))
+        deep = rows.depths(near, end, still) > rows.FLAT * surface.thickness
+        known &= deep | (rows.depths(near, y, still) > 0.0)  # as `rows.may_change` asks
+        seen = (valid[t] | ~system.vertex.free)[near.vertices].all(axis=1)
+        valid[t, near.vertices[presses & ~(known & seen)]] = False
+        if (sure := presses & known & seen).any():
+            found[t] = view[sure]
+    return found
 
 
 @kernel(nogil=True)
@@ -327,7 +374,7 @@ class Rows:
         spread, shape = self.spread[elements], (len(steps), 3 * len(vertices))
         moved = np.unique(spread.indices)
         r = self.found.residual[steps][:, vertices].reshape(shape)
-        return Patch(steps, C.reshape(*shape, -1), r, self.base[elements], spread[:, moved].toarray())
+        return Patch(steps, C.reshape(*shape, len(elements)), r, self.base[elements], spread[:, moved].toarray())
 
     def patches(self, size: int, most: int) -> Iterator[Patch]:
         """Some patches of so many vertices, which springs join, round those that are seen most often."""

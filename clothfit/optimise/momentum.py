@@ -255,7 +255,7 @@ def rows_of(
     system = run.changed(p)
     seen = track(run.comparison.goal, system)
     seen = smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen
-    made = balances(system, seen)
+    made = balances(system, seen, treatment == TREATMENTS[0])
     acting = [(block, part) for block, part in run.acting if block in own]
     wanted = columns(system, acting, p, column, np.ones(len(p)), width or int(column.max()) + 1)
     return Rows(summed_twice(made, system.method) if treatment.summed else made, system, spread(wanted))

@@ -13,7 +13,7 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
-from clothfit.optimise.balances import Equations, Patch, Track, balances, smoothed, summed_twice, track
+from clothfit.optimise.balances import Equations, Patch, Rows, Track, balances, smoothed, summed_twice, track
 from clothfit.optimise.momentum import (
     ANCHORED,
     TREATMENTS,
@@ -376,6 +376,14 @@ def test_rows_that_a_hidden_vertex_touches_are_not_valid(method, lost_rows):
     # the steps from 3 to 4 and from 4 to 5, and those after, whose velocities before the step need frame 4
     assert sorted(set(lost[:, 0].tolist())) == lost_rows
     assert sorted(set(lost[:, 1].tolist())) == near
+
+
+def test_a_patch_of_which_no_step_shows_all_vertices_agrees_on_nothing():
+    found, system = rows("implicit", 1)
+    found.valid[::2, 4] = found.valid[1::2, 5] = False
+    size = len(system.vertex.mass) + len(system.springs.rest)
+    patch = Rows(found, system, csr_array(np.eye(size))).patch(np.array([4, 5]))
+    assert agreeing(patch).tolist() == []
 
 
 @pytest.mark.parametrize("frames", [2, 3, 8])

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow  # compiles a fit
 
 TIGHT = 1e-13
 WINDY = {"windVel": {"x": 3.0, "y": 1.0, "z": -2.0}, "dragCoefficient": 0.5}
-LIBRARIES = ("this program", "cpp", "scipy", "jax", "torch", "warp")  # numba's takes 7 s to compile; `speed.py` judges each
+LIBRARIES = ("this program", "cpp", "scipy", "jax", "torch", "warp")  # numba's takes 7 s; `speed.py` judges all
 
 
 @pytest.fixture(autouse=True)
