@@ -213,7 +213,7 @@ def compared(
         late = root.progress.computing + MAPS * trial.seconds > root.longest
         if not (late or trial is coarse or trial.ended or trial.rmse > ABOUT * best.rmse):
             go_on(trial, finer[-1:])
-    best = nearest(made)
+    best = nearest([*made, own])  # whose own step may not have had its turn
     return made, freer if best is coarse and freer.rmse < best.rmse else best
 
 
