@@ -54,6 +54,9 @@ where residuals are no noise: the width takes them as independent, and what a wr
 SMALLEST = 1e-10
 """Steps below this, in root mean square, lead nowhere."""
 
+ROUNDING = 1e-14
+"""A whole step below this, relative to the coordinates or to 1, is rounding: there is the minimum."""
+
 
 class Patience(NamedTuple):
     """When slow progress ends a fit."""
@@ -141,7 +144,8 @@ def minimise(
 
         step, radius, new = descend(total, value, near, radius)
         if new is None:
-            return model, prior, ended(saving <= patience.flat * model.cost)
+            there = np.abs(near.whole).max(initial=0.0) <= ROUNDING * max(np.abs(model.y).max(initial=0.0), 1.0)
+            return model, prior, ended(there or saving <= patience.flat * model.cost)
         # where a whole step has led nearly to the minimum of its model, a new model would save too little to be asked
         # for: it differs from this one by about as much as the cost from what was foretold
         foretold = problem.least > 0 and step is near.whole

@@ -383,7 +383,7 @@ def test_a_patch_of_which_no_step_shows_all_vertices_agrees_on_nothing():
     found.valid[::2, 4] = found.valid[1::2, 5] = False
     size = len(system.vertex.mass) + len(system.springs.rest)
     patch = Rows(found, system, csr_array(np.eye(size))).patch(np.array([4, 5]))
-    assert agreeing(patch).tolist() == []
+    assert agreeing(patch).steps.tolist() == []
 
 
 @pytest.mark.parametrize("frames", [2, 3, 8])
