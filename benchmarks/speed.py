@@ -92,7 +92,7 @@ def programs_table(path: Path, names: list[str], rounds: int, clock: str = "wall
         timed.append(measure.in_turn(works, rounds, clock))
     print(f"\n{path.stem}: {target.shape[1]} vertices, {steps} steps, gradient by {len(k())} stiffnesses\n")
     columns = ("µs per step to 1e-5", "× base", "to 1e-10", "× base", "ms per gradient to 1e-5", "× base", "to 1e-10")
-    print(f"| program | CG iterations | {' | '.join(columns)} | × base |".replace("base", base_of(found)))
+    print(f"| program | CG iterations | {' | '.join(columns)} | × base |".replace("base", found[base_of(found)].name))
     print("|---|---|---|---|---|---|---|---|---|---|")
     for name in sorted(found, key=lambda name: np.median(timed[0][name])):
         cells = [f"{iterations[0][name]:.1f}, {iterations[1][name]:.1f}"]
