@@ -94,6 +94,16 @@ def blocks(p, q, rest):
 
 
 @kernel
+def halves(six):
+    """The two halves of each of four blocks, as `sparse` keeps them, of their numbers as `blocks` gives them."""
+    xx, xy, xz, yy, yz, zz = six
+    first = across0(xx, xy, xz, yz), across0(zz, xy, yy, yz)
+    second = across1(xx, xy, xz, yz), across1(zz, xy, yy, yz)
+    third = across2(xx, xy, xz, yz), across2(zz, xy, yy, yz)
+    return first, second, third, (across3(xx, xy, xz, yz), across3(zz, xy, yy, yz))
+
+
+@kernel
 def kept(v, i, end):
     """The numbers v of elements i … i + 3, 0 from `end` on."""
     if i + 4 <= end:

@@ -145,11 +145,6 @@ class Momentum:
         return found
 
 
-def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TREATMENTS[0]) -> Array:
-    """One momentum fit; see `Momentum`."""
-    return Momentum(objective, p, fitted).fit(treatment)
-
-
 class SingleSteps(NamedTuple):
     """How far steps end from a target if each begins in the state that this shows."""
 

@@ -55,7 +55,7 @@ def fitted(given, motion=None, treatment=TREATMENTS[0], start=None):
     aim = Objective(given, simulate(given, tolerance=TIGHT) if motion is None else motion, TIGHT)
     p = parameters(given)
     away = np.exp(0.5 * np.random.default_rng(1).normal(size=len(p))) * p if start is None else start
-    return momentum.fit(aim, away, aim.identifiable, treatment), aim.identifiable, away
+    return momentum.Momentum(aim, away, aim.identifiable).fit(treatment), aim.identifiable, away
 
 
 def assert_found(given, motion=None):
@@ -227,7 +227,7 @@ def test_what_is_not_to_be_fitted_stays():
     some = aim.identifiable.copy()
     some[::2] = False
     away = np.where(some, 1.5 * p, p)
-    found = momentum.fit(aim, away, some)
+    found = momentum.Momentum(aim, away, some).fit()
     np.testing.assert_array_equal(found[~some], p[~some])
     np.testing.assert_allclose(found[some], p[some], rtol=1e-6)  # as above
 

@@ -11,22 +11,9 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve.sparse import add_block
-from clothfit.kernels.fours import four_of, of_four
+from clothfit.kernels.fours import four_of, halves, of_four
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import (
-    across0,
-    across1,
-    across2,
-    across3,
-    add,
-    fma,
-    index3,
-    load3,
-    mul,
-    splat,
-    store3,
-    sub,
-)
+from clothfit.kernels.lanes.operations import add, fma, index3, load3, mul, splat, store3, sub
 from clothfit.kernels.vectors import cross, item, vector
 
 
@@ -130,21 +117,21 @@ def add_fours(out, faces, i, end, corner, v):
 @kernel
 def add_blocks(A, faces, i, end, six):
     """Add the blocks of up to four faces from i, before `end`, to the diagonal at each corner; see `fours.blocks`."""
-    xx, xy, xz, yy, yz, zz = six
-    add_at_corners(A, faces, i, across0(xx, xy, xz, yz), across0(zz, xy, yy, yz))
+    p, q, r, s = halves(six)
+    add_at_corners(A, faces, i, p)
     if i + 1 < end:
-        add_at_corners(A, faces, i + 1, across1(xx, xy, xz, yz), across1(zz, xy, yy, yz))
+        add_at_corners(A, faces, i + 1, q)
     if i + 2 < end:
-        add_at_corners(A, faces, i + 2, across2(xx, xy, xz, yz), across2(zz, xy, yy, yz))
+        add_at_corners(A, faces, i + 2, r)
     if i + 3 < end:
-        add_at_corners(A, faces, i + 3, across3(xx, xy, xz, yz), across3(zz, xy, yy, yz))
+        add_at_corners(A, faces, i + 3, s)
 
 
 @kernel
-def add_at_corners(A, faces, i, low, high):
-    """Add the two halves of a block to the diagonal at the corners of face i."""
+def add_at_corners(A, faces, i, own):
+    """Add a block, given in two halves, to the diagonal at the corners of face i."""
     for corner in range(3):
-        add_block(A.diagonal, index3(faces.corners, i, corner), low, high)
+        add_block(A.diagonal, index3(faces.corners, i, corner), own[0], own[1])
 
 
 @kernel

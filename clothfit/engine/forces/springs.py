@@ -36,6 +36,7 @@ from clothfit.kernels.fours import (
     blocks,
     dots,
     four_of,
+    halves,
     of_four,
     of_objects,
     scaled,
@@ -43,10 +44,6 @@ from clothfit.kernels.fours import (
 )
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import (
-    across0,
-    across1,
-    across2,
-    across3,
     add,
     div,
     fma,
@@ -185,14 +182,14 @@ def add_step(springs, y, u, h, ahead, A, b):
         stretch, hk, wide = sub(length, rest), mul(step, k), mul(step, hat)
         across = mul(mul(step, hk), sub(one, hat))
         axial = mul(hk, add(wide, of_objects(springs.damping, springs.object, i, end)))
-        xx, xy, xz, yy, yz, zz = blocks(scaled(axial, d), d, across)
-        add_blocks(springs, i, A, across0(xx, xy, xz, yz), across0(zz, xy, yy, yz))
+        p, q, r, s = halves(blocks(scaled(axial, d), d, across))
+        add_blocks(springs, i, A, p)
         if i + 1 < end:
-            add_blocks(springs, i + 1, A, across1(xx, xy, xz, yz), across1(zz, xy, yy, yz))
+            add_blocks(springs, i + 1, A, q)
         if i + 2 < end:
-            add_blocks(springs, i + 2, A, across2(xx, xy, xz, yz), across2(zz, xy, yy, yz))
+            add_blocks(springs, i + 2, A, r)
         if i + 3 < end:
-            add_blocks(springs, i + 3, A, across3(xx, xy, xz, yz), across3(zz, xy, yy, yz))
+            add_blocks(springs, i + 3, A, s)
         twice = fma(mul(k, stretch), stretch, twice)
         if linear:
             pull = mul(splat(-h), mul(k, stretch))
@@ -206,8 +203,9 @@ def add_step(springs, y, u, h, ahead, A, b):
 
 
 @kernel
-def add_blocks(springs, i, A, low, high):
+def add_blocks(springs, i, A, own):
     """Add the block of spring i, given in two halves, to the diagonal and subtract it from what is beside that."""
+    low, high = own
     add_block(A.diagonal, index2(springs.ends, i, 0), low, high)
     add_block(A.diagonal, index2(springs.ends, i, 1), low, high)
     subtract_block(A.upper, index(springs.slot, i), low, high)

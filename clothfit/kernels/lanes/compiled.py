@@ -77,9 +77,9 @@ def place(at: At, kind: Any, array: Any, i: Any, j: Any, columns: int | None = N
     return at.builder.gep(a.data, [at.builder.add(at.builder.mul(i, m), j)])
 
 
-def element(at: At, array: Any, i: Any) -> Any:
-    """Address of a[i] of the first argument."""
-    return at.builder.gep(at.context.make_array(at.kinds[0])(at.context, at.builder, array).data, [i])
+def element(at: At, array: Any, i: Any, argument: int = 0) -> Any:
+    """Address of a[i] of this argument."""
+    return at.builder.gep(at.context.make_array(at.kinds[argument])(at.context, at.builder, array).data, [i])
 
 
 def read(builder: Any, address: Any, kind: Any, align: int = ALIGNED) -> Any:
@@ -150,8 +150,7 @@ def quad(at: At, array: Any, i: Any) -> Any:
 
 @written(types.void, LANES, None, types.intp)
 def store_quad(at: At, v: Any, array: Any, i: Any) -> None:
-    a = at.context.make_array(at.kinds[1])(at.context, at.builder, array)
-    write(at.builder, v, at.builder.gep(a.data, [i]))
+    write(at.builder, v, element(at, array, i, 1))
 
 
 store, store4, store_column = stores(), stores(4, whole=True), stores(8)
