@@ -110,7 +110,9 @@ def spoiled_captures(repeats: int) -> None:
             clean, spoiled, R, D, swaps = captured(case, scene, truth, seed)
             start = 0.6 * float(np.exp(np.log(scene.cloths[0].stiffness).mean()))
             plain, began = clothfit.estimate(scene, clean, start=start), time.perf_counter()
-            found = clothfit.estimate(scene, spoiled, start=start, fit_time=True, fit_placement=True)
+            found = clothfit.estimate(
+                scene, spoiled, start=start, options=clothfit.FitOptions(fit_time=True, fit_placement=True),
+            )
             seconds, known = time.perf_counter() - began, found.registration[0]
             middle = truth.positions[0].mean(axis=0)
             moved = known.rotation @ ((middle - D) @ R) + known.translation - middle

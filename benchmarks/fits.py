@@ -18,7 +18,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 def row(path: Path) -> str:
     """One line of the table."""
     scene = clothfit.load(path)
-    clothfit.estimate(scene, max_evaluations=2)
+    clothfit.estimate(scene, options=clothfit.FitOptions(max_evaluations=2))
     fit = clothfit.estimate(scene)
     report = clothfit.evaluate(scene, fit.scene)
     settings = " ".join(cloth.settings for cloth in scene.cloths)

@@ -78,7 +78,7 @@ def clocks(folder: Path) -> None:
             ]
             for asked, target, options, true in cases:
                 began = time.perf_counter()
-                fit = clothfit.estimate(scene, target, intervals=False, **options)
+                fit = clothfit.estimate(scene, target, options=clothfit.FitOptions(intervals=False, **options))
                 seconds = time.perf_counter() - began
                 found = fit.registration[0] if fit.registration else None
                 clock = f"{found.rate:.3f} ({true:.3f}) | {1e3 * found.offset:.0f} ms" if found else " | "
@@ -193,7 +193,7 @@ def ladder(folder: Path) -> None:
         for method in ("bdf2", "implicit"):
             asked = replace(scene, cloths=cloths).with_step(scene.delta, method=method)
             for share in (None, 0.25):
-                fit = clothfit.estimate(asked, motion, holdout=share, intervals=False)
+                fit = clothfit.estimate(asked, motion, options=clothfit.FitOptions(holdout=share, intervals=False))
                 for rung in fit.ladder:
                     out = "" if rung.holdout_rmse is None else metres(rung.holdout_rmse)
                     print(
@@ -219,7 +219,9 @@ def garment(folder: Path) -> None:
                 Mesh(x[0], triangles), held, fit=letters, integrator=integrator, delta=1.0 / 90.0, frames=len(x),
                 fits={"damping": "G", "drag": "G", "wind": "G", "gravity": "G"},
             )  # fmt: skip
-            fit = clothfit.estimate(scene, load(path, scene, GARMENT).motion, intervals=False)
+            fit = clothfit.estimate(
+                scene, load(path, scene, GARMENT).motion, options=clothfit.FitOptions(intervals=False),
+            )
             print(
                 f"| {integrator} | {letters} | {fit.substeps or 1} | {len(clothfit.parameters(fit.scene))} "
                 f"| {metres(fit.rmse)} | {fit.seconds:.1f} | {fit.status} |",
@@ -234,7 +236,10 @@ TABLES: dict[str, Callable[[Path], None]] = {
 
 if __name__ == "__main__":
     where = Path(sys.argv[1])
-    clothfit.estimate(*stranger(where, "mujoco-corners", 1, damping="G"), max_evaluations=2, fit_time=True)  # compiled
+    clothfit.estimate(
+        *stranger(where, "mujoco-corners", 1, damping="G"),
+        options=clothfit.FitOptions(max_evaluations=2, fit_time=True),
+    )  # compiled
     for table in sys.argv[2:] or TABLES:
         TABLES[table](where)
         print()

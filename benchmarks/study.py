@@ -127,7 +127,7 @@ def families() -> None:
         capture = clothfit.degrade(clothfit.fit.estimate.record_target(truth), 1e-3, seed=seed)
         for settings in ("nR", "nL"):
             began = time.process_time()
-            fit = clothfit.estimate(scene_of("side", settings), capture, intervals=False)
+            fit = clothfit.estimate(scene_of("side", settings), capture, options=clothfit.FitOptions(intervals=False))
             seconds = time.process_time() - began
             report = clothfit.evaluate(truth, fit.scene)
             away = np.log(fit.scene.cloths[0].stiffness / truth.cloths[0].stiffness)
@@ -149,7 +149,9 @@ TABLES: dict[str, Callable[[], None]] = {
 }  # fmt: skip
 
 if __name__ == "__main__":
-    clothfit.estimate(scene_of("side", "nL", 10), max_evaluations=2)  # compiled from here on
+    clothfit.estimate(
+        scene_of("side", "nL", 10), options=clothfit.FitOptions(max_evaluations=2),
+    )  # compiled from here on
     for table in sys.argv[1:] or TABLES:
         TABLES[table]()
         print()

@@ -52,7 +52,9 @@ def fits(side: int, frames: int, evaluations: int, method: str) -> tuple[dict[st
             os.environ[SWITCH] = "1"
         else:
             os.environ.pop(SWITCH, None)
-        found[name] = clothfit.estimate(start, target, method=method, max_evaluations=evaluations)
+        found[name] = clothfit.estimate(
+            start, target, method=method, options=clothfit.FitOptions(max_evaluations=evaluations),
+        )
 
     return {name: lambda name=name: fit(name) for name in ("one", "two")}, found
 

@@ -21,6 +21,8 @@ from clothfit.evaluation.gradient_check import check_scene as check_scene
 from clothfit.evaluation.work_precision import WorkPrecision as WorkPrecision
 from clothfit.evaluation.work_precision import work_precision as work_precision
 from clothfit.fit.estimate import estimate as estimate
+from clothfit.fit.observer import Observer as Observer
+from clothfit.fit.options import FitOptions as FitOptions
 from clothfit.fit.result import Fit as Fit
 from clothfit.formats.axes import Convention as Convention
 from clothfit.formats.axes import Reading as Reading

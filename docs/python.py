@@ -35,7 +35,6 @@ in SI units and all arrays are float64 unless something else is said. The packag
 | `Array`, `Flags`, `Indices` | NumPy arrays of float64, bool and int32 |
 | `Recorded` | a `Motion`, an array (frames, vertices, 3), or the path of a motion file |
 | `Targets` | one of these; a pair of one and the `Scene` of its recording; a list |
-| `Keywords` | the keyword arguments of `estimate` |
 | `Compared` | what is compared: an objective by its name, several with their weights, or a cost of one's own |
 | `Readable` | a path, an open file, or a dict with the fields of the file |
 | P, n, S, T | the number of fitted values, and of a cloth's vertices, springs and triangles |
@@ -50,7 +49,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "simulate", "Motion", "as_motion", "load_motion", "save_motion", "Reading", "Convention", "degrade",
         "energies", "Energy",
     ),
-    "Fits": ("estimate", "Fit", "estimate_many", "evaluate", "Evaluation", "report_page"),
+    "Fits": ("estimate", "FitOptions", "Observer", "Fit", "estimate_many", "evaluate", "Evaluation", "report_page"),
     "Keyframes": (
         "find_forces", "find_controls", "Controls", "Handle", "Control", "Costs", "Key", "load_keys", "Forces",
         "load_forces", "save_forces",
@@ -73,6 +72,7 @@ PARTS = {
     "Scene": ("scene.scene.Sphere",),
     "Control": ("control.control.Reached",),
     "Forces": ("scene.forces.Regulator",),
+    "FitOptions": tuple(f"fit.options.{name}" for name in ("Comparison", "Capture", "Freedom", "Effort")),
     "Fit": ("fit.result.FittedBlock", "fit.result.Scatter", "fit.holdout.HeldOut"),
     "estimate_many": ("many.estimate_many.Result",),
     "Evaluation": ("evaluation.evaluate.Distance", "evaluation.evaluate.Deviation"),
@@ -201,7 +201,7 @@ def table(head: str, rows: list[tuple[str, ...]]) -> str:
 def class_parts(value: type) -> Iterator[str]:
     """The paragraphs on a class: what it is, its fields, its methods."""
     yield prose(value.__doc__)
-    if rows := fields(value):
+    if (rows := fields(value)) and value is not clothfit.FitOptions:  # its parts have them
         optional = any(row.default for row in rows)
         listed = [(f"`{row.name}`", f"`{row.type}`", row.meaning) for row in rows]
         if optional:

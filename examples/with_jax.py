@@ -89,7 +89,7 @@ def main():
     losses = train(scene, clothfit.simulate(truth, tolerance=1e-10))
     print(f"the function: loss {losses[0]:.3g} mm² → {losses[-1]:.3g} mm²")
     before, _ = sag(clothfit.simulate(scene))
-    fit = clothfit.estimate(scene, objective=sag, model="F", rmse=1e-4)
+    fit = clothfit.estimate(scene, model="F", options=clothfit.FitOptions(objective=sag, rmse=1e-4))
     print(f"the cost of one's own: {before:.3g} → {fit.cost:.3g} m², {fit.status}")
 
 

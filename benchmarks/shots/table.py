@@ -110,7 +110,7 @@ def shuffled(path: Path, scene: Any, motion: Any, folder: Path) -> float:
         reading = clothfit.Reading(up=str(arrays["up"])[:1], handedness="right", fps=float(arrays["fps"]))
     np.savez(folder / "shuffled.npz", positions=points, fps=reading.fps)
     scan = load(folder / "shuffled.npz", scene, reading).motion
-    found = clothfit.estimate(scene, scan, intervals=False).scene
+    found = clothfit.estimate(scene, scan, options=clothfit.FitOptions(intervals=False)).scene
     step, fraction = frame_places(motion, found.delta)
     x = clothfit.simulate(found, int(np.ceil(step + fraction).max()) + 1).positions
     return float(np.sqrt(((interpolated(x, step, fraction) - motion.positions) ** 2).sum(axis=2).mean()))
@@ -120,13 +120,13 @@ def fits(scene: Any, motion: Any, kept_out: bool) -> dict[str, Any]:
     """The same of a scene."""
     import clothfit
 
-    clothfit.estimate(scene, motion, max_evaluations=2, intervals=False)  # compiled
+    clothfit.estimate(scene, motion, options=clothfit.FitOptions(max_evaluations=2, intervals=False))  # compiled
     began = time.process_time()
     fit = clothfit.estimate(scene, motion)
     found: dict[str, Any] = {"seconds": time.process_time() - began, "error": fit.whole or fit.rmse}
     found |= {"status": str(fit.status), "verdict": fit.verdict.model if fit.verdict else ""}
     if kept_out:
-        other = clothfit.estimate(scene, motion, holdout=KEPT_OUT, intervals=False)
+        other = clothfit.estimate(scene, motion, options=clothfit.FitOptions(holdout=KEPT_OUT, intervals=False))
         found["kept out"] = other.holdout.rmse if other.holdout else None
     return found
 

@@ -11,7 +11,7 @@ from clothfit.base.messages import counted, owned
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import one_stream, read_scene, under_forces
-from clothfit.cli.common.options import check_numbers, option, section, standard_command
+from clothfit.cli.common.options import check_numbers, option, section, setting, standard_command
 from clothfit.cli.common.output import attributes, print_json
 
 if TYPE_CHECKING:
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 @section("What to check")
 @option("--steps N", "Simulate N time steps.  [default: the scene's, fewer for large cloths]", int)
 @option("--target MOTION", "Motion to compare with.  [default: that of perturbed values]", name="target_path")
-@motions.forces
-@option("--seed S", "Seed of the random directions.  [default: 0]", click.IntRange(0), default=0)
-@option("--memory SIZE", "Use at most this much memory, such as 200MB.  [default: half of what is free]")
+@motions.with_forces
+@setting("--seed S", "Seed of the random directions.  [default: 0]", click.IntRange(0), default=0)
+@setting("--memory SIZE", "Use at most this much memory, such as 200MB.  [default: half of what is free]")
 @section("The file of the target")
 @motions.reads
 def command(

@@ -12,13 +12,19 @@ SHELLS = ("bash", "zsh", "fish")
 
 BASH = r"""
 _clothfit_completion() {
-    local kind value
+    local kind value text="${COMP_WORDS[*]:0:COMP_CWORD+1}" before=
+    local -a words
+    text=${text// = /=}  # bash takes NAME=VALUE apart
+    text=${text/% =/=}
+    read -ra words <<< "$text"
+    [[ $text == *" " ]] && words+=("")
+    [[ $COMP_WORDBREAKS == *=* && ${words[-1]} == *=* ]] && before=${words[-1]%%=*}=
     COMPREPLY=()
     while IFS=, read -r kind value; do
-        COMPREPLY+=("$value")
+        COMPREPLY+=("${value#"$before"}")
         [[ $kind == path ]] && compopt -o filenames 2> /dev/null
         [[ $value == *= || $value == */ ]] && compopt -o nospace 2> /dev/null
-    done < <(COMP_WORDS="${COMP_WORDS[*]}" COMP_CWORD=$COMP_CWORD _CLOTHFIT_COMPLETE=bash_complete "$1")
+    done < <(COMP_WORDS="$text" COMP_CWORD=$((${#words[@]} - 1)) _CLOTHFIT_COMPLETE=bash_complete "$1")
 }
 complete -o nosort -F _clothfit_completion clothfit
 """

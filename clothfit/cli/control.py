@@ -22,7 +22,7 @@ from clothfit.cli import report as pages
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import check_there, one_stream, read_scene, warn_of_steps
-from clothfit.cli.common.options import gathered, given, option, section, standard_command
+from clothfit.cli.common.options import gathered, given, option, section, setting, standard_command, tuned
 from clothfit.cli.common.output import PAGE, SCENE, STREAM, Output, attributes, beside, output_for, print_json
 from clothfit.cli.common.progress import now_and_then
 from clothfit.cli.parts import checkpoints
@@ -58,9 +58,9 @@ class Moves:
         "number, range or region is one handle. pins: those of the scene.")
     wind: bool = given("--wind", "The wind, over time.")
     velocity: bool = given("--velocity", "The velocities at the start.")
-    every: float | None = given("--every SECONDS", "Time between two keys of paths, of the wind and, then, of forces.  "
+    every: float | None = tuned("--every SECONDS", "Time between two keys of paths, of the wind and, then, of forces.  "
         "[default: 0.1; forces of each step]", float)
-    modes: int | None = given("--modes COUNT", "Forces in the first so many modes of vibration only.", int)
+    modes: int | None = tuned("--modes COUNT", "Forces in the first so many modes of vibration only.", int)
 
     def check(self) -> None:
         """Raise InvalidInput on values that cannot be."""
@@ -98,16 +98,16 @@ class Moves:
 @option("--keyframes KEYS", "Where the cloth is to be, and when: JSON, or a motion with few frames.", name="keys_path",
         required=True)
 @option("--most N", "Largest force on a vertex, N.  [default: none]", float)
-@option("--smooth SECONDS", "Prefer forces that change slowly: a change within this time costs as much as the force "
+@setting("--smooth SECONDS", "Prefer forces that change slowly: a change within this time costs as much as the force "
         "itself.  [default: 0]", float)
-@option("--even METRES", "Prefer forces that neighbours share: a difference over this distance costs as much as the "
+@setting("--even METRES", "Prefer forces that neighbours share: a difference over this distance costs as much as the "
         "force itself.  [default: 0]", float)
 @option("--budget SECONDS", "Stop after this time, such as 30, 30s or 2m, with the best so far.  [default: none]",
         name="time_budget")
 @section("What may move")
 @gathered("moves", Moves)
 @section("Long searches")
-@option("--checkpoint FILE", "Save the state of the search here.  [default: <output>.checkpoint, after a minute]",
+@setting("--checkpoint FILE", "Save the state of the search here.  [default: <output>.checkpoint, after a minute]",
         name="checkpoint_path")
 @option("--resume", "Go on with a search that was ended early, from its checkpoint.")
 @section("The file of the keyframes")
@@ -117,7 +117,7 @@ class Moves:
 @option("--forces FILE", "File of the forces.  [default: <stem>.forces.npz]", name="forces_path")
 @option("--save SCENE", "Scene with the paths, the wind and the velocities that were found.  [default: "
         "<stem>.controlled.json, where there are any]", name="save_path")
-@option("--table FILE", "Write the forces as a table too (.csv): a line for each step and vertex.", name="table_path")
+@setting("--table FILE", "Write the forces as a table too (.csv): a line for each step and vertex.", name="table_path")
 @option("--report FILE", "Write a page that plays the motion among its keys, with the forces, in 3-D.",
         name="report_path")
 @pictures.options

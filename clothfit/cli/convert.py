@@ -13,7 +13,7 @@ from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import one_stream, read_scene
-from clothfit.cli.common.options import option, section, standard_command
+from clothfit.cli.common.options import option, section, setting, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.formats.axes import SCENE, Axes, Convention, Reading
 from clothfit.formats.registry import foreign, format_of
@@ -39,7 +39,7 @@ LEAST_ROUNDING = 1e-12
 @section("The file IN")
 @motions.reads
 @section("The file OUT")
-@motions.axes("to-", "OUT")
+@motions.axes("to-", "OUT", declared=setting)
 def command(
     in_path: str, out_path: str, scene_path: str | None, mesh_path: str | None, bind_path: str | None, reading: Reading,
     to_scale: float | None, to_up: str | None, to_handedness: str | None, console: Console,

@@ -13,7 +13,7 @@ import click
 from clothfit.base.messages import counted, metres, owned
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, option, refuse, section, standard_command
+from clothfit.cli.common.options import check_numbers, option, refuse, section, setting, standard_command
 from clothfit.cli.common.output import PAGE, Output, attributes, beside, print_json, uninterrupted
 from clothfit.cli.common.progress import now_and_then
 from clothfit.formats.axes import Reading, positive
@@ -32,15 +32,15 @@ if TYPE_CHECKING:
 @section("What to compare")
 @option("--target MOTION", "Compare with this motion instead of SCENE's own.", name="target_path")
 @option("--steps N", "Simulate N steps for the longer comparison.  [default: 499; with --speed those of SCENE]", int)
-@motions.forces
+@motions.with_forces
 @section("The file of the target")
 @motions.reads
 @section("How fast and how exact (--speed)")
 @option("--speed", "Measure the speed and error of integrators, steps and tolerances instead.")
-@option("--error METRES", "With --speed: recommend the cheapest setting within this error.", float)
+@setting("--error METRES", "With --speed: recommend the cheapest setting within this error.", float)
 @option("--budget SECONDS", "With --speed: measure for about this long.  [default: 60]", float)
 @section("A subspace (MODEL in place of FITTED)")
-@option("--inputs FILE", "Of a subspace: compare under these inputs over time (JSON).  [default: those of SCENE]",
+@setting("--inputs FILE", "Of a subspace: compare under these inputs over time (JSON).  [default: those of SCENE]",
         name="inputs_path")
 @option("--report FILE", "Of a subspace: write a page here that plays it over the full motion, side by side.",
         name="page_path")
@@ -59,8 +59,7 @@ def command(
     \b
     clothfit evaluate scene.json scene.fitted.json
     clothfit evaluate scene.json scene.fitted.json --target capture.npz --json
-    clothfit evaluate scene.json scene.fitted.json --plot error.png --gif error.gif
-    clothfit evaluate scene.json --speed --error 0.02 --plot speed.svg
+    clothfit evaluate scene.json --speed --set error=0.02 --set plot=speed.svg
     clothfit evaluate scene.json scene.model.npz --json
     """
     if speed:

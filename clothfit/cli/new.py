@@ -14,7 +14,7 @@ from clothfit.base.limits import doubts, doubts_of_time, is_number
 from clothfit.base.messages import counted, spans
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import check_there, warn_of_steps
-from clothfit.cli.common.options import gathered, given, option, standard_command
+from clothfit.cli.common.options import gathered, given, option, standard_command, tuned
 from clothfit.cli.common.output import SCENE, STREAM, Output, output_for, print_json
 from clothfit.cli.parts import new_shot
 from clothfit.formats.axes import positive
@@ -78,28 +78,28 @@ class Asked:
         click.Choice(["left", "right"]))
     weld: str | None = given("--weld [METRES]", "Join vertices that lie at one place, and remove triangles without "
         "area and unused vertices.  [distance: a millionth of the mesh]", is_flag=False, flag_value="")
-    rotate: str | None = given("--rotate X,Y,Z", "Rotate by these degrees about z, x, y in turn, as in Unity.",
+    rotate: str | None = tuned("--rotate X,Y,Z", "Rotate by these degrees about z, x, y in turn, as in Unity.",
         title="Where it is")
-    move: str | None = given("--move X,Y,Z", "Then move by these distances in m.")
+    move: str | None = tuned("--move X,Y,Z", "Then move by these distances in m.")
     fabric: str | None = given("--fabric NAME", "Real fabric, of those that clothfit fabrics lists: its weight, and "
         "where they are known stretch and bending, for the options below.", title="What it is made of")
     density: float = given("--density D", "Mass per area in kg/m².  [default: 0.2]", float, default=DENSITY)
     stiffness: float = given("--stiffness E", "Stiffness of the springs in N/m.  [default: 50]", float,
         default=STIFFNESS)
-    bending: float | None = given("--bending SHARE", "Stiffness of bending springs, as a share of --stiffness.  "
+    bending: float | None = tuned("--bending SHARE", "Stiffness of bending springs, as a share of --stiffness.  "
         "[default: 0.25]", float)
-    no_bending: bool = given("--no-bending", "Make springs along edges only.")
-    damping: float = given("--damping A", "Damping of vertices and springs.  [default: 0.1]", float, default=0.1)
+    no_bending: bool = tuned("--no-bending", "Make springs along edges only.")
+    damping: float = tuned("--damping A", "Damping of vertices and springs.  [default: 0.1]", float, default=0.1)
     drag: str | None = given("--drag C|air", "Drag coefficient of the faces, or air for that of real air.  [default: "
         "0.1; where the wind is fitted, air, which is then fitted too]")
-    drag_law: str = given("--drag-law", "How the air pushes faces: editor, as the editor does, or air, by area and "
+    drag_law: str = tuned("--drag-law", "How the air pushes faces: editor, as the editor does, or air, by area and "
         "by the square of the speed; then --drag has no unit, and is 1.2 by default.  [default: editor]",
         click.Choice(DRAG_LAWS), default=EDITORS)
     region: tuple[str, ...] = given("--region NAME=PLACE", "Name a part for fits in mode R: a box, vertices, or a "
         "side, written as in the --fix options, such as collar=top=0.05.", multiple=True)
-    warp: str | None = given("--warp", "Axis of the scene that is along the cloth.  [default: u of the mesh's texture, "
+    warp: str | None = tuned("--warp", "Axis of the scene that is along the cloth.  [default: u of the mesh's texture, "
         "else as its grid shows]", click.Choice(["x", "y", "z"]))
-    fix_box: tuple[str, ...] = given("--fix-box X,Y,Z:X,Y,Z", "Fix the vertices in the box between two corners.",
+    fix_box: tuple[str, ...] = tuned("--fix-box X,Y,Z:X,Y,Z", "Fix the vertices in the box between two corners.",
         multiple=True, title="What holds it")
     fix_vertices: str | None = given("--fix-vertices 0,11,20-30", "Fix vertices by their numbers in the mesh.")
     fix_side: tuple[str, ...] = given("--fix-side SIDE[=METRES]", "Fix the vertices within a distance of the top, "
@@ -118,14 +118,14 @@ class Asked:
     integrator: str | None = given("--integrator NAME", "Integrator: bdf2, of second order; implicit, symplectic or "
         "explicit, of first order, which the editor in Unity can play; or rest, the shape of the cloth at rest.  "
         "[default: bdf2, of specimens rest]")
-    delta: float | None = given("--delta SECONDS", "Time step in s.  [default: that of the file's frames, else 0.02]",
+    delta: float | None = tuned("--delta SECONDS", "Time step in s.  [default: that of the file's frames, else 0.02]",
         float)
     fps: float | None = given("--fps F", "Time steps per second, instead of --delta.", float)
     frames: int | None = given("--frames N", "Number of frames that a fit compares.  [default: the file's, else 100]",
         int)
-    tolerance: float = given("--tolerance T", "Relative tolerance of the linear solver.  [default: 1e-8]", float,
+    tolerance: float = tuned("--tolerance T", "Relative tolerance of the linear solver.  [default: 1e-8]", float,
         default=1e-08)
-    title: str | None = given("--title TEXT", "Name of the scene.  [default: the file's]", title="What is written")
+    title: str | None = tuned("--title TEXT", "Name of the scene.  [default: the file's]", title="What is written")
 
     def check(self, made: str) -> None:
         """Raise UsageError where options do not go together, InvalidInput where a text is none of its option; `made` of

@@ -281,7 +281,7 @@ def _asks_for_ascii() -> bool:
 OPTION = re.compile(r"--[a-z][a-z-]*")
 ARGUMENT = re.compile(r"([a-z][a-z_ ]*?)(?=: | must be )")  # as messages name it for Python
 
-OTHERWISE = {"markers": "--map", "seconds": "--budget", "rmse_tolerance": "--rmse"}
+OTHERWISE = {"markers": "--map", "seconds": "--budget", "time_limit": "--budget", "rmse_tolerance": "--rmse"}
 """Arguments of Python whose options have other names."""
 
 

@@ -1,4 +1,4 @@
-"""`clothfit report`: a page that shows a fitted scene."""
+"""`clothfit report`: a page, a picture or an animation that shows a fitted scene."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import click
 
 from clothfit.base.messages import counted, metres
-from clothfit.cli.common import motions
+from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
-from clothfit.cli.common.options import check_numbers, option, section, standard_command
+from clothfit.cli.common.options import Setting, check_numbers, option, section, standard_command
 from clothfit.cli.common.output import PAGE, STREAM, Output, attributes, output_for, print_json
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 Origin: TypeAlias = tuple[Sequence[str], Sequence[tuple[str, str]]]
 """Of a page: the commands that make it, and name and SHA-256 of each input."""
 
+SPELLED = {"True": "yes", "False": "no"}
 SILENT = ("quiet", "verbose", "as_json")
 """Parameters of a command that change no result."""
 
@@ -39,18 +40,19 @@ SILENT = ("quiet", "verbose", "as_json")
 @section("What to show")
 @option("--target MOTION", "Compare with this motion instead of SCENE's own.", name="target_path")
 @option("--steps N", "Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]", int)
-@motions.forces
+@motions.with_forces
 @option("--log FILE", "Show the course of the fit and its intervals, from a log of estimate --log; may be repeated, in "
         "the order of the fits.", name="log_paths", multiple=True)
 @section("The file of the target")
 @motions.reads
 @section("What is written")
-@option("-o --output FILE", "File of the page.  [default: <stem of the first FITTED>.report.html]", name="path")
+@option("-o --output FILE", "File of the page, or of a picture (.png, .svg, .pdf) or an animation (.gif).  [default: "
+        "<stem of the first FITTED>.report.html]", name="path")
 def command(
     scene_path: str, fitted_paths: tuple[str, ...], target_path: str | None, reading: Reading, steps: int | None,
     forces_path: str | None, log_paths: tuple[str, ...], path: str | None, console: Console,
 ) -> None:
-    """Write a page that plays FITTED over SCENE, or over a target motion, in 3-D, with charts.
+    """Write a page that plays FITTED over SCENE, or over a target motion, in 3-D, with charts; or draw it.
 
     The page is one HTML file and needs no network. Open it in a browser. It plays the motion before the fit beside the
     fitted one: with --target that of SCENE, else what a log tells. Several fits of one target stand side by side; the
@@ -61,6 +63,7 @@ def command(
     clothfit report scene.json scene.fitted.json --target capture.npz -o page.html
     clothfit report scene.json scene.fitted.json --log fit.jsonl
     clothfit report scene.json one.json two.json --target capture.npz -o both.html
+    clothfit report scene.json scene.fitted.json --target capture.npz -o fit.gif
     """
     one_stream(scene_path, *fitted_paths, target_path)
     check_numbers(steps)
@@ -68,7 +71,14 @@ def command(
     if len(log_paths) > len(fitted_paths):
         raise click.UsageError(f"{len(log_paths)} logs for {counted(len(fitted_paths), 'fit', 'fits')} are given")
     first, *rest = fitted_paths
-    out = output_for(path, first, ".report.html", (scene_path, *rest, target_path, forces_path, *log_paths), text=PAGE)
+    inputs = (scene_path, *rest, target_path, forces_path, *log_paths)
+    picture = pictures.named(path)
+    if picture is None:
+        out = output_for(path, first, ".report.html", inputs, text=PAGE)
+    elif rest:
+        raise click.UsageError("a picture shows one fit; name a page, .html, for several")
+    else:
+        picture.check(first, *inputs)
     truth = under_forces(read_scene(scene_path, console), forces_path)
     fitted, *others = [under_forces(read_scene(each, console), forces_path) for each in fitted_paths]
     readings: list[dict[str, Any]] = []
@@ -78,6 +88,10 @@ def command(
         warn_of_steps(each, truth.frames, console)
     console.announce_compilation()
     frames = None if steps is None else frames_of(steps, truth)
+    if picture:
+        picture.fitted(truth, fitted, target, frames or truth.frames, logs[0], console)
+        print_json({"output": path} | motions.readings_summary(readings))
+        return
     same = evaluation(scene_path, first, target_path, reading, forces_path)
     files = {target_path: target, **dict.fromkeys((forces_path, *log_paths))}
     origin = [same, command_line(click.get_current_context())], digests([truth, fitted, *others], files)
@@ -145,13 +159,15 @@ def command_line(context: click.Context) -> str:
     """The command of a context, with the options that were given, as a line to copy."""
     options: list[str] = []
     arguments: list[str] = []
-    for parameter in context.command.params:
+    for parameter in context.command.get_params(context):
         name = parameter.name or ""
         value = context.params.get(name)
-        if name in SILENT or value is None or value is False or value == () or value == parameter.default:
+        if name in SILENT or value in (None, (), parameter.default) or (value is False and not parameter.default):
             continue
-        given = [str(each) for each in (value if isinstance(value, tuple) else (value,))]
-        if isinstance(parameter, click.Option):
+        given = [SPELLED.get(str(each), str(each)) for each in (value if isinstance(value, tuple) else (value,))]
+        if isinstance(parameter, Setting):
+            options += [part for each in given for part in ("--set", f"{parameter.key}={each}")]
+        elif isinstance(parameter, click.Option):
             option = parameter.opts[0]
             options += [option] if value is True else [part for each in given for part in (option, each)]
         else:

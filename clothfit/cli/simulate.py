@@ -11,7 +11,7 @@ import click
 import clothfit
 from clothfit.cli.common import motions, pictures, running
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, option, section, standard_command
+from clothfit.cli.common.options import check_numbers, option, section, setting, standard_command
 from clothfit.cli.common.output import Output, beside, output_for, print_json
 
 if TYPE_CHECKING:
@@ -36,12 +36,12 @@ ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which 
 @click.argument("scene_path", metavar="SCENE")
 @section("What to simulate")
 @option("--steps N", "Simulate N time steps.  [default: the scene's optimizationIterations - 1]", int)
-@option("--tolerance T", "Relative tolerance of the linear solver.  [default: the scene's]", float)
+@setting("--tolerance T", "Relative tolerance of the linear solver.  [default: the scene's]", float)
 @motions.forces
-@option("--feedback", "With --forces: pull a disturbed cloth back to the motion that they were found for.")
+@setting("--feedback", "With --forces: pull a disturbed cloth back to the motion that they were found for.")
 @section("What is written")
 @option("--energy", "Print a table of the energies, and store them with the motion.", name="with_energy")
-@option("--dump FILE", "If the motion diverges, write its last states here (.npz).", name="dump_path")
+@setting("--dump FILE", "If the motion diverges, write its last states here (.npz).", name="dump_path")
 @option("-o --output MOTION", "File of the motion, in any format.  [default: <stem>.motion.npz]", name="path")
 @running.option("Simulate again")
 @pictures.options
@@ -59,9 +59,8 @@ def command(
     clothfit simulate scene.json --steps 500 -o long.npz
     clothfit simulate scene.json -o 'frames/cloth_*.obj'
     clothfit simulate scene.json --energy
-    clothfit simulate scene.json --forces scene.forces.npz --feedback
-    clothfit simulate scene.json --dump last.npz
-    clothfit simulate scene.json --plot motion.png --gif motion.gif
+    clothfit simulate scene.json --forces scene.forces.npz --set feedback=yes
+    clothfit simulate scene.json --set dump=last.npz
     """
     check_numbers(steps, tolerance)
     if feedback and forces_path is None:

@@ -16,7 +16,7 @@ from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import check_there, one_stream, read_scene, with_inputs
-from clothfit.cli.common.options import check_least, length, option, refuse, section, standard_command
+from clothfit.cli.common.options import check_least, length, option, refuse, section, setting, standard_command
 from clothfit.cli.common.output import STREAM, Output, beside, output_for, print_json
 from clothfit.formats.axes import Convention, Reading
 from clothfit.many.job import INTERRUPTED
@@ -58,31 +58,31 @@ ONLY = {
         "to play those of the scene]", int)
 @option("--wind SPEED", "Gusts up to this speed along each axis, m/s.  [default: a push of a quarter of the weight]",
         float)
-@option("--pins METRES", "Move all fixed vertices at random so far.  [default: 0]", float)
-@option("--pace FACTOR", "What moves in the scene does so up to this much faster or slower.  [default: 1.25]", float)
-@option("--seed S", "Seed of all that is random.  [default: 0]", int)
+@setting("--pins METRES", "Move all fixed vertices at random so far.  [default: 0]", float)
+@setting("--pace FACTOR", "What moves in the scene does so up to this much faster or slower.  [default: 1.25]", float)
+@setting("--seed S", "Seed of all that is random.  [default: 0]", int)
 @option("--motion M[@INPUTS]", "Take motions of other programs instead, with the inputs over time (JSON) that moved "
         "them; may be repeated. The last one judges.", name="motions", multiple=True)
-@option("--fps F", "Frames per second of their files.  [default: their times]", float)
+@setting("--fps F", "Frames per second of their files.  [default: their times]", float)
 @section("What to build (build)")
 @option("--basis R", "Number of vectors.  [default: 64, or as --error needs]", int)
 @option("--error LENGTH", "Take as many vectors as leave out no more, such as 5mm.")
-@option("--cubature ERROR", "Relative error of the forces' sums; 0 evaluates all elements.  [default: from 0.08 down "
+@setting("--cubature ERROR", "Relative error of the forces' sums; 0 evaluates all elements.  [default: from 0.08 down "
         "to 0.01, as needed]", float)
-@option("--modes N", "So many of the vectors are vibration modes.  [default: one in sixteen]", int)
+@setting("--modes N", "So many of the vectors are vibration modes.  [default: one in sixteen]", int)
 @option("--method", "How the coordinates step: as the scene does, on the basis, or by a network that learns it from "
         "the motions.  [default: physics]", click.Choice(("physics", "network")))
-@option("--normals", "Keep a regression of the vertices' normals on the coordinates.", default=None)
-@option("--half", "Store the vectors in half precision: half the file.", default=None)
+@setting("--normals", "Keep a regression of the vertices' normals on the coordinates.", default=None)
+@setting("--half", "Store the vectors in half precision: half the file.", default=None)
 @section("How to train (build --method network)")
-@option("--minutes M", "Processor time of the training.  [default: 10]", float)
-@option("--rounds N", "Rounds of the training in place of --minutes: the same network on every machine, but for "
+@setting("--minutes M", "Processor time of the training.  [default: 10]", float)
+@setting("--rounds N", "Rounds of the training in place of --minutes: the same network on every machine, but for "
         "rounding.", int)
 @option("--resume", "Go on with the training whose state is beside OUT, <OUT's stem>.training.npz.", default=None)
 @section("What to play (play)")
 @option("--inputs FILE", "Play with these inputs over time (JSON).", name="inputs_path")
-@option("--push-out LENGTH", "Push vertices out of the scene's obstacles, so far from them, such as 0 or 2mm.")
-@option("--coordinates FILE", "Write the coordinates of each object here, for players that decode them (.npz).")
+@setting("--push-out LENGTH", "Push vertices out of the scene's obstacles, so far from them, such as 0 or 2mm.")
+@setting("--coordinates FILE", "Write the coordinates of each object here, for players that decode them (.npz).")
 @option("--instances N", "Play N instances at once, in random gusts within the recorded range, and say how long a "
         "frame of one takes; motions are written with -o only.", int)
 @section("What is written")
@@ -101,7 +101,7 @@ def command(action: str, subspace_path: str, path: str | None, console: Console,
     clothfit subspace record scene.json --episodes 20 --wind 8 -o data.npz
     clothfit subspace record scene.json --motion a.abc@a.json --motion b.abc@b.json -o data.npz
     clothfit subspace build data.npz --error 5mm
-    clothfit subspace build scene.json --method network --minutes 5
+    clothfit subspace build scene.json --method network --set minutes=5
     """
     given["motions"] = given["motions"] or None
     for name, value in given.items():

@@ -8,7 +8,7 @@ from clothfit.base.limits import check_capture
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, option, section, standard_command
+from clothfit.cli.common.options import check_numbers, option, section, setting, standard_command
 from clothfit.cli.common.output import output_for, print_json
 from clothfit.formats.axes import Convention
 
@@ -17,14 +17,14 @@ from clothfit.formats.axes import Convention
 @click.argument("scene_path", metavar="SCENE")
 @section("What to simulate")
 @option("--steps N", "Simulate N time steps.  [default: the scene's optimizationIterations - 1]", int)
-@option("--tolerance T", "Relative tolerance of the linear solver.  [default: as tight as a fit's]", float)
-@motions.forces
+@setting("--tolerance T", "Relative tolerance of the linear solver.  [default: as tight as a fit's]", float)
+@motions.with_forces
 @section("What a capture sees of it")
 @option("--noise METRES", "Add noise of this standard deviation per coordinate.  [default: 0]", float, default=0.0)
-@option("--observed FRACTION", "Keep this share of the vertices, drawn at random.  [default: 1]", float, default=1.0)
-@option("--every K", "Keep every K-th frame.  [default: 1]", int, default=1)
+@setting("--observed FRACTION", "Keep this share of the vertices, drawn at random.  [default: 1]", float, default=1.0)
+@setting("--every K", "Keep every K-th frame.  [default: 1]", int, default=1)
 @option("--fps F", "Record F frames per second, interpolated between steps.  [default: all steps]", float)
-@option("--seed S", "Seed of the random numbers.  [default: 0]", click.IntRange(0), default=0)
+@setting("--seed S", "Seed of the random numbers.  [default: 0]", click.IntRange(0), default=0)
 @section("What is written")
 @option("-o --output MOTION", "File of the motion, in any format.  [default: <stem>.target.npz]", name="path")
 @section("The file of the motion")
@@ -40,7 +40,7 @@ def command(
 
     \b
     clothfit target scene.json
-    clothfit target scene.json --noise 0.001 --observed 0.25 --every 2 -o capture.npz
+    clothfit target scene.json --noise 0.001 --set observed=0.25 --set every=2 -o capture.npz
     clothfit target scene.json --noise 0.001 --fps 30 -o capture.npz
     """
     check_capture(noise, observed, every, fps)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -26,7 +26,8 @@ from clothfit.engine.system import build
 from clothfit.fit.flags import reflagged
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
-from clothfit.fit.options import AUTO, FitOptions, Keywords, options_of, settled
+from clothfit.fit.observer import Observer, bar
+from clothfit.fit.options import AUTO, FitOptions, Request, requested, settled
 from clothfit.fit.preparation import flagged, followed, in_time, in_windows, with_start_velocity, with_whole
 from clothfit.fit.registered_fit import SAME_FALL, Look, begun, put_right
 from clothfit.fit.residual_hints import with_own_motion, with_residual_hints, with_stall_hint, with_start, with_still
@@ -50,10 +51,10 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Experiment, Targets, experiments
-from clothfit.objective.memory_needs import Needs, check_own
-from clothfit.objective.objective import Compared, Objective
-from clothfit.optimise.checkpoint import Checkpoint, identity, opened
-from clothfit.optimise.progress import Progress, bar
+from clothfit.objective.memory_needs import check_own
+from clothfit.objective.objective import Objective
+from clothfit.optimise.checkpoint import identity, opened
+from clothfit.optimise.progress import Progress
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.registration.record import Registration
@@ -84,117 +85,42 @@ def estimate(
     start: float | Array | Scene | str | os.PathLike[str] | None = None,
     method: str = "auto",
     *,
-    budget: str | float | None = None,
-    max_evaluations: int | None = None,
-    rmse: float | None = None,
-    tolerance: float | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
-    objective: Compared = "position",
-    loss: str = "linear",
-    loss_scale: float | None = None,
-    prior: float | str = "auto",
-    checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
-    resume: bool = False,
-    holdout: float | None = None,
-    holdout_of: str = "frames",
-    intervals: bool = True,
-    memory: int | str | None = None,
-    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
     model: str | None = None,
-    substeps: int | str | None = None,
-    keep_step: bool = False,
-    windows: int | None = None,
-    fit_time: bool = False,
-    fit_placement: bool = False,
-    fit_scale: bool = False,
-    keep_markers: bool = False,
-    hold: bool = False,
-    fit: str | Sequence[str] | None = None,
-    on_memory: Callable[[Needs], None] | None = None,
-    on_hint: Callable[[Hint], None] | None = None,
-    on_found: Callable[[Scene], None] | None = None,
+    time_limit: str | float | None = None,
+    options: FitOptions = FitOptions(),  # noqa: B008 (it is frozen)
+    observer: Observer | None = None,
 ) -> Fit:
-    """Fit the flagged values of a scene to one target motion or to several. The arguments have the names of the
-    options of the command `clothfit estimate`.
+    """Fit the flagged values of a scene to one target motion or to several.
 
-    `target`, `objective`, `loss`, `loss_scale` and `memory` are those of `Objective`. The fit compares the scene's
-    `frames` of each target; of a target with its own scene, as many as that scene says. Without a target the fit is a
-    trial: the target is simulated with the scene's own values, and the fit starts from values that do not depend on
-    them.
+    `target` is that of `Objective`. The fit compares the scene's `frames` of each target; of a target with its own
+    scene, as many as that scene says. It starts from the scene's values. Without a target the fit is a trial: the
+    target is simulated with the scene's own values, and the fit starts from values that do not depend on them.
 
-    `objective` may also be a cost of one's own: a function that takes a `Motion` of F frames and N vertices and returns
-    the cost, at least 0, and its derivative (F, N, 3) by the positions; it sees the motion at the times of the target's
-    frames, or without a target at those of the scene. It is minimised by "l-bfgs-b" or another minimiser of SciPy; as
-    `Residuals` also by "gauss-newton". The fit then starts from the scene's values as with a target, and knows no
-    hold-out, clock, placement or loss; `rmse` is the root of the cost.
+    `start` replaces the values to start from: a number for all masses and stiffnesses (for all values, where neither
+    are fitted), an array (P,), or a scene, or the path of one, whose values to take. `method` is "auto", "momentum",
+    "gauss-newton", or the name of a minimiser of SciPy. `model` takes the place of the modes of all masses, stiffnesses
+    and rest lengths that are flagged: "F", "R", "M", "G", "L", or "auto", the smallest of F, R, M and L that no finer
+    one beats on what is kept out of the fit.
 
-    With a target the fit starts from the scene's values. `start` replaces them: a number for all masses and
-    stiffnesses (for all values, where neither are fitted), an array (P,), or a scene, or the path of one,
-    whose values to take. `method` is "auto", "momentum", "gauss-newton", or the name of a minimiser of SciPy. The fit
-    ends after `max_evaluations` of cost and gradient (default: 1000), or below an error of `rmse`, m (with other
-    objectives in the unit of what they compare; default: 1e-8, or half a unit in the last place of the target's numbers
-    where they are float32 or text).
-    `tolerance` is that of the linear systems, relative. `on_progress` is called with a `Progress` after each
-    evaluation, and now and then while a step of thousands of values is computed.
+    After `time_limit`, a text such as "30s", "2m" or "1h", or a number of seconds, the fit ends with status "limit" and
+    the best result so far; the intervals take the time that the search leaves. KeyboardInterrupt ends it with status
+    "interrupted" and the best result so far; before the first evaluation it passes through. Whatever ends a fit, its
+    result costs no more than its start.
 
-    After the time of `budget`, a text such as "30s", "2m" or "1h", or a number of seconds, the fit ends with status
-    "limit" and the best result so far; the intervals take the time that the search leaves.
-
-    `prior` is for the methods "auto" and "gauss-newton": the values of one kind scatter around those of a fabric, as
-    widely as the data say ("auto"), or around the start with this standard deviation of the logarithm; "none" assumes
-    nothing. `holdout` keeps this fraction of the frames, the last ones, or of the vertices (`holdout_of` "vertices")
-    out of the fit, to judge it by. `intervals` False leaves out the 95 % intervals, which take about as long as a step
-    of Gauss–Newton.
-
-    With a file as `checkpoint` a fit that was killed goes on from there when `resume` is true; `max_evaluations`,
-    `rmse` and `on_progress` may differ then. KeyboardInterrupt ends the fit with status "interrupted" and the best
-    result so far; before the first evaluation it passes through. `on_found` is called with the best scene when the
-    search has ended, before anything else is looked at. Whatever ends a fit, its result costs no more than its start.
-
-    `on_memory` is called with the memory that the fit will need, before it begins, `on_hint` with each hint that the
-    targets give before a fit. Where matrices do not fit into `memory`, another method takes over, with a warning.
-
-    `bounds` replaces those of the scene: for a kind, such as "stiffness", its lower and upper bound in its unit, None
-    where the default is to hold.
-
-    `fit` takes the place of the scene's flags: kinds such as "wind", "stiffness=R" or ["nR", "damping"], or "auto",
-    with which the fit chooses them by itself, as it does for scenes that say so.
-
-    `model` takes the place of the modes of all masses, stiffnesses and rest lengths that are flagged: "F", "R", "M",
-    "G", "L", or "auto", the smallest of F, R, M and L that no finer one beats on what is kept out of the fit.
-    `substeps` is the number of time steps to a frame of the target, by the scene's integrator or by BDF2, whichever
-    comes nearer, or "auto", as many as pay; scenes with BDF2 are fitted so unless `keep_step` is true. `Fit.scene` has
-    the step with which it is to be played.
-
-    With `windows` the target is cut into windows of so many frames, each of which begins in the target's own state: its
-    positions, and the velocities of the frames around. What the model lacks, or chaos, does not add up then: forces,
-    such as those of wind, come out as single frames show them. The error is that over the windows; `Fit.whole` has that
-    of the whole motion.
-
-    `fit_time` finds the rate and the offset of each target's clock with the values, `fit_placement` its place: the
-    rotation and the translation that bring it into the scene, `fit_scale` its scale. The fit then compares with the
-    target at the scene's times and in its place; `Fit.registration` says what was found.
-
-    Markers of a target that are swapped are exchanged, and what shows no vertex is left out, as `Fit.markers` says,
-    unless `keep_markers` is true: only where the target shows it plainly, at its start or from one frame to the next.
-
-    Fixed vertices that move in a target, by more than noise, follow it: `Fit.scene` has pins for them. With `hold` they
-    stay where they are. In windows, and where the paths of pins are fitted, they stay as well.
+    `options` has all else; `observer` is called while the fit runs.
 
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as the target, diverges.
     """
-    given = locals()
     check_is_scene(scene)
-    named = {name: given[name] for name in Keywords.__annotations__ if name in given}
-    options = replace(options_of("estimate", named), checkpoint=checkpoint, resume=resume)
     first = load(start) if isinstance(start, (str, os.PathLike)) else start
-    with bar(options.on_progress) as told:
-        return by_options(scene, target, first, replace(options, on_progress=told))
+    with bar(observer) as watching:
+        request = requested(options, method=method, model=model, time_limit=time_limit, observer=watching)
+        return by_request(scene, target, first, request)
 
 
-def by_options(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
-    """Do what `estimate` says, with its options as one object."""
+def by_request(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: Request) -> Fit:
+    """Do what `estimate` says, with all that it is asked for as one object."""
     target, options = settled(scene, target, options.checked())
     hidden, began = target is None, interrupts.now()
     if hidden and (options.substeps is not None or options.model == AUTO):
@@ -202,7 +128,7 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
         raise InvalidInput(f"{what}: a target is needed; without one, the model and the step are the scene's")
     if hidden and options.windows is not None:
         raise InvalidInput("windows: a target is needed, in whose states they begin")
-    options = replace(options, auto=options.auto or (scene.auto and not options.fit))
+    options = replace(options, fit=options.fit or ((AUTO,) if scene.auto else ()))
     scene = reflagged(scene.with_bounds(from_user(options.bounds or {})), options)
     if not scene.blocks:
         raise InvalidInput(
@@ -253,17 +179,16 @@ def by_options(scene: Scene, target: Targets | None, start: float | Array | Scen
     return looked_at(found, with_figures, *shown, options=options)
 
 
-def registered_fit(look: Look, start: float | Array | Scene | None, options: FitOptions, began: float) -> Fit:
+def registered_fit(look: Look, start: float | Array | Scene | None, options: Request, began: float) -> Fit:
     """The fit to targets whose clock or place is found with its values; done again with what a look after it promises,
     and kept unless its error is larger. With all values clocks have the rate 1 where the data show no other.
     """
-    report, found = options.on_progress, one_fit(look.scene, look.registered(), start, options, began)
-    again = replace(options, on_memory=None, on_hint=None, on_found=None, checkpoint=None, resume=False)
+    found = one_fit(look.scene, look.registered(), start, options, began)
     for _ in range(ROUNDS):
         other = None if ended(found) else look.another(found, left(options, began))
         if other is None:
             break
-        again = replace(again, on_progress=report and partial(report_best, report, found))
+        again = replace(options, observer=Again(options.observer, found), checkpoint=None, resume=False)
         fit = one_fit(look.scene, other.registered(), start, again, began, found)
         if not fit.rmse < ALIKE_ERROR * found.rmse:
             found = replace(found, evaluations=fit.evaluations, seconds=fit.seconds)
@@ -281,26 +206,30 @@ def ended(found: Fit) -> bool:
     return found.status in (Status.INTERRUPTED, Status.DIVERGED)
 
 
-def report_best(report: Callable[[Progress], None], found: Fit, progress: Progress) -> None:
-    """Report progress after a fit, which may be the better one so far."""
-    cost, rmse = min((found.cost, found.rmse), (progress.cost, progress.rmse))
-    report(replace(progress, cost=cost, rmse=rmse))
+class Again(Observer):
+    """Hands on the progress of a fit after another one, which may be the better one so far."""
+
+    def __init__(self, observer: Observer, before: Fit) -> None:
+        self.observer, self.best = observer, (before.cost, before.rmse)
+
+    def progress(self, progress: Progress) -> None:
+        cost, rmse = min(self.best, (progress.cost, progress.rmse))
+        self.observer.progress(replace(progress, cost=cost, rmse=rmse))
 
 
-def left(options: FitOptions, began: float) -> float | None:
+def left(options: Request, began: float) -> float | None:
     """The seconds that are left of a fit; None: no limit."""
-    return None if options.budget is None else options.budget - (interrupts.now() - began)
+    return None if options.time_limit is None else options.time_limit - (interrupts.now() - began)
 
 
-def say(hints: Sequence[Hint], options: FitOptions) -> None:
+def say(hints: Sequence[Hint], options: Request) -> None:
     """Hand on hints that come before a fit."""
-    if options.on_hint:
-        for hint in hints:
-            options.on_hint(hint)
+    for hint in hints:
+        options.observer.hint(hint)
 
 
 def one_fit(
-    scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions, began: float,
+    scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: Request, began: float,
     before: Fit | None = None,
 ) -> Fit:  # fmt: skip
     """The fit to targets as they are: pins, objectives, what it settles before it begins, search, and what its motion
@@ -321,8 +250,7 @@ def one_fit(
         same = identity(scene, None if hidden else objective.experiments, start, **options.identity)
     whole = None if options.windows is None else objective
     objective = objective if options.windows is None else in_windows(objective, options.windows)
-    if options.on_memory:
-        options.on_memory(objective.needs)
+    options.observer.memory(objective.needs)
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
     say(hints, options)
     with interrupts.deferred():
@@ -379,8 +307,8 @@ def searched(fit: Fitting) -> Fit:
     status = by_routes(fit)
     search = fit.search
     flattened = status != Status.DIVERGED and fit.as_it_is < search.best.cost
-    if options.on_found and status != Status.DIVERGED:
-        options.on_found(search.objective.scene if flattened else fitted_scene(search, search.best.p, given))
+    if status != Status.DIVERGED:
+        options.observer.result(search.objective.scene if flattened else fitted_scene(search, search.best.p, given))
     seconds, warnings = search.progress.seconds, [*search.warnings]
     if fit.checkpoint and fit.checkpoint.fault:
         warnings.append(fit.checkpoint.fault)
@@ -421,20 +349,20 @@ def with_step_hint(found: Fit, objective: Objective) -> Fit:
     return replace(found, hints=[*found.hints, Hint("time_step", text, early=False)])
 
 
-def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOptions) -> Fit:
+def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: Request) -> Fit:
     """What `look` makes of a fit and what is `given`, within a moment where the time of the fit is limited; the fit as
     it is where a request or the time ends it, and with a warning where equations have no solution.
     """
     if found.status == Status.INTERRUPTED or interrupts.requested():
         return found
     try:
-        seconds = None if options.budget is None else GRACE
+        seconds = None if options.time_limit is None else GRACE
         return in_time(partial(look, found, *given), found, seconds, known=True)
     except np.linalg.LinAlgError as error:
         return replace(found, warnings=[*found.warnings, f"the fit could not be looked at in full: {in_words(error)}"])
 
 
-def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
+def objectives(scene: Scene, target: Targets | None, options: Request) -> tuple[Objective, Objective | None]:
     """The objective of the fit, and that of what is kept out of it, if anything. Raises InvalidInput, Diverged."""
     if target is None:
         check_memory(scene.frames, sum(scene.vertex_counts), 0)  # without --memory, what is free is what is short
@@ -491,7 +419,7 @@ def assess(search: Search, status: Status, warnings: list[str], hidden: bool) ->
     return found
 
 
-def with_holdout(found: Fit, kept_out: Objective, options: FitOptions) -> Fit:
+def with_holdout(found: Fit, kept_out: Objective, options: Request) -> Fit:
     """The fit with how far its motion is from what was kept out of it."""
     rmse = error_of(kept_out, parameters(found.scene, kept_out.scene))
     return replace(found, holdout=HeldOut(options.holdout_of, options.holdout or 0.0, kept_out.observations, rmse))

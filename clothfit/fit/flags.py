@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import meant
-from clothfit.fit.options import FitOptions
+from clothfit.fit.options import Request
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, LETTERED, SCENE_KINDS
 from clothfit.scene.scene import Scene
 
@@ -17,13 +17,13 @@ AUTO_MODES = {"stiffness": "M", "damping": "G", "drag": "G", "wind": "G", "gravi
 SETTINGS = "nFRMGL"
 
 
-def reflagged(scene: Scene, options: FitOptions) -> Scene:
+def reflagged(scene: Scene, options: Request) -> Scene:
     """The scene with the flags that the options ask for, or the scene by its `auto`, in place of its own. Raises
     InvalidInput.
     """
-    if options.fit:
-        return with_flags(scene, modes_of(options.fit))
-    return auto_flags(scene) if options.auto or scene.auto else scene
+    if options.auto or (scene.auto and not options.fit):
+        return auto_flags(scene)
+    return with_flags(scene, modes_of(options.fit)) if options.fit else scene
 
 
 def auto_flags(scene: Scene) -> Scene:

@@ -1,7 +1,5 @@
-"""The options of a fit: everything that `clothfit.estimate` takes besides the scene, its target and its start.
-
-They have the names of the command's options; what Python alone has begins with `on_` for what is called, or says what
-the option leaves out (`--no-intervals`: `intervals`). With a cost of one's own some of them mean something else.
+"""The options of a fit: what `clothfit.estimate` compares, what it knows of the capture, what may change, and how long
+it searches. They have the names of the command's options and settings.
 
 This module loads no library, so that commands can build and check options before they load any.
 """
@@ -10,23 +8,21 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
 
 from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance, duration
 from clothfit.base.messages import meant
+from clothfit.fit.observer import Observer
 from clothfit.scene.kinds import REST
 
 if TYPE_CHECKING:
-    from clothfit.fit.hints import Hint
     from clothfit.objective.experiment import Targets
-    from clothfit.objective.memory_needs import Needs
     from clothfit.objective.objective import Compared
     from clothfit.optimise.checkpoint import Checkpoint
-    from clothfit.optimise.progress import Progress
     from clothfit.scene.scene import Scene
 
 OWN_METHODS = ("auto", "momentum", "gauss-newton")
@@ -41,7 +37,7 @@ MODELS = (AUTO, "F", "G", "R", "M", "L")
 """The models that can take the place of a scene's flags; auto: the smallest that no finer one beats."""
 
 RMSE_TOLERANCE = 1e-8  # m; the rounding of the target's numbers where that is more (`Objective.rounding`)
-BUDGET = 1000  # evaluations
+MAX_EVALUATIONS = 1000
 
 RESIDUALS_METHOD, OWN_METHOD = "gauss-newton", "l-bfgs-b"
 """What `auto` means for a cost of one's own, with and without residuals."""
@@ -55,41 +51,99 @@ little there. Values over time bring a motion much nearer, and there are many of
 """
 
 
-@dataclass(frozen=True)
-class FitOptions:
-    """The options of one fit; `clothfit.estimate` says what each means."""
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """What a fit compares.
+
+    A cost of one's own as `objective` takes a `Motion` of F frames and N vertices and returns the cost, at least 0, and
+    its derivative (F, N, 3) by the positions; `Residuals` let Gauss–Newton minimise it. Windows begin in the target's
+    own states, its positions and the velocities of the frames around, so that what the model lacks, or chaos, does not
+    add up; the error is that over the windows, and `Fit.whole` has that of the whole motion.
+    """
+
+    objective: Compared = "position"  # a quantity, several with their weights, or a cost of one's own
+    loss: str = "linear"  # of a distance: linear, soft_l1 or huber
+    loss_scale: float | None = None  # m, from which on a distance counts as an outlier; None: 0.01
+    holdout: float | None = None  # share of the target that is kept out of the fit, to judge it by
+    holdout_of: str = "frames"  # the last of which are kept out, or "vertices"
+    windows: int | None = None  # frames of each window that is compared; None: the whole motion
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capture:
+    """What a fit finds out of a target besides the values; `Fit.registration` and `Fit.markers` say what that was.
+
+    Fixed vertices that move in the target, by more than noise, follow it, and `Fit.scene` has pins for them; in windows
+    they stay. Markers that are swapped are exchanged, and what shows no vertex is left out.
+    """
+
+    fit_time: bool = False  # the rate and the offset of each target's clock
+    fit_placement: bool = False  # the rotation and the translation that bring it into the scene
+    fit_scale: bool = False  # its scale
+    hold: bool = False  # whether fixed vertices stay where they are, also where they move in the target
+    keep_markers: bool = False  # whether its markers are taken as they are
+
+
+@dataclass(frozen=True, kw_only=True)
+class Freedom:
+    """What may change. By Gauss–Newton the values of one kind scatter around those of a fabric, as widely as the data
+    say, or as `prior` says around the start. Substeps are by the scene's integrator or by BDF2, whichever comes nearer;
+    `Fit.scene` has the step with which it is to be played.
+    """
+
+    fit: str | Sequence[str] = ()  # kinds such as "wind" or "stiffness=R" in place of the scene's flags, or "auto"
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None  # of kinds in their unit; None: the default
+    prior: float | str = "auto"  # standard deviation of the logarithm of the values; "none"
+    substeps: int | str | None = None  # time steps to a frame of the target; "auto": as many as pay; None: with BDF2
+    keep_step: bool = False  # whether the scene's step and integrator stay
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """How far a fit goes. With a `checkpoint` a fit that was killed goes on from there when `resume` is true;
+    `max_evaluations` and `rmse` may differ then. Where matrices do not fit into `memory`, another method takes over,
+    with a warning.
+    """
+
+    max_evaluations: int = MAX_EVALUATIONS  # of cost and gradient
+    rmse: float | None = None  # m, or the objective's unit, below which it ends; None: 1e-8, or the target's rounding
+    tolerance: float | None = None  # of the linear systems, relative; None: 1e-10
+    intervals: bool = True  # whether 95 % intervals are found, which take about as long as a step of Gauss–Newton
+    memory: int | str | None = None  # bytes, or a text such as "200MB"; None: half of what is free
+    checkpoint: str | os.PathLike[str] | Checkpoint | None = None  # file in which the fit keeps its state
+    resume: bool = False  # whether it goes on from there
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions(Effort, Freedom, Capture, Comparison):
+    """The options of `clothfit.estimate`: what is compared (`Comparison`), what is known of the capture (`Capture`),
+    what may change (`Freedom`), and how far the fit goes (`Effort`).
+    """
+
+    def __post_init__(self) -> None:
+        kinds = (self.fit,) if isinstance(self.fit, str) else tuple(self.fit or ())
+        object.__setattr__(self, "fit", kinds)
+        if AUTO in kinds and len(kinds) > 1:
+            raise InvalidInput("fit: auto chooses what to fit by itself; leave the others out")
+
+    def __repr__(self) -> str:
+        given = (each for each in fields(self) if each.repr and getattr(self, each.name) != each.default)
+        return f"{type(self).__name__}({', '.join(f'{each.name}={getattr(self, each.name)!r}' for each in given)})"
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Request(FitOptions):
+    """All that a fit is asked for, besides the scene, its target and its start."""
 
     method: str = "auto"
-    max_evaluations: int = BUDGET  # of cost and gradient
-    rmse: float | None = None  # m, with another objective in the unit of that; None: as `within` says
-    tolerance: float | None = None  # of the linear systems, relative; None: `FIT_TOLERANCE`
-    on_progress: Callable[[Progress], None] | None = None
-    objective: Compared = "position"
-    loss: str = "linear"
-    loss_scale: float | None = None  # m
-    prior: float | str = "auto"
-    checkpoint: str | os.PathLike[str] | Checkpoint | None = None
-    resume: bool = False
-    holdout: float | None = None  # fraction
-    holdout_of: str = "frames"
-    intervals: bool = True
-    memory: int | str | None = None  # bytes, or as "200MB"; None: half of what is free
-    on_memory: Callable[[Needs], None] | None = None
-    on_hint: Callable[[Hint], None] | None = None  # called with each hint that comes before the fit
-    budget: float | None = None  # s, for the search and the intervals; None: no limit
-    on_found: Callable[[Scene], None] | None = None
-    bounds: Mapping[str, tuple[float | None, float | None]] | None = None  # of kinds, by name, in their units
     model: str | None = None  # one of `MODELS` in place of the scene's flags
-    substeps: int | str | None = None  # steps to a frame of the target, or "auto"; None: auto for scenes with BDF2
-    keep_step: bool = False  # whether the scene keeps its step
-    windows: int | None = None  # frames of each window that begins in the target's own states; None: the whole motion
-    fit_time: bool = False  # whether the rate and the offset of each target's clock are found
-    fit_placement: bool = False  # whether each target's place is found: a rotation and a translation
-    fit_scale: bool = False  # whether each target's scale is found
-    fit: tuple[str, ...] = ()  # kinds to fit in place of the scene's flags, such as "wind" or "stiffness=R"
-    auto: bool = False  # whether the fit chooses the kinds by itself; so it does where the scene says so, and not `fit`
-    hold: bool = False  # whether held vertices stay where they are, also where they move in the target
-    keep_markers: bool = False  # whether mistaken markers of targets are left as they are
+    time_limit: float | None = None  # s, for the search and the intervals; None: no limit
+    observer: Observer = field(default_factory=Observer, compare=False)
+
+    @property
+    def auto(self) -> bool:
+        """Whether the fit chooses the kinds by itself."""
+        return self.fit == (AUTO,)
 
     def check(self) -> None:
         """Raise InvalidInput when a value is not possible."""
@@ -104,6 +158,10 @@ class FitOptions:
             from clothfit.scene.bounds import from_user
 
             from_user(self.bounds)
+        if not callable(self.objective):
+            from clothfit.objective.comparison import loss_named
+
+            loss_named(self.loss, self.loss_scale)
         if self.max_evaluations < 1:
             raise InvalidInput(f"max_evaluations: {self.max_evaluations} evaluations are too few, at least 1 is needed")
         if self.model is not None and self.model not in MODELS:
@@ -117,21 +175,21 @@ class FitOptions:
             raise InvalidInput("windows: they begin in the target's own states, whose clock and place must be known")
         if self.keep_step and count is not None:
             raise InvalidInput("substeps: the step is to be kept; use either substeps or keep_step")
-        if self.budget is not None and not self.budget > 0:
-            raise InvalidInput(f"budget must be a time above 0; {self.budget:g} s was given")
+        if self.time_limit is not None and not self.time_limit > 0:
+            raise InvalidInput(f"time_limit must be a time above 0; {self.time_limit:g} s was given")
 
     @property
     def registers(self) -> bool:
         """Whether the clock or the place of targets is found."""
         return self.fit_time or self.fit_placement or self.fit_scale
 
-    def checked(self) -> FitOptions:
+    def checked(self) -> Request:
         """The same with the tolerance and the bytes that None stands for. Raises InvalidInput."""
         self.check()
         tolerance = checked_tolerance(self.tolerance, FIT_TOLERANCE)
         return replace(self, tolerance=tolerance, memory=memory.budget(self.memory))
 
-    def within(self, rounding: float) -> FitOptions:
+    def within(self, rounding: float) -> Request:
         """The same with an error that is good enough: where nobody asks for another, `RMSE_TOLERANCE`, but no less than
         what the `rounding` of the target's numbers leaves.
         """
@@ -164,7 +222,7 @@ class FitOptions:
             "model": self.model, "substeps": self.substeps, "keep_step": self.keep_step,
             **({"windows": self.windows} if self.windows else {}),
             **({"hold": True} if self.hold else {}),
-            **({"fit": list(self.fit), "auto": self.auto} if self.fit or self.auto else {}),
+            **({"fit": list(self.fit)} if self.fit else {}),
             **({"bounds": dict(self.bounds)} if self.bounds else {}),
         }  # fmt: skip
 
@@ -180,64 +238,20 @@ def check_method(method: str) -> None:
         raise InvalidInput(f"method: there is no {method!r}; use {', '.join(known)}{meant(method, known)}")
 
 
-class Keywords(TypedDict, total=False):
-    """The keyword arguments of `estimate`, which says what each means, but those of its checkpoint."""
-
-    method: str
-    budget: str | float | None
-    max_evaluations: int | None
-    rmse: float | None
-    tolerance: float | None
-    on_progress: Callable[[Progress], None] | None
-    objective: Compared
-    loss: str
-    loss_scale: float | None
-    prior: float | str
-    holdout: float | None
-    holdout_of: str
-    intervals: bool
-    memory: int | str | None
-    bounds: Mapping[str, tuple[float | None, float | None]] | None
-    model: str | None
-    substeps: int | str | None
-    keep_step: bool
-    windows: int | None
-    fit_time: bool
-    fit_placement: bool
-    fit_scale: bool
-    keep_markers: bool
-    hold: bool
-    fit: str | Sequence[str] | None
-    on_memory: Callable[[Needs], None] | None
-    on_hint: Callable[[Hint], None] | None
-    on_found: Callable[[Scene], None] | None
+def requested(
+    options: FitOptions, *, method: str = AUTO, model: str | None = None, time_limit: str | float | None = None,
+    observer: Observer | None = None,
+) -> Request:
+    """All that a fit is asked for. Raises InvalidInput for a time that is none."""
+    if not isinstance(options, FitOptions):
+        raise InvalidInput(f"options: FitOptions are needed, not a {type(options).__name__}")
+    own = {each.name: getattr(options, each.name) for each in fields(FitOptions)}
+    seconds = duration(time_limit, "time_limit") if isinstance(time_limit, str) else time_limit
+    watching = Observer() if observer is None else observer
+    return Request(**own, method=method, model=model, time_limit=seconds, observer=watching)
 
 
-def options_of(caller: str, given: Mapping[str, Any]) -> FitOptions:
-    """The options that keyword arguments mean. Raises TypeError, as Python does, for a name that there is not;
-    InvalidInput for a time that is none.
-    """
-    for name in given:
-        if name not in Keywords.__annotations__:
-            raise TypeError(f"{caller}() got an unexpected keyword argument {name!r}")
-    named = dict(given)
-    if isinstance(named.get("budget"), str):
-        named["budget"] = duration(named["budget"], "budget")
-    if named.get("max_evaluations", 0) is None:
-        named["max_evaluations"] = BUDGET
-    named |= asked_fit(named.pop("fit", None))
-    return FitOptions(**named)
-
-
-def asked_fit(given: str | Sequence[str] | None) -> dict[str, Any]:
-    """The options `fit` and `auto` that kinds to fit, or "auto", mean. Raises InvalidInput where both are given."""
-    asked = (given,) if isinstance(given, str) else tuple(given or ())
-    if AUTO in asked and len(asked) > 1:
-        raise InvalidInput("fit: auto chooses what to fit by itself; leave the others out")
-    return {"fit": () if AUTO in asked else asked, "auto": AUTO in asked}
-
-
-def settled(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Targets | None, FitOptions]:
+def settled(scene: Scene, target: Targets | None, options: Request) -> tuple[Targets | None, Request]:
     """The target and the options of a fit; those of one by a cost of one's own (`objective.own_cost`) as the other
     parts of a fit know them. Raises InvalidInput where an option does not go with that.
     """
@@ -262,7 +276,7 @@ def settled(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[
     return unseen(scene) if target is None else target, found
 
 
-def at_rest(options: FitOptions) -> FitOptions:
+def at_rest(options: Request) -> Request:
     """Those of a fit to shapes at rest, which have no time. Raises InvalidInput where an option asks for one."""
     given = {
         "substeps": options.substeps is not None, "windows": options.windows is not None, "fit_time": options.fit_time,
@@ -277,7 +291,7 @@ def at_rest(options: FitOptions) -> FitOptions:
     return replace(options, method=method, keep_step=True, keep_markers=True, hold=True)
 
 
-def refuse(options: FitOptions) -> None:
+def refuse(options: Request) -> None:
     """Raise InvalidInput where an option needs to know what is compared."""
     given = {
         "holdout": options.holdout is not None, "fit_time": options.fit_time, "fit_placement": options.fit_placement,

@@ -40,7 +40,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.sampling import moved
 from clothfit.engine.system import BDF2
 from clothfit.fit import holdout
-from clothfit.fit.options import AUTO, FitOptions
+from clothfit.fit.options import AUTO, Request
 from clothfit.fit.result import Fit
 from clothfit.motion.degrade import rounding
 from clothfit.motion.motion import Motion, at_frames, rms
@@ -78,7 +78,7 @@ def in_time(look: Callable[[], T], otherwise: T, seconds: float | None = None, k
     return otherwise
 
 
-def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
+def counts_of(options: Request, scene: Scene) -> Sequence[int]:
     """The numbers of BDF2 steps to a frame that are to be tried. A scene with the editor's step keeps it where nobody
     asks for another.
     """

@@ -25,7 +25,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import split
-from clothfit.fit.options import FitOptions
+from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
 from clothfit.motion.divergence import Diverged
@@ -74,7 +74,7 @@ cameras keep time, and a rate that only noise moves would move the stiffnesses w
 
 
 def put_right(
-    scene: Scene, given: Sequence[Experiment], options: FitOptions
+    scene: Scene, given: Sequence[Experiment], options: Request
 ) -> tuple[list[Experiment], list[Markers] | None, list[Hint]]:
     """The targets with their mistaken markers put right, as far as what is fitted shows them, what was wrong, if
     anything, and what is said of it.
@@ -116,7 +116,7 @@ class Look:
     known: Sequence[Registration]
 
     @classmethod
-    def first(cls, scene: Scene, given: Sequence[Experiment], options: FitOptions) -> Look:
+    def first(cls, scene: Scene, given: Sequence[Experiment], options: Request) -> Look:
         """The look before a fit. Raises InvalidInput where there is nothing to register."""
         if scene.frame:
             what = "where a target's clock or place is to be found"
@@ -128,7 +128,7 @@ class Look:
         ]
         begun = cls(scene, given, free, loss_named(options.loss, options.loss_scale), [Registration()] * len(given))
         search = partial(find, few(scene, cut(given, late, scene, scene), free, begun.loss))
-        return begun.after(in_time(search, begun.known, options.budget))
+        return begun.after(in_time(search, begun.known, options.time_limit))
 
     def after(self, known: Sequence[Registration]) -> Look:
         """The same from other registrations."""

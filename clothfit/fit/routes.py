@@ -30,7 +30,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.fit import holdout
 from clothfit.fit.holdout import Judged
-from clothfit.fit.options import AUTO, LONGEST, LONGEST_OVER_TIME, FitOptions
+from clothfit.fit.options import AUTO, LONGEST, LONGEST_OVER_TIME, Request
 from clothfit.fit.preparation import counts_of
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
@@ -113,7 +113,7 @@ class Fitting:
     """A fit under way: what its routes are given, and what they have found."""
 
     search: Search  # by what was chosen so far, with the best values
-    options: FitOptions
+    options: Request
     start: float | Array | Scene | None  # that the user gives
     hidden: bool = False  # whether the scene's own values are the truth, which the fit may not know
     kept_out: Objective | None = None
@@ -139,17 +139,17 @@ class Fitting:
 
     @classmethod
     def of(
-        cls, objective: Objective, start: float | Array | Scene | None, options: FitOptions, hidden: bool,
+        cls, objective: Objective, start: float | Array | Scene | None, options: Request, hidden: bool,
         kept_out: Objective | None = None, checkpoint: Checkpoint | None = None, state: State | None = None,
     ) -> Fitting:  # fmt: skip
         """The fit of an objective, with its time. Raises InvalidInput where a start is none."""
         first = parameters(objective.scene) if hidden else choose_start(objective, start, hidden)
-        search = Search(objective, first, options.enough, options.max_evaluations, options.on_progress)
+        search = Search(objective, first, options.enough, options.max_evaluations, options.observer.progress)
         search.own = hidden
         if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
             search.looser = objective.scene.tolerance
         longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_OVER_TIME
-        search.longest = longest if options.budget is None else np.inf
+        search.longest = longest if options.time_limit is None else np.inf
         return cls(search, options, start, hidden, kept_out, checkpoint, state)
 
     @property
@@ -305,7 +305,7 @@ def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     whole, gone = fit.search.objective, tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in others)
     fewer = whole.flagging(ladder.as_model(frame_blocks.without(whole.scene, start, gone), FEWEST, exactly=True))
     search = fit.search.beside(fewer, parameters(fewer.scene), np.inf)
-    search.longest = PART * (LONGEST if fit.options.budget is None else fit.options.budget)
+    search.longest = PART * (LONGEST if fit.options.time_limit is None else fit.options.time_limit)
     trial, exact = Trial(search), list[tuple[Objective, Array]]()
     trial.run(lambda own: step_choice.by_exact_windows(own, exact))
     near = search.best.cost <= ALIKE_MOTION**2 * whole.still
@@ -344,7 +344,7 @@ def without_kinds(fit: Fitting) -> None:
 def with_best_model(fit: Fitting) -> None:
     """The smallest model that no finer one beats on what it has not seen, of those that begin in time."""
     search, options = fit.search, fit.options
-    longest = np.inf if options.budget is not None else CHOICE * LONGEST - search.progress.computing
+    longest = np.inf if options.time_limit is not None else CHOICE * LONGEST - search.progress.computing
     found = holdout.chosen(
         search.objective, fit.like(fit.kept_out), search.best.p, options.enough, options.holdout_of,
         options.max_evaluations, longest, fitted=bool(fit.tried),

@@ -20,7 +20,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres, percent
 from clothfit.fit.hints import Hint
-from clothfit.fit.options import FitOptions
+from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
 from clothfit.fit.routes import best_bendings, shares_of_bending
@@ -83,19 +83,19 @@ class Tracks(NamedTuple):
     places: Sequence[Experiment] = ()  # what `places` has of them
 
 
-def with_scans(scene: Scene, given: list[Experiment], start: Start, options: FitOptions) -> Tracks:
+def with_scans(scene: Scene, given: list[Experiment], start: Start, options: Request) -> Tracks:
     """The targets with their scans tracked, as far as half of the time of the fit allows; as they are where that is too
     short.
     """
     if not any(each.motion.correspondence.mesh for each in given):
         return Tracks(given, start)
-    seconds = None if options.budget is None else 0.5 * options.budget
+    seconds = None if options.time_limit is None else 0.5 * options.time_limit
     best = [Tracks(given, start, UNTRACKED)]
     return in_time(partial(tracked_by_values, scene, given, start, options, best), None, seconds) or best[-1]
 
 
 def tracked_by_values(
-    scene: Scene, given: list[Experiment], start: Start, options: FitOptions, best: list[Tracks]
+    scene: Scene, given: list[Experiment], start: Start, options: Request, best: list[Tracks]
 ) -> Tracks:
     """The same, however long it takes; the `best` of cloths at rest so far is kept."""
     first = with_parameters(scene, start_of(scene, start))
@@ -174,7 +174,7 @@ def at_times(scene: Scene, motion: Motion) -> Array:
 
 
 def by_windows(
-    few: Scene, scene: Scene, given: Sequence[Experiment], options: FitOptions
+    few: Scene, scene: Scene, given: Sequence[Experiment], options: Request
 ) -> tuple[Scene, list[Experiment]]:
     """The values of `few` that more and more frames lead to, and the targets tracked by them."""
     longest, found = max(len(each.motion.times) for each in given), list(given)
@@ -186,7 +186,7 @@ def by_windows(
 
 
 def by_folds(
-    few: Scene, scene: Scene, given: list[Experiment], options: FitOptions, kept: list[Tracks]
+    few: Scene, scene: Scene, given: list[Experiment], options: Request, kept: list[Tracks]
 ) -> tuple[Scene, list[Experiment]]:
     """Values that come nearest to scans of cloths at rest, from those of `few` with other bending stiffnesses, and the
     scans as they are tracked from there: each has folds of its own, and not from all can those of the scan be reached.
@@ -205,7 +205,7 @@ def by_folds(
         return away[factor]
 
     if bends.any():
-        with interrupts.limited(None if options.budget is None else PART * PART * options.budget):
+        with interrupts.limited(None if options.time_limit is None else PART * PART * options.time_limit):
             factors = best_bendings(measure, near)
         if away:
             kept.append(Tracks(given, at(factors[0]), HURRIED))
@@ -249,7 +249,7 @@ def unmatched(given: Sequence[Experiment], found: Sequence[Experiment]) -> float
     return lost
 
 
-def objective_of(scene: Scene, given: Sequence[Experiment], options: FitOptions) -> Objective:
+def objective_of(scene: Scene, given: Sequence[Experiment], options: Request) -> Objective:
     """The loosely solved objective of targets."""
     return Objective(
         scene, list(given), STAGE_TOLERANCE, [own.frames for _, own in given],
@@ -301,10 +301,10 @@ def by(
     return [tracked(Experiment(each.motion, with_parameters(each.scene, parameters(few))), rounds) for each in own]
 
 
-def nearer(few: Scene, given: Sequence[Experiment], options: FitOptions) -> Scene:
+def nearer(few: Scene, given: Sequence[Experiment], options: Request) -> Scene:
     """The scene with the values that some steps lead to; the same object where they change by little, or nothing."""
     objective = objective_of(few, [experiment(few, *each) for each in given], options)
-    search = Search(objective, parameters(few), 0.0, options.max_evaluations, options.on_progress)
+    search = Search(objective, parameters(few), 0.0, options.max_evaluations, options.observer.progress)
     part = Even(search, objective)
     search.enter("tracking")
     y = start = part.y(search.start)

@@ -108,22 +108,25 @@ def record(tell: Tell, scene: Scene) -> None:
 def estimate(tell: Tell, scene: Scene, target: Any, budget: float | None) -> None:
     """Fit what a scene flags to a target, from the scene's values."""
     from clothfit.fit import estimate as fits
+    from clothfit.fit.observer import Observer
+    from clothfit.fit.options import FitOptions
 
-    last, shown = 0.0, np.inf
+    class Report(Observer):
+        last, shown = 0.0, np.inf
 
-    def report(progress: Any) -> None:
-        nonlocal last, shown
-        now, values = time.monotonic(), None
-        if progress.best is not None and progress.cost < shown:
-            shown, values = progress.cost, values_of(progress.best())
-        elif now < last + OFTEN:
-            return
-        last = now
-        numbers = {name: finite(getattr(progress, name)) for name in ("cost", "rmse", "seconds")}
-        counts = {name: getattr(progress, name) for name in ("evaluations", "iteration", "stage", "window", "frames")}
-        tell("progress", figures={**numbers, **counts}, values=values)
+        def progress(self, progress: Any) -> None:
+            now, values = time.monotonic(), None
+            if progress.best is not None and progress.cost < self.shown:
+                self.shown, values = progress.cost, values_of(progress.best())
+            elif now < self.last + OFTEN:
+                return
+            self.last = now
+            numbers = {name: finite(getattr(progress, name)) for name in ("cost", "rmse", "seconds")}
+            names = ("evaluations", "iteration", "stage", "window", "frames")
+            counts = {name: getattr(progress, name) for name in names}
+            tell("progress", figures={**numbers, **counts}, values=values)
 
-    found = fits.estimate(scene, target, budget=budget, on_progress=report, keep_step=True)
+    found = fits.estimate(scene, target, time_limit=budget, options=FitOptions(keep_step=True), observer=Report())
     summary = {
         "status": str(found.status), "cost": finite(found.cost), "rmse": finite(found.rmse),
         "evaluations": found.evaluations, "seconds": finite(found.seconds),

@@ -10,13 +10,13 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import budget
-from clothfit.fit.options import FitOptions, Keywords, options_of
+from clothfit.fit.options import FitOptions, Request, requested
 from clothfit.many.batch import Batch, Pool
 from clothfit.many.job import INTERRUPTED, File, Job, JobTarget, Outcome, loaded, read
 
@@ -111,7 +111,7 @@ def chosen_pool(count: int, jobs: int | None, cluster: str | None) -> Pool:
     return Processes(max(1, min(count, jobs or usable_cores())))
 
 
-def limited(options: FitOptions, pool: Pool) -> FitOptions:
+def limited(options: Request, pool: Pool) -> Request:
     """Options of a fit, where the processes of this machine share the memory that one fit would allow itself."""
     from clothfit.many.processes import Processes
 
@@ -130,18 +130,22 @@ def check_numbers(starts: int, seed: int, jobs: int | None) -> None:
 def estimate_many(
     scenes: Sequence[Path | Scene], targets: Sequence[Any] | None = None,
     start: float | Array | Path | Scene | None = None, *, starts: int = 1, seed: int = 0, jobs: int | None = None,
-    cluster: str | None = None, done: Callable[[int, Result], None] | None = None, **options: Unpack[Keywords],
+    cluster: str | None = None, done: Callable[[int, Result], None] | None = None, method: str = "auto",
+    model: str | None = None, time_limit: str | float | None = None,
+    options: FitOptions = FitOptions(),  # noqa: B008 (it is frozen)
 ) -> list[Result]:
     """Fit several scenes, each in a process of its own; returns a `Result` for each, in their order.
 
     `targets` has one item per scene, as `estimate` takes it, or a path (default: the scenes' own motions). Each scene
     is fitted from `starts` starting points, drawn with `seed`; the one with the lowest cost is its result. The fits run
     on `jobs` processes (default: one per core), or on a Dask `cluster`, "tcp://host:port". `done` is called with index
-    and result when a scene is fitted. `options` are those of `estimate`. A scene that fails has the error in its result
+    and result when a scene is fitted. All else is that of `estimate`. A scene that fails has the error in its result
     and does not stop the others. Raises InvalidInput when there is no such cluster, or an argument is impossible.
     """
     check_numbers(starts, seed, jobs)
-    asked = options_of("estimate_many", options)
+    if options.checkpoint is not None or options.resume:
+        raise InvalidInput("checkpoint: is for one fit, not for many")
+    asked = requested(options, method=method, model=model, time_limit=time_limit)
     given = [None] * len(scenes) if targets is None else list(targets)
     if len(given) != len(scenes):
         raise InvalidInput(f"targets: {len(given)} are given for {len(scenes)} scenes; give one item for each")

@@ -15,7 +15,7 @@ from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.messages import unreadable
 from clothfit.base.reading import unchanged
 from clothfit.base.version import __version__
-from clothfit.fit.options import FitOptions
+from clothfit.fit.options import Request
 from clothfit.optimise.status import Status
 from clothfit.scene.text import name_of
 
@@ -68,7 +68,7 @@ class Job:
     start: float | Array | File | None = None
     number: int = 0  # of the start (`numbered`)
     seed: int = 0
-    options: FitOptions = field(default_factory=FitOptions)
+    options: Request = field(default_factory=Request)
     checkpoint: Checkpoint | None = None
     resume: bool = False
     version: str = __version__  # of the program that made the job
@@ -142,7 +142,7 @@ def failed(error: BaseException) -> Outcome:
 def fitted(job: Job) -> Fit:
     """Do the fit of a job."""
     from clothfit.base import threads
-    from clothfit.fit.estimate import by_options
+    from clothfit.fit.estimate import by_request
     from clothfit.scene.bounds import from_user
 
     if job.version != __version__:
@@ -152,7 +152,7 @@ def fitted(job: Job) -> Fit:
         targets = [target_of(item, scene) for item in job.targets] or None
         first = loaded(job.start) if isinstance(job.start, File) else job.start
         start = numbered(scene, targets, first, job.number, job.seed, job.options.tolerance)
-        return by_options(scene, targets, start, replace(job.options, checkpoint=job.checkpoint, resume=job.resume))
+        return by_request(scene, targets, start, replace(job.options, checkpoint=job.checkpoint, resume=job.resume))
 
 
 def target_of(item: JobTarget, scene: Scene) -> Recorded | tuple[Recorded, Scene]:

@@ -21,6 +21,7 @@ from clothfit.engine.solve import cg_multigrid, sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.options import FitOptions
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels import raster
 from clothfit.kernels.cache import KernelCache
@@ -161,17 +162,17 @@ def gradients() -> None:
 def fits() -> None:
     """Fit it by each method, also to a noisy target that is observed in part."""
     for method in ("auto", "gauss-newton", "l-bfgs-b"):
-        estimate(strip_scene(), method=method, max_evaluations=4)
+        estimate(strip_scene(), method=method, options=FitOptions(max_evaluations=4))
     scene = strip_scene()
-    estimate(scene, degrade(record_target(scene), noise=1e-3, observed=0.5), max_evaluations=4)
-    estimate(strip_scene("GG"), max_evaluations=4)
+    estimate(scene, degrade(record_target(scene), noise=1e-3, observed=0.5), options=FitOptions(max_evaluations=4))
+    estimate(strip_scene("GG"), options=FitOptions(max_evaluations=4))
 
 
 def fits_of_all_kinds() -> None:
     """Fit every kind of parameter."""
     for method in (0, 2, 3):
         scene = strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE, integrationMethod=method)
-        estimate(scene, method="gauss-newton", max_evaluations=4)
+        estimate(scene, method="gauss-newton", options=FitOptions(max_evaluations=4))
 
 
 def pictures() -> None:
@@ -190,7 +191,7 @@ def worlds() -> None:
     objective, p = Objective(scene, simulate(scene)), parameters(scene)
     objective.cost_and_gradient(p)
     objective.tangent(p, np.ones_like(p))
-    estimate(scene, method="gauss-newton", max_evaluations=2)
+    estimate(scene, method="gauss-newton", options=FitOptions(max_evaluations=2))
 
 
 def large() -> None:
@@ -201,9 +202,9 @@ def large() -> None:
         kinds = map(numba.typeof, (work.A, work.solver.cg, *work.solver.large))
         serve: Any = cg_multigrid.serve  # otherwise called only where there is a second processor
         serve.outer.compile(tuple(kinds))
-        estimate(strip_scene(), method="momentum", max_evaluations=1, intervals=False)
+        estimate(strip_scene(), method="momentum", options=FitOptions(max_evaluations=1, intervals=False))
         scene = strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE)
-        estimate(scene, method="gauss-newton", max_evaluations=2, intervals=False)
+        estimate(scene, method="gauss-newton", options=FitOptions(max_evaluations=2, intervals=False))
 
 
 SMALL_PARTS: dict[str, Callable[[], None]] = {
@@ -221,5 +222,5 @@ PARTS: dict[str, Callable[[], None]] = {**SMALL_PARTS, "large cloths": large}
 def warm(nothing: object = None) -> None:
     """Compile what fits use by fitting the strip twice; other processes find it in the cache. Takes some 20 s."""
     scene = strip_scene(delta=0.02)
-    estimate(scene, start=0.5, max_evaluations=5)
-    estimate(scene, start=0.5, max_evaluations=2, method="l-bfgs-b", intervals=False)
+    estimate(scene, start=0.5, options=FitOptions(max_evaluations=5))
+    estimate(scene, start=0.5, method="l-bfgs-b", options=FitOptions(max_evaluations=2, intervals=False))

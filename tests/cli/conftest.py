@@ -85,5 +85,5 @@ def fits(monkeypatch, found):
         asked.append(SimpleNamespace(scene=scene, targets=targets, start=start, options=options))
         return replace(found, scene=scene)
 
-    monkeypatch.setattr("clothfit.fit.estimate.by_options", fit)
+    monkeypatch.setattr("clothfit.fit.estimate.by_request", fit)
     return asked

@@ -6,6 +6,7 @@ import stat
 import subprocess
 import sys
 
+import click
 import pytest
 from click.shell_completion import get_completion_class
 from helpers.scenes import environment
@@ -30,6 +31,12 @@ def test_every_option_of_a_command_completes(command):
     made = group.get_command(None, command)
     long = {name for option in made.params for name in option.opts if name.startswith("--")}
     assert {value for _, value in completed(f"clothfit {command} --")} == {*long, "--help"}
+
+
+def params(command):
+    """All that a command takes."""
+    made = group.get_command(None, command)
+    return made.get_params(click.Context(made))
 
 
 @pytest.fixture
@@ -66,10 +73,12 @@ def test_files_complete_by_their_suffixes(line, found):
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ("estimate a.json --target b.npz --hold", ["--hold", "--holdout", "--holdout-of"]),
+        ("estimate a.json --target b.npz --hold", ["--hold", "--holdout"]),
         ("estimate a.json --method g", ["gauss-newton"]),
         ("estimate a.json --objective ", ["position", "velocity", "edge-length", "spectrum", "outline", "coverage"]),
         ("estimate a.json --loss h", ["huber"]),
+        ("estimate a.json --set lo", ["loss=", "loss_scale="]),
+        ("estimate a.json --set loss=h", ["loss=huber"]),
         ("estimate a.json --model a", ["auto"]),
         ("estimate a.json --bounds st", ["stiffness="]),
         ("estimate a.json --up ", ["y", "z"]),
@@ -101,7 +110,7 @@ def test_the_values_are_those_that_commands_take():
     assert (own["--loss"], own["--integrator"], own["--holdout-of"]) == (LOSSES, INTEGRATORS, HOLDOUTS)
     assert (set(own["--model"]), set(values.SIDES), values.MESHES) == (set(MODELS), set(SIDES), MESHES)
     assert tuple(kind.name for kind in KINDS) == values.KINDS
-    known = {name for command in COMMANDS for option in group.get_command(None, command).params for name in option.opts}
+    known = {name for command in COMMANDS for option in params(command) for name in option.opts}
     assert {name for name in (*values.VALUES, *values.SUFFIXES) if name.startswith("--")} <= known
 
 
@@ -127,12 +136,13 @@ def there(shell):
 
 
 WORDS = [
-    ("estimate --no", ["--no-intervals"]),
+    ("estimate --in-", ["--in-place"]),
     ("estimate a.json --method gau", ["gauss-newton"]),
     ("new plane --fix-side b", ["bottom", "back"]),
     ("estimate a.json --target cape.p", ["cape.pc2"]),
     ("simulate ca", ["cape.json", "cape.txt", "capes/"]),
     ("estimate a.json --bounds st", ["stiffness="]),
+    ("estimate a.json --set loss = h", ["huber"]),  # as bash takes it apart
 ]
 
 

@@ -250,7 +250,7 @@ def test_values_that_all_diverge_are_code_4_and_no_file(here, told):
 def test_the_ladder_is_in_the_summary_and_printed(told, monkeypatch, found, kept):
     rows = [Judged("F", 1, 2e-3, kept, 0.5), Judged("L", 33, 1e-3, kept, 4.0)]
     fit = replace(found, ladder=rows)
-    monkeypatch.setattr("clothfit.fit.estimate.by_options", lambda scene, *given, **more: replace(fit, scene=scene))
+    monkeypatch.setattr("clothfit.fit.estimate.by_request", lambda scene, *given, **more: replace(fit, scene=scene))
     summary, err = told("estimate scene.json")
     assert summary["ladder"] == [asdict(each) for each in rows]
     lines = [re.split("  +", line.strip()) for line in err.splitlines()]

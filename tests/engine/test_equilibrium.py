@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from scipy.integrate import solve_bvp
 
 import clothfit
@@ -131,7 +132,7 @@ def test_shapes_of_several_meshes_show_one_fabric():
     targets = [(replace(clothfit.simulate(clothfit.with_parameters(each, factors)), name=each.name), each)
                for each in (bent, hanging)]  # fmt: skip
     alone = [(replace(motion, positions=motion.positions[1:], times=np.zeros(1)), each) for motion, each in targets]
-    fit = clothfit.estimate(bent, alone)
+    fit = estimate(bent, alone)
     assert clothfit.parameters(fit.scene, bent) == pytest.approx(factors, rel=1e-4)  # residuals are 1e-8 m
     assert fit.verdict.model == "adequate"
 
@@ -176,9 +177,9 @@ def test_derivatives_of_shadows_are_exact(draped, what):
 def test_the_shape_and_the_drape_coefficient_show_the_bending(draped):
     """The shape exactly; the coefficient, which folds make uncertain, within 15 %."""
     scene, motion, coefficient = draped
-    fit = clothfit.estimate(scene, motion)
+    fit = estimate(scene, motion)
     assert clothfit.parameters(fit.scene, scene)[3:] == pytest.approx(np.full(3, 2.0), rel=1e-4)
-    fit = clothfit.estimate(scene, coefficient, objective="coverage")
+    fit = estimate(scene, coefficient, objective="coverage")
     assert clothfit.parameters(fit.scene, scene)[3:] == pytest.approx(np.full(3, 2.0), rel=0.15)
 
 
@@ -198,10 +199,10 @@ def test_a_scan_shows_the_bending(tmp_path):
     (block,) = scene.blocks
     true = np.where([name.startswith("bending") for name in block.factors.names], 2.0, 1.0)
     path, x = scan_of(tmp_path / "scan.npz", scene, true)
-    fit = clothfit.estimate(scene, path)
+    fit = estimate(scene, path)
     assert shape(fit.scene) == pytest.approx(x, abs=1e-5)  # 1e-4 of its length
     assert clothfit.parameters(fit.scene, scene)[true == 2.0][0] == pytest.approx(2.0, rel=1e-3)
-    hurried = clothfit.estimate(scene, path, budget=1.0)  # of which the bendings have a quarter
+    hurried = estimate(scene, path, time_limit=1.0)  # of which the bendings have a quarter
     assert "untracked" in [hint.code for hint in hurried.hints] or hurried.rmse < 1e-6
 
 
@@ -215,7 +216,7 @@ def test_what_a_noisy_scan_does_not_show_stays_where_it_began(tmp_path):
     points = np.load(path)["points"]
     points += 1e-3 * np.random.default_rng(1).standard_normal(points.shape)
     np.savez(path, points=points, first=[0, len(points)])
-    found = dict(zip(names, clothfit.parameters(clothfit.estimate(scene, path).scene, scene), strict=True))
+    found = dict(zip(names, clothfit.parameters(estimate(scene, path).scene, scene), strict=True))
     assert found["bending along"] == pytest.approx(2.0, rel=0.07)
     assert all(1 / 3 < found[name] < 3.0 for name in names if name.startswith("edges"))
 
@@ -223,7 +224,7 @@ def test_what_a_noisy_scan_does_not_show_stays_where_it_began(tmp_path):
 def test_scans_of_several_meshes_show_one_fabric(tmp_path):
     scenes = [hung(CANTILEVER, 8, (0.1, 0.03), fit="nF"), hung(CANTILEVER, 12, (0.12, 0.04), fit="nF")]
     scans = [(scan_of(tmp_path / f"{k}.npz", each, np.array([2.0]))[0], each) for k, each in enumerate(scenes)]
-    fit = clothfit.estimate(scenes[0], scans)
+    fit = estimate(scenes[0], scans)
     assert clothfit.parameters(fit.scene, scenes[0]) == pytest.approx([2.0], rel=1e-6)
 
 
@@ -238,4 +239,4 @@ def test_what_moves_cannot_be_at_rest():
     with pytest.raises(InvalidScene, match="wind: a scene at rest"):
         clothfit.simulate(hung(STRIP, 4, wind=(1.0, 0.0, 0.0)))
     with pytest.raises(clothfit.InvalidInput, match="windows: is for motions"):
-        clothfit.estimate(hung(STRIP, 4), clothfit.simulate(hung(STRIP, 4)), windows=2)
+        estimate(hung(STRIP, 4), clothfit.simulate(hung(STRIP, 4)), windows=2)

@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 from helpers.derivatives import assert_derivatives
+from helpers.fits import estimate
 from helpers.physics import rotation, scene, thing, xyz
 from helpers.surfaces import body, torus
 
-from clothfit import InvalidInput, estimate, find_controls, load, simulate
+from clothfit import InvalidInput, find_controls, load, simulate
 from clothfit.cli.validate import judge
 from clothfit.engine import touching
 from clothfit.engine.forces import touch

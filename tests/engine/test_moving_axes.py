@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.physics import METHODS, ball, chain, keys, scene, sheet, thing, xyz
 from helpers.scenes import document
 
-from clothfit import InvalidInput, InvalidScene, energies, estimate, load, parameters, simulate
+from clothfit import InvalidInput, InvalidScene, energies, load, parameters, simulate
 from clothfit.engine.inputs.sampling import winds
 from clothfit.evaluation.forecast import inputs_of
 from clothfit.motion.motion import in_scene, in_world

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.physics import ball, xyz
 from helpers.scenes import cloth, document, write_scene
 
 from clothfit import Forces, new_scene, parameters, simulate, with_parameters
 from clothfit.cli.program import run
-from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.estimate import record_target
 from clothfit.meshes.mesh import plane
 from clothfit.objective.identifiability import identifiable
 from clothfit.scene.scene import dumps, load

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.scenes import even
 
 from clothfit import as_motion, load, parameters
 from clothfit.cli.parts.estimate_results import ending
-from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.estimate import record_target
 from clothfit.fit.residual_hints import as_it_came, still
 from clothfit.objective.objective import Objective
 from clothfit.optimise.status import Status

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.fits import Watching, estimate
 from helpers.scenes import cloth, document, even, trial
 from scipy import stats
 
@@ -15,7 +16,7 @@ from clothfit import degrade, load
 from clothfit.cli.parts.estimate_results import certainty
 from clothfit.fit import confidence, posterior, result
 from clothfit.fit.confidence import not_shown
-from clothfit.fit.estimate import estimate, looked_at, record_target
+from clothfit.fit.estimate import looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, FitOptions
 from clothfit.fit.posterior import blocks_of, half_width, inverse_beside, null_space
 from clothfit.fit.routes import ALIKE
@@ -357,7 +358,7 @@ def test_a_request_ends_them_and_keeps_the_fit(monkeypatch, sparse):
         if progress.stage == "intervals":
             raise KeyboardInterrupt
 
-    found = by_products(monkeypatch, *sparse, on_progress=end)
+    found = by_products(monkeypatch, *sparse, observer=Watching(progress=end))
     assert stages[-1] == "intervals"
     assert found.status in ("converged", "stalled")
     assert found.samples is None

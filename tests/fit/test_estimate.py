@@ -5,12 +5,13 @@ from itertools import product
 
 import numpy as np
 import pytest
+from helpers.fits import Watching, estimate
 from helpers.scenes import changed, cloth, document, even, trial
 
 import clothfit
 from clothfit import Diverged, InvalidInput, InvalidMotion, Motion, degrade, simulate
 from clothfit.base.limits import FIT_TOLERANCE
-from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.estimate import record_target
 from clothfit.fit.options import OWN_METHODS, RMSE_TOLERANCE
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective, cost_and_gradient
@@ -242,14 +243,14 @@ def test_an_interrupt_gives_the_best_so_far(costs, method):
         if progress.evaluations == 4:
             raise KeyboardInterrupt
 
-    found = estimate(load(even("GG", 10, 3, 3)), start=3.0, method=method, on_progress=interrupt)
+    found = estimate(load(even("GG", 10, 3, 3)), start=3.0, method=method, observer=Watching(progress=interrupt))
     assert (found.status, found.evaluations) == ("interrupted", 4)
     assert found.cost == min(costs) < costs[0]
 
 
 def test_progress_is_told_after_every_evaluation():
     told = []
-    found = estimate(load(trial("Ln")), start=1.0, max_evaluations=12, on_progress=told.append)
+    found = estimate(load(trial("Ln")), start=1.0, max_evaluations=12, observer=Watching(progress=told.append))
     assert [progress.evaluations for progress in told] == list(range(1, found.evaluations + 1))
     assert {progress.budget for progress in told} == {12}
     assert (np.diff([progress.cost for progress in told]) <= 0).all()

@@ -8,7 +8,7 @@ from helpers.scenes import even, problems
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.flags import auto_flags, modes_of, reflagged
-from clothfit.fit.options import options_of
+from clothfit.fit.options import Request
 from clothfit.scene.scene import dumps, load
 
 
@@ -39,17 +39,15 @@ def test_what_there_is_not_is_refused(asked):
 
 def test_what_is_asked_for_takes_the_place_of_the_flags_and_of_auto():
     scene = load(even("GG", fit={"gravity": "G"}))
-    assert names(reflagged(scene, options_of("estimate", {"fit": "wind"}))) == {"wind": "G"}
+    assert names(reflagged(scene, Request(fit="wind"))) == {"wind": "G"}
     every = {"stiffness": "M", "damping": "G", "drag": "G", "wind": "G", "gravity": "G"}
     assert names(auto_flags(scene)) == every
-    assert names(reflagged(scene, options_of("estimate", {"fit": "auto"}))) == every
+    assert names(reflagged(scene, Request(fit="auto"))) == every
     left = load(even("nn", fit="auto"))
-    assert names(reflagged(left, options_of("estimate", {}))) == every
-    assert names(reflagged(left, options_of("estimate", {"fit": ["damping"]}))) == {"damping": "G"}
+    assert names(reflagged(left, Request())) == every
+    assert names(reflagged(left, Request(fit=["damping"]))) == {"damping": "G"}
     with pytest.raises(InvalidInput, match="has no friction to fit"):
-        reflagged(scene, options_of("estimate", {"fit": "friction"}))
-    with pytest.raises(InvalidInput, match="auto chooses"):
-        options_of("estimate", {"fit": ["auto", "wind"]})
+        reflagged(scene, Request(fit="friction"))
 
 
 def test_a_scene_may_leave_it_to_the_fit_and_keeps_that_in_its_text():

@@ -6,9 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.scenes import even
 
-from clothfit import degrade, estimate, simulate
+from clothfit import degrade, simulate
 from clothfit.fit.preparation import followed, moves, with_start_velocity
 from clothfit.motion.motion import as_motion, load_motion, save_motion
 from clothfit.scene.scene import dumps, load, save

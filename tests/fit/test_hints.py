@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.scenes import cloth, document
 
-from clothfit import degrade, estimate, load, simulate, with_parameters
+from clothfit import degrade, load, simulate, with_parameters
 from clothfit.fit.hints import hints_of
 
 pytestmark = pytest.mark.slow  # compiles a simulation

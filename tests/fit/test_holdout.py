@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.scenes import even, trial
 from helpers.strangers import small
 
 from clothfit import Diverged, InvalidInput, degrade, load, parameters, simulate, with_parameters
 from clothfit.fit import holdout
-from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.estimate import record_target
 from clothfit.fit.holdout import (
     BEATS,
     KEPT_OUT,

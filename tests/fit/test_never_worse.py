@@ -4,10 +4,11 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from helpers.fits import Watching, estimate
 from helpers.scenes import trial
 from helpers.strangers import small
 
-from clothfit import Diverged, Scene, degrade, estimate, load, parameters, simulate, with_parameters
+from clothfit import Diverged, Scene, degrade, load, parameters, simulate, with_parameters
 from clothfit.fit import result
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import BestSoFar
@@ -124,7 +125,8 @@ def test_the_found_scene_is_given_before_anything_else_is_looked_at(monkeypatch)
     (scene, motions), options = given("l-bfgs-b")
     said = []
     monkeypatch.setattr(result, "confidence", Mock(side_effect=KeyboardInterrupt))
-    fit = estimate(scene, motions, **{**options, "intervals": True, "holdout": 0.2}, on_found=said.append)
+    watching = Watching(result=said.append)
+    fit = estimate(scene, motions, **{**options, "intervals": True, "holdout": 0.2}, observer=watching)
     assert [parameters(one).tolist() for one in said] == [parameters(fit.scene).tolist()]
     assert (fit.status, fit.holdout) == ("limit", None)
     assert fit.warnings == ["no intervals, as their computation was interrupted", "no holdout, as the fit was ended"]
@@ -132,14 +134,14 @@ def test_the_found_scene_is_given_before_anything_else_is_looked_at(monkeypatch)
 
 def test_the_time_ends_a_fit_with_its_best_point_or_with_the_start():
     (scene, motions), options = given("nelder-mead")
-    fit = estimate(scene, motions, **{**options, "max_evaluations": 10**6, "rmse": 0.0, "budget": 0.2})
+    fit = estimate(scene, motions, **{**options, "max_evaluations": 10**6, "rmse": 0.0, "time_limit": 0.2})
     assert fit.status in ("limit", "converged", "stalled")  # it may end by itself
     assert fit.cost <= Objective(scene, motions, 1e-10).cost(parameters(scene))
-    fit = estimate(scene, motions, **options, budget=1e-9)  # not enough for one evaluation
+    fit = estimate(scene, motions, **options, time_limit=1e-9)  # not enough for one evaluation
     assert (fit.status, fit.cost) == ("limit", Objective(scene, motions, 1e-10).cost(parameters(scene)))
     assert parameters(fit.scene).tolist() == parameters(scene).tolist()
     assert "the time was used up before the first step, so the values are those of the start" in fit.warnings
-    found = estimate(scene, motions, **{**options, "rmse": 1.0}, budget=1e-9)  # begins where it may end
+    found = estimate(scene, motions, **{**options, "rmse": 1.0}, time_limit=1e-9)  # begins where it may end
     assert (found.status, found.evaluations) == ("limit", 1)
 
 
@@ -148,7 +150,7 @@ def test_one_value_for_all_never_replaces_a_pattern_that_is_nearer():
     scene = small("nG", FRAMES, springStiffness=pattern)
     target = degrade(simulate(scene), noise=1e-4)
     written: list[Scene] = []
-    found = estimate(scene, target, on_found=written.append)
+    found = estimate(scene, target, observer=Watching(result=written.append))
     assert found.cost <= Objective(scene, target, 1e-10).flagging(as_model(scene, "F", exactly=True)).cost(np.ones(1))
     assert np.array_equal(written[0].cloths[0].stiffness, scene.cloths[0].stiffness)  # before anything is looked at
     assert np.array_equal(found.scene.cloths[0].stiffness, scene.cloths[0].stiffness)

@@ -2,36 +2,40 @@
 
 import inspect
 import math
+from dataclasses import fields
 
 import click
 import numpy as np
 import pytest
+from helpers.fits import estimate, estimate_many
 from helpers.scenes import even
 
 import clothfit
 from clothfit import Reading, load
 from clothfit.cli import estimate as command
-from clothfit.fit.options import BUDGET, FitOptions, Keywords, options_of
+from clothfit.fit.options import FitOptions, Request, requested
 
 ARGUMENTS = inspect.signature(clothfit.estimate).parameters
+FIELDS = {each.name: each for each in fields(FitOptions)}
 
-FILES = {"output", "report", "in-place", "log", "plot", "gif", "cache"}
+FILES = {"output", "report", "in_place", "log", "plot", "gif", "cache"}
 """Options that say what is written, which a caller does with the result."""
 
 OF_THE_COMMAND = {
-    "help-all", "json", "version", "quiet", "verbose", "help", "watch", "forces", "subspace", "end-with-input",
+    "help_all", "json", "version", "quiet", "verbose", "help", "watch", "forces", "end_with_input", "set",
 }  # fmt: skip
-"""What a caller asks for otherwise: forces belong to the scene (`Scene.with_forces`), a subspace gives a start."""
-SIMULATORS = {"simulator", "iterations", "bends-by", "blender"}
+"""What a caller asks for otherwise: forces belong to the scene (`Scene.with_forces`)."""
+SIMULATORS = {"simulator", "iterations", "bends_by", "blender"}
 """Options of fits in the model of another tool, which functions of their own do."""
 READING = {"fps", "frames", "scale", "up", "handedness", "map", "bind", "cloth"}
 MANY = {"starts", "seed", "jobs", "cluster"}
 
 
 def options():
-    """The options of the command, by their names without dashes in front."""
-    listed = [each for each in command.command.params if isinstance(each, click.Option)]
-    return {name.lstrip("-"): each for each in listed for name in each.opts if name.startswith("--")}
+    """The options and settings of the command, by their names in Python."""
+    made = command.command
+    listed = [each for each in made.get_params(click.Context(made)) if isinstance(each, click.Option)]
+    return {each.opts[-1].lstrip("-").replace("-", "_"): each for each in listed}
 
 
 @pytest.fixture(scope="module")
@@ -39,12 +43,17 @@ def scene():
     return clothfit.load(even("nG", 6, 3, 3))
 
 
-def test_every_option_of_a_fit_is_a_keyword_argument_of_its_name():
+def test_every_option_of_a_fit_is_an_argument_or_a_field_of_its_name():
     own = set(options()) - FILES - OF_THE_COMMAND - SIMULATORS - READING - MANY
-    flags = {f"no_{name}": name for name in ARGUMENTS if isinstance(ARGUMENTS[name].default, bool)}
-    names = {flags.get(name, name) for name in (option.replace("-", "_") for option in own)}
-    called = {name for name in ARGUMENTS if name.startswith("on_")}
-    assert names == set(ARGUMENTS) - called - {"scene"}
+    assert own - {"budget"} == {*FIELDS, *ARGUMENTS} - {"scene", "options", "observer", "time_limit"}
+    assert len(ARGUMENTS) <= 8
+
+
+def test_what_tunes_a_fit_is_a_setting():
+    settings = set(command.command.settings)
+    assert settings & set(FIELDS) == set(FIELDS) - {  # which are options
+        "holdout", "fit_time", "fit_placement", "fit_scale", "hold", "fit", "bounds", "substeps", "keep_step", "resume",
+    }
 
 
 def test_the_options_of_files_and_of_many_fits_are_arguments_too():
@@ -57,27 +66,31 @@ def test_the_options_of_files_and_of_many_fits_are_arguments_too():
 def test_their_defaults_mean_the_same():
     compared = []
     for name, option in options().items():
-        argument = ARGUMENTS.get(name.replace("-", "_"))
-        if argument is not None and isinstance(option.default, (str, int, float)):
-            given = argument.default if name != "max-evaluations" else options_of("estimate", {}).max_evaluations
-            assert option.default == given, name
+        if name in FIELDS and isinstance(option.default, (str, int, float)):
+            assert option.default == FIELDS[name].default, name
             compared.append(name)
-    assert {"method", "prior", "loss", "max-evaluations", "holdout-of"} <= set(compared)
-    defaults = {name: ARGUMENTS[name].default for name in Keywords.__annotations__ if name in ARGUMENTS}
-    assert options_of("estimate", defaults) == FitOptions()
+    assert {"prior", "loss", "max_evaluations", "holdout_of", "intervals"} <= set(compared)
+    assert requested(FitOptions()) == Request()
 
 
-@pytest.mark.parametrize(
-    ("given", "seconds"), [({"budget": "2m"}, 120.0), ({"budget": 9}, 9), ({"budget": 0.5, "max_evaluations": 3}, 0.5)]
-)
-def test_a_budget_is_a_time(given, seconds):
-    found = options_of("estimate", given)
-    assert (found.budget, found.max_evaluations) == (seconds, given.get("max_evaluations", BUDGET))
+def test_the_words_of_options_are_what_was_given():
+    given = FitOptions(loss="huber", fit="wind", holdout=0.2)
+    assert repr(given) == "FitOptions(loss='huber', holdout=0.2, fit=('wind',))"
+    assert FitOptions(fit=["nR", "wind"]).fit == ("nR", "wind")
+    with pytest.raises(clothfit.InvalidInput, match="fit: auto chooses what to fit by itself"):
+        FitOptions(fit=["auto", "wind"])
+    with pytest.raises(clothfit.InvalidInput, match="options: FitOptions are needed, not a dict"):
+        requested({"loss": "huber"})
+
+
+@pytest.mark.parametrize(("given", "seconds"), [("2m", 120.0), (9, 9), (0.5, 0.5), (None, None)])
+def test_a_time_limit_is_a_time(given, seconds):
+    assert requested(FitOptions(), time_limit=given).time_limit == seconds
 
 
 WITHOUT = {"target": None}
 REFUSED = [  # the flags of masses and stiffnesses and what else is fitted, arguments of `estimate`, what is said
-    ("nL", {}, {"budget": "soon"}, "budget: 'soon' is no time above 0"),
+    ("nL", {}, {"time_limit": "soon"}, "time_limit: 'soon' is no time above 0"),
     ("nL", {}, {"model": "Q"}, "model: there is no 'Q'; use auto, F, G, R, M, L"),
     ("nL", {}, {"method": "newton"}, "there is no 'newton'; use auto, momentum, gauss-newton, l-bfgs-b"),
     ("nL", {}, {"max_evaluations": 0}, "max_evaluations: 0 evaluations are too few"),
@@ -117,18 +130,12 @@ def test_what_cannot_be_is_refused(letters, fit, given, text):
     own = load(made)
     target = clothfit.simulate(own)
     with pytest.raises(clothfit.InvalidInput, match=text):
-        clothfit.estimate(own, **{"target": target, **given})
+        estimate(own, **{"target": target, **given})
 
 
-def test_a_name_that_there_is_not_is_refused_as_python_does():
-    with pytest.raises(TypeError, match="unexpected keyword argument 'presicion'"):
-        options_of("estimate", {"presicion": 1.0})
-
-
-@pytest.mark.parametrize("name", ["precision", "checkpoint"])
-def test_many_fits_refuse_what_they_do_not_have(scene, name):
-    with pytest.raises(TypeError, match=f"estimate_many\\(\\) got an unexpected keyword argument '{name}'"):
-        clothfit.estimate_many([scene], **{name: "x"})
+def test_many_fits_have_no_checkpoint(scene):
+    with pytest.raises(clothfit.InvalidInput, match="checkpoint: is for one fit, not for many"):
+        estimate_many([scene], checkpoint="x")
 
 
 @pytest.fixture(scope="module")
@@ -145,11 +152,11 @@ def files(scene, tmp_path_factory):
 def test_a_target_may_be_the_path_of_any_motion_file(scene, files):
     motion, folder = files
     guess = clothfit.with_parameters(scene, 1.5 * clothfit.parameters(scene))
-    by_motion = clothfit.estimate(guess, motion, max_evaluations=40)
-    by_path = clothfit.estimate(guess, folder / "target.npz", max_evaluations=40)
+    by_motion = estimate(guess, motion, max_evaluations=40)
+    by_path = estimate(guess, folder / "target.npz", max_evaluations=40)
     assert by_path.cost == by_motion.cost
     np.testing.assert_array_equal(clothfit.parameters(by_path.scene), clothfit.parameters(by_motion.scene))
-    pair = clothfit.estimate(guess, [str(folder / "target.pc2"), (folder / "target.npz", scene)], max_evaluations=40)
+    pair = estimate(guess, [str(folder / "target.pc2"), (folder / "target.npz", scene)], max_evaluations=40)
     assert pair.frames == 2 * scene.frames
     assert clothfit.parameters(pair.scene) == pytest.approx(clothfit.parameters(scene), rel=1e-3)  # float32 of a cache
 
@@ -171,10 +178,10 @@ def test_a_start_may_be_the_path_of_a_scene(scene, tmp_path):
     clothfit.save(guess, tmp_path / "guess.json")
     motion = clothfit.simulate(scene)
     options = {"max_evaluations": 2, "method": "l-bfgs-b", "intervals": False}
-    by_path, by_scene = (clothfit.estimate(scene, motion, one, **options) for one in (tmp_path / "guess.json", guess))
+    by_path, by_scene = (estimate(scene, motion, one, **options) for one in (tmp_path / "guess.json", guess))
     assert by_path.cost == by_scene.cost > 0
     with pytest.raises(clothfit.InvalidScene, match=r"nothing\.json: there is no such file"):
-        clothfit.estimate(scene, motion, "nothing.json")
+        estimate(scene, motion, "nothing.json")
 
 
 OF_A_MOTION = [clothfit.degrade, lambda path: clothfit.save_motion(path, "other.npz"),

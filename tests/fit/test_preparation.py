@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.interrupting import interrupt_after
 from helpers.scenes import load_text
 from helpers.strangers import DRAG, WIND, sheet, small, windy, with_finer_steps
 
-from clothfit import InvalidInput, Motion, degrade, estimate, parameters, save, save_motion, simulate, with_parameters
+from clothfit import InvalidInput, Motion, degrade, parameters, save, save_motion, simulate, with_parameters
 from clothfit.base import checkpoint as module
 from clothfit.cli.program import run
 from clothfit.engine.system import BDF2, IMPLICIT
@@ -199,10 +200,10 @@ def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(
 @pytest.mark.slow
 def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(chosen_by):
     options, scene, motion, _ = chosen_by
-    fit = estimate(scene, motion, intervals=False, **options, budget=1e-9)  # not enough for one evaluation
+    fit = estimate(scene, motion, intervals=False, **options, time_limit=1e-9)  # not enough for one evaluation
     assert fit.status == "limit"
     np.testing.assert_allclose(fit.scene.cloths[0].stiffness, scene.cloths[0].stiffness, rtol=1e-12)
-    fit = estimate(scene, motion, intervals=False, **options, budget=0.03)
+    fit = estimate(scene, motion, intervals=False, **options, time_limit=0.03)
     goal, reached = objective(scene, motion), objective(fit.scene, motion)
     assert reached.rmse(reached.cost(parameters(fit.scene))) <= goal.rmse(goal.cost(parameters(scene))) * (1 + 1e-5)
 

@@ -5,9 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from helpers.fits import Watching, estimate
 from helpers.strangers import sheet, stranger, with_finer_steps
 
-from clothfit import degrade, estimate, parameters, simulate, with_parameters
+from clothfit import degrade, parameters, simulate, with_parameters
 from clothfit.registration.record import Registration, rotation
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -88,7 +89,7 @@ def test_the_place_is_found_with_the_clock_where_the_model_differs():
     plain = estimate(asked, every, intervals=False)
     moved = stranger(every, 1.3, 0.0, R, D)
     both = {"fit_time": True, "fit_placement": True}
-    found = estimate(asked, moved, intervals=False, on_progress=said.append, **both)
+    found = estimate(asked, moved, intervals=False, observer=Watching(progress=said.append), **both)
     (known,) = found.registration
     # what is held and the start say where it is, however wrong the model is later
     assert known.translation == pytest.approx(D, abs=5e-3)
@@ -124,6 +125,6 @@ def test_a_target_that_fits_as_it_is_stays_as_it_is_and_gravity_beside_the_clock
 
 
 def test_a_budget_of_time_ends_the_search_with_a_result(exact):
-    found = estimate(sheet(50.0), stranger(exact, 1.2), fit_time=True, budget=1e-3)
+    found = estimate(sheet(50.0), stranger(exact, 1.2), fit_time=True, time_limit=1e-3)
     assert len(found.registration) == 1
     assert found.scene.frames == 40

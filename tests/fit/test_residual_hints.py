@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.strangers import sheet, small, stranger, with_finer_steps
 
-from clothfit import Fit, degrade, estimate, simulate
+from clothfit import Fit, degrade, simulate
 from clothfit.fit.residual_hints import SHIFT, around, with_own_motion, with_stall_hint
 from clothfit.motion.motion import at_frames
 from clothfit.optimise.momentum import SingleSteps

@@ -6,6 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.interrupting import interrupt_after
 from helpers.scenes import even, trial
 
@@ -13,7 +14,7 @@ from clothfit import Diverged, degrade, load
 from clothfit.base import interrupts
 from clothfit.cli.common.output import Output
 from clothfit.cli.parts.estimate_results import certainty, summary
-from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.estimate import record_target
 from clothfit.report.log import intervals
 from clothfit.scene.kinds import KIND
 
@@ -45,7 +46,7 @@ FITS = {
     "another model, frames kept out": (other_model, {"holdout": 0.3}),
     "another model, good enough": (other_model, {"rmse": 0.1}),
     "another model, one evaluation": (other_model, {"max_evaluations": 1}),
-    "another model, no time": (other_model, {"budget": 1e-3}),
+    "another model, no time": (other_model, {"time_limit": 1e-3}),
     "another model, huber": (other_model, {"loss": "huber"}),
     "its clock": (other_model, {"fit_time": True}),
     "velocities": (other_model, {"objective": {"velocity": 1.0}}),

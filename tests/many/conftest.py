@@ -4,7 +4,7 @@ from functools import partial
 
 import pytest
 
-from clothfit.fit.options import options_of
+from clothfit.fit.options import Request
 from clothfit.many.job import Job, read
 
 
@@ -13,7 +13,7 @@ def makers():
     """Makers of the jobs of scenes, one each, with options of a fit."""
 
     def made(paths, start=None, **options):
-        chosen = options_of("estimate", options)
+        chosen = Request(**options)
         return [partial(lambda path, number: Job(read(path), (), start, options=chosen), path) for path in paths]
 
     return made

@@ -10,9 +10,10 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from helpers.fits import estimate
 from helpers.scenes import environment, trial, write_scene
 
-from clothfit import InvalidInput, estimate
+from clothfit import InvalidInput
 from clothfit.cli.program import run
 from clothfit.many.cluster import Cluster
 from clothfit.many.estimate_many import fit_all

@@ -5,11 +5,12 @@ import signal
 from types import SimpleNamespace
 
 import pytest
+from helpers.fits import estimate, estimate_many
 from helpers.scenes import trial, write_scene
 
 from clothfit import InvalidInput, degrade
-from clothfit.fit.estimate import estimate, record_target
-from clothfit.many.estimate_many import estimate_many, fit_all, result
+from clothfit.fit.estimate import record_target
+from clothfit.many.estimate_many import fit_all, result
 from clothfit.many.job import Outcome, numbered
 from clothfit.many.processes import Processes
 from clothfit.scene.scene import dumps, load

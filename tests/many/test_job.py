@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.scenes import cloth, document, even, trial, write_scene
 
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
-from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.options import options_of
+from clothfit.fit.estimate import record_target
+from clothfit.fit.options import Request
 from clothfit.many import warmup
 from clothfit.many.cluster import stop, work
 from clothfit.many.job import FACTOR, NOT_STARTED, File, Job, drawn, failed, numbered, read, run
@@ -35,7 +36,7 @@ def test_a_job_and_its_outcome_survive_a_journey_and_give_the_fit_of_its_files(t
     guess = write_scene(tmp_path, trial("nn", vertMass=[0.03] * 16), "guess.json")
     save_motion(record_target(load(path)), str(tmp_path / "t.npz"))
     goals = ((read(tmp_path / "t.npz"), None), (read(tmp_path / "t.npz"), read(path)))
-    job = pickle.loads(pickle.dumps(Job(read(path), goals, read(guess), options=options_of("estimate", FEW))))
+    job = pickle.loads(pickle.dumps(Job(read(path), goals, read(guess), options=Request(**FEW))))
     outcome = pickle.loads(pickle.dumps(run(job)))
     motion = record_target(load(path))
     same = estimate(load(path), [motion, motion], load(guess), **FEW)
@@ -76,7 +77,7 @@ def test_all_errors_have_a_sentence():
 
 
 def test_on_a_cluster_a_batch_that_was_ended_begins_nothing_more_and_others_go_on():
-    job = Job(packed(trial("Ln")), options=options_of("estimate", FEW))
+    job = Job(packed(trial("Ln")), options=Request(**FEW))
     stop("this")
     assert work(job, "this") == NOT_STARTED
     assert work(job, "that").fit is not None

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.strangers import sheet
 
-from clothfit import InvalidMotion, cost_and_gradient, estimate, simulate, with_parameters
+from clothfit import InvalidMotion, cost_and_gradient, simulate, with_parameters
 from clothfit.formats.axes import Reading
 from clothfit.motion.correspondence import TooFar, carried, normals
 from clothfit.motion.foreign import load

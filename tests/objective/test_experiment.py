@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from helpers.costs import simulate_all
+from helpers.fits import estimate
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, sphere, trial
 
 from clothfit import InvalidInput, InvalidMotion, load, parameters, simulate, with_parameters
 from clothfit.derivative.verify import check
-from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.estimate import record_target
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from helpers.costs import cost, cost_and_derivative, jacobian, residual
+from helpers.fits import estimate
 from helpers.physics import rotation, scene
 from helpers.scenes import cloth, even, trial
 
 from clothfit import InvalidMotion, Motion, degrade, load, parameters, simulate, with_parameters
 from clothfit.derivative.verify import check
 from clothfit.engine.system import build
-from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.estimate import record_target
 from clothfit.objective.comparison import OBJECTIVES, Comparison
 from clothfit.objective.measures import basis
 from clothfit.objective.objective import Objective

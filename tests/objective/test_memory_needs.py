@@ -3,9 +3,10 @@
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.scenes import trial
 
-from clothfit import InvalidInput, as_motion, estimate, load, parameters, simulate, with_parameters
+from clothfit import InvalidInput, as_motion, load, parameters, simulate, with_parameters
 from clothfit.base.memory import human
 from clothfit.engine import tape
 from clothfit.engine.rollout import state_bytes

@@ -5,11 +5,12 @@ import re
 import numpy as np
 import pytest
 from helpers.derivatives import assert_right
+from helpers.fits import estimate
 from helpers.paths import ROOT
 from helpers.physics import TIGHT, scene
 from helpers.scenes import cloth, document, even
 
-from clothfit import InvalidInput, Residuals, as_motion, estimate, load, parameters, simulate, with_parameters
+from clothfit import InvalidInput, Residuals, as_motion, load, parameters, simulate, with_parameters
 from clothfit.engine import tape
 from clothfit.motion.times import interpolated
 from clothfit.objective.memory_needs import snapshot_bytes, state_bytes

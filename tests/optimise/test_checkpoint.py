@@ -6,13 +6,14 @@ import os
 
 import numpy as np
 import pytest
+from helpers.fits import Watching, estimate
 from helpers.scenes import even, load_text, needs_full_disk, trial, write_scene
 
 from clothfit.base import checkpoint as module
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.parts import checkpoints
 from clothfit.cli.program import run
-from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import save_motion
 from clothfit.objective.objective import Objective
@@ -243,7 +244,7 @@ def in_pieces(limits, *given, **options):
             if next(reports, None) is None:
                 raise KeyboardInterrupt
 
-        found = estimate(*given, on_progress=report, resume=count > 0, **options)
+        found = estimate(*given, observer=Watching(progress=report), resume=count > 0, **options)
     return found
 
 

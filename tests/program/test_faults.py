@@ -87,7 +87,7 @@ def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, caps
     Path("out").mkdir()
     command = ["estimate", "scene.json", "--target", "target.npz", "--start", "1", "--checkpoint", "c"]
     command += ["-o", "out/x.json", "-q"]
-    fit = fitting.by_options
+    fit = fitting.by_request
 
     def vanishing(*arguments):
         if Path("out").exists():  # a fit may begin with another one
@@ -95,7 +95,7 @@ def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, caps
         return fit(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(fitting, "by_options", vanishing)
+        patch.setattr(fitting, "by_request", vanishing)
         assert run(command) == 3
     told = r"error: cannot write out/x.json: .*; then repeat the command with --resume: c is kept\n"
     assert re.fullmatch(told, capsys.readouterr().err)

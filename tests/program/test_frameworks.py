@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.modules import script
 from helpers.paths import EXAMPLES
 
@@ -74,7 +75,7 @@ def test_a_model_is_trained_and_a_cost_that_the_framework_differentiates_is_fitt
     assert losses[-1] < 1e-2 * losses[0]  # the truth is among what the model can say
     objective = clothfit.Objective(scene, objective=module.sag)
     assert clothfit.verify.check(objective, clothfit.parameters(scene)).passed
-    fit = clothfit.estimate(scene, objective=module.sag, model="F", rmse=1e-4)
+    fit = estimate(scene, objective=module.sag, model="F", rmse=1e-4)
     assert fit.cost <= 1e-8  # m²: `rmse` is its root
 
     module.main()

@@ -36,10 +36,15 @@ def lowest(motion: clothfit.Motion) -> tuple[float, np.ndarray]:
 def heights(motion: clothfit.Motion) -> tuple[np.ndarray, np.ndarray]:
     return motion.positions[-1, :, 1], np.eye(motion.positions.size)[-48::3]
 
+class Printing(clothfit.Observer):
+    def result(self, scene: clothfit.Scene) -> None:
+        print(scene.name)
+
 motion = clothfit.simulate(scene, frames=20, tolerance=1e-10)
-fit = clothfit.estimate(scene, [motion, (motion, scene)], budget="30s", on_progress=lambda now: print(now.cost))
-own = clothfit.estimate(scene, objective=lowest, max_evaluations=5)
-own = clothfit.estimate(scene, "target.pc2", objective=clothfit.Residuals(heights), method="gauss-newton")
+fit = clothfit.estimate(scene, [motion, (motion, scene)], time_limit="30s", observer=Printing())
+own = clothfit.estimate(scene, options=clothfit.FitOptions(objective=lowest, max_evaluations=5))
+own_options = clothfit.FitOptions(objective=clothfit.Residuals(heights), fit="wind", bounds={"mass": (1e-6, None)})
+own = clothfit.estimate(scene, "target.pc2", method="gauss-newton", options=own_options)
 evaluation = clothfit.evaluate(scene, fit.scene, target=Path("target.npz"))
 print(evaluation.fitted.rmse, [block.interval[0] for block in fit.parameters])
 """
@@ -77,7 +82,7 @@ def output(tmp_path_factory):
         'fit.rmse.upper()\n'
         'motion.positions = motion.times\n'
         'clothfit.estimate(scene, presicion=1.0)\n'
-        'clothfit.estimate(scene, objective=lambda motion: 1.0)\n'
+        'clothfit.estimate(scene, options=clothfit.FitOptions(objective=lambda motion: 1.0))\n'
     )
     return checked(tmp_path_factory.mktemp("types"), f"{right()}\n{names}\n{wrong}")
 

@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.strangers import sheet, stranger, windy
 
-import clothfit
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
 from clothfit.registration import mistaken as mistaken_module
@@ -129,8 +129,8 @@ def test_another_shape_is_no_mistake():
 def test_a_fit_names_and_exchanges_them_unless_it_is_told_to_keep_them():
     motion, (*_, a, b) = capture(noise=1e-4)
     mixed = given_to(motion, {a: b, b: a})
-    found, plain = (clothfit.estimate(sheet(50.0), each, intervals=False) for each in (mixed, motion))
-    kept = clothfit.estimate(sheet(50.0), mixed, intervals=False, keep_markers=True)
+    found, plain = (estimate(sheet(50.0), each, intervals=False) for each in (mixed, motion))
+    kept = estimate(sheet(50.0), mixed, intervals=False, keep_markers=True)
     assert found.rmse == plain.rmse
     assert kept.rmse > 10.0 * found.rmse
     assert (plain.markers, kept.markers) == (None, None)

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.strangers import sheet
 
-from clothfit import InvalidMotion, cost_and_gradient, estimate, evaluate, simulate, with_parameters
+from clothfit import InvalidMotion, cost_and_gradient, evaluate, simulate, with_parameters
 from clothfit.fit.tracked_fit import left_behind
 from clothfit.formats.animation import normals_at
 from clothfit.formats.axes import RIGHT, Reading, facing, from_scene
@@ -144,14 +145,14 @@ def test_the_gradient_of_distances_is_their_derivative(tmp_path):
 
 
 def test_a_scan_that_there_is_no_time_to_track_is_told(tmp_path):
-    fit = estimate(SCENE, read(as_npz(tmp_path, cloud())), budget=1e-3)
+    fit = estimate(SCENE, read(as_npz(tmp_path, cloud())), time_limit=1e-3)
     assert "untracked" in [hint.code for hint in fit.hints]
 
 
 def test_held_vertices_that_a_scan_leaves_are_told(tmp_path):
     """All of the scan goes 1 m aside; pins would have to follow it."""
     frames = [y + [0.0, 0.0, k / 23] for k, y in enumerate(cloud())]
-    said = {hint.code: hint.text for hint in estimate(SCENE, read(as_npz(tmp_path, frames)), budget=1e-3).hints}
+    said = {hint.code: hint.text for hint in estimate(SCENE, read(as_npz(tmp_path, frames)), time_limit=1e-3).hints}
     assert "pins-from" in said["held_vertices_move"]
     assert not left_behind([Experiment(read(as_npz(tmp_path, cloud())), SCENE)])
 

@@ -6,9 +6,10 @@ import re
 import numpy as np
 import pytest
 from helpers.browsers import differing, opened, pixels
+from helpers.fits import estimate
 from helpers.scenes import even
 
-from clothfit import Motion, estimate, load, simulate
+from clothfit import Motion, load, simulate
 
 pytestmark = pytest.mark.slow  # compiles a fit, and starts processes
 
@@ -29,7 +30,7 @@ def page_of(shown):
 
 
 def test_frames_may_run_scripts_and_nothing_else(own, motion):
-    fit = estimate(own, motion, budget=5.0)
+    fit = estimate(own, motion, time_limit=5.0)
     for thing in (own, motion, fit):
         shown = thing._repr_html_()
         assert 'sandbox="allow-scripts"' in shown

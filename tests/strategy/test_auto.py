@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.fits import Watching, estimate
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, document, even, trial
 
-from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.estimate import record_target
 from clothfit.meshes.mesh import plane
 from clothfit.meshes.new_scene import at_side, new_scene
 from clothfit.motion.degrade import degrade
@@ -279,7 +280,7 @@ def test_too_many_values_for_a_matrix_go_on_from_smooth_maps_by_products(monkeyp
         monkeypatch.setattr(module, "LARGEST", 0.0)
     stages = []
     found = estimate(made, degrade(record_target(made), noise, seed=1), start=10.0,
-                     on_progress=lambda progress: stages.append(progress.stage))  # fmt: skip
+                     observer=Watching(progress=lambda progress: stages.append(progress.stage)))  # fmt: skip
     assert found.status == "converged"
     assert "matrix-free" in stages
     assert "gauss-newton" not in stages[stages.index("matrix-free") :]

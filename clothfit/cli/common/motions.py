@@ -20,7 +20,7 @@ from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.limits import doubts, doubts_of_time
 from clothfit.base.messages import unreadable
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import Action, F, check_numbers, gathered, option
+from clothfit.cli.common.options import Action, F, check_numbers, gathered, option, setting
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.axes import HANDS, UPS, Convention, Reading
 from clothfit.formats.registry import foreign, format_of, suffix_of
@@ -41,14 +41,17 @@ READ_BY = ("target_path", "target_paths", "in_path", "keys_path")
 """Parameters of commands that are motions to read."""
 
 
-def axes(prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> Callable[[F], F]:
+def axes(
+    prefix: str = "", what: str = "the motion file", whose: str = "the format's",
+    declared: Callable[..., Callable[[F], F]] = option,
+) -> Callable[[F], F]:
     """Add the options that say how a file's coordinates are meant, else as `whose` are."""
 
     def decorate(function: F) -> F:
         own = f"[default: {whose}]"
-        hands = option(f"--{prefix}handedness", f"Handedness of the axes of {what}.  {own}", click.Choice(HANDS))
-        up = option(f"--{prefix}up", f"Axis of {what} that points up.  {own}", click.Choice(UPS))
-        return option(f"--{prefix}scale M", f"Metres per unit of {what}.  {own}", float)(up(hands(function)))
+        hands = declared(f"--{prefix}handedness", f"Handedness of the axes of {what}.  {own}", click.Choice(HANDS))
+        up = declared(f"--{prefix}up", f"Axis of {what} that points up.  {own}", click.Choice(UPS))
+        return declared(f"--{prefix}scale M", f"Metres per unit of {what}.  {own}", float)(up(hands(function)))
 
     return decorate
 
@@ -72,9 +75,9 @@ def reads(function: Action) -> Action:
         axes(whose="the file's, else the format's"),
         option("--fps F", f"Frames per second of the motion file.  {by_default}", float),
         option("--frames A:B", "Frames of the motion file, as a Python slice.  [default: all]"),
-        option("--cloth NAME", "Mesh of the motion file that is the cloth, where it has several.  [default: the "
+        setting("--cloth NAME", "Mesh of the motion file that is the cloth, where it has several.  [default: the "
                "scene's, else those that move]", name="mesh"),
-        option("--map FILE", "CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]",
+        setting("--map FILE", "CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]",
                name="markers"),
     )(described)  # fmt: skip
 
@@ -212,9 +215,10 @@ OF_SCENES = "make it again with new --scale {}"
 STRETCH_ADVICE = "the motion is not to be believed unless they are that soft; try a smaller delta"
 
 
-forces = option("--forces FILE", "Let the forces of this file act on the cloths, as clothfit control writes them.",
-                name="forces_path")  # fmt: skip
-"""The option of commands that simulate."""
+FORCES = "--forces FILE", "Let the forces of this file act on the cloths, as clothfit control writes them."
+forces = option(*FORCES, name="forces_path")
+with_forces = setting(*FORCES, name="forces_path")
+"""Of commands that simulate: an option, or a setting."""
 
 
 def read_scene(path: str, console: Console) -> Scene:

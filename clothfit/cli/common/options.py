@@ -42,13 +42,48 @@ def option(form: str, text: str, kind: Any = None, *, name: str | None = None, *
     return click.option(*names, *filter(None, [name]), metavar=value, type=kind, help=text, **more)
 
 
+class Setting(click.Option):
+    """An option that tunes a command. It is given as `--set NAME=VALUE`, with the name that it has in Python, or as an
+    option of that name; the help lists it apart.
+    """
+
+    def __init__(self, *given: Any, **more: Any) -> None:
+        more["hidden"] = True  # from shells
+        super().__init__(*given, **more)
+
+    @property
+    def key(self) -> str:
+        """Its name."""
+        return self.opts[0].lstrip("-").replace("-", "_")
+
+    def words(self, value: str) -> list[str]:
+        """The words of a command line that give it this value. Raises InvalidInput for a flag that is neither."""
+        if not self.is_flag:
+            return [f"{self.opts[0]}={value}"]
+        if value.lower() not in YES_OR_NO:
+            raise InvalidInput(f"--set {self.key} is yes or no; {value!r} was given")
+        return self.opts[:1] if YES_OR_NO[value.lower()] else self.secondary_opts[:1]
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """What the help says of it."""
+        other = "no" if self.default is True else "yes"
+        return f"{self.key}={other if self.is_flag else self.make_metavar(ctx)}", self.help or ""
+
+
+YES_OR_NO = {**dict.fromkeys(("yes", "true", "on", "1"), True), **dict.fromkeys(("no", "false", "off", "0"), False)}
+"""Values of settings that are flags."""
+
+setting = partial(option, cls=Setting)
+"""Adds a setting, written as an option is."""
+
+
 def loudness(function: F) -> F:
     """Add --quiet and --verbose; they work before and after a command's name."""
     verbose = option("-v --verbose", "Print more: what is read, and when.")
     return option("-q --quiet", "Print errors only.")(verbose(function))
 
 
-as_object = option("--json", "Print the summary, or the error, as one JSON object on standard output.", name="as_json")
+as_object = option("--json", "Print the summary as one JSON object on standard output.", name="as_json")
 """Adds --json; it works before and after a command's name."""
 
 
@@ -68,6 +103,10 @@ def given(form: str, text: str, kind: Any = None, *, title: str = "", **more: An
     first one of a section.
     """
     return dataclasses.field(metadata={"option": partial(option, form, text, kind, **more), "title": title})
+
+
+tuned = partial(given, cls=Setting)
+"""The field that holds the value of a setting."""
 
 
 def gathered(name: str, kind: type[Any], *options: Callable[[Any], Any]) -> Callable[[Action], Action]:
@@ -95,11 +134,16 @@ def standard_command(name: str) -> Callable[[Action], click.Command]:
     """A command with the options that every command has; its function receives a `console` for its messages."""
 
     def decorate(function: Action) -> click.Command:
+        if any(isinstance(each, Setting) for each in getattr(function, "__click_params__", ())):
+            text = "Tune a setting of --help-all, as in loss=huber." if name in EVERY_DAY else "Tune a setting."
+            more = option("--set NAME=VALUE", f"{text} May be repeated.", name="settings", expose_value=False)
+            function = section(SETTINGS)(more(function))
+
         @wraps(function)
         def speaking(quiet: bool, verbose: bool, as_json: bool, **arguments: Any) -> int | None:
             context = click.get_current_context()
             before: dict[str, bool] = context.obj or {}
-            known = {each for one in context.command.params for each in one.opts}
+            known = {each for one in context.command.get_params(context) for each in one.opts}
             Printed.begin(name, streams(arguments), known, as_json or before.get("as_json", False))
             check_places(name, arguments)
             data = Printed.elsewhere or Printed.as_json
@@ -146,21 +190,24 @@ def refuse(given: Mapping[str, object], why: str) -> None:
 COMMON = ("as_json", "quiet", "verbose", "version")
 """Parameters that every command has, besides the help itself."""
 
+SETTINGS = "Settings, as --set NAME=VALUE"
 LAST = "Common options"
-"""The title of their section, which is the last one."""
+"""Titles of the last sections."""
 
 EVERY_DAY = {
     "estimate": (
-        "--target", "--hold", "--bind", "--scale", "--up", "--fps", "--frames", "--fit", "--model", "--budget",
-        "--holdout", "--output", "--cache", "--report",
+        "--target", "--hold", "--bind", "--fps", "--frames", "--scale", "--up", "--fit", "--model", "--start",
+        "--budget", "--holdout", "--output", "--in-place", "--cache", "--report", "--resume", "--set",
     ),
     "new": (
         "--cloth", "--collider", "--size", "--divisions", "--scale", "--up", "--weld", "--density", "--stiffness",
         "--fix-side", "--fix-vertices", "--pins-from", "--wind", "--sphere", "--layers", "--fit", "--fps", "--output",
+        "--set",
     ),
 }  # fmt: skip
 """Commands with many options, to those that `--help` shows; the others are in `--help-all`."""
 
+ROOM = 52  # columns of an option's help of one line
 EXAMPLE_WIDTH = 78  # columns of an example: 80 and the indentation of two
 
 FILE_NAMES = {"SCENE", "FITTED", "MOTION", "FILE", "FOLDER", "MESH", "IN", "OUT", "PATH"}
@@ -202,12 +249,65 @@ def sections(command: click.Command, context: click.Context) -> dict[str, list[c
     for option in command.get_params(context):
         if option.param_type_name == "option":
             common = option.name in COMMON or option.opts[-1].startswith("--help")
-            found.setdefault(LAST if common else vars(option).get("title", "Options"), []).append(option)
-    return dict(sorted(found.items(), key=lambda each: each[0] == LAST))
+            title = SETTINGS if isinstance(option, Setting) else vars(option).get("title", "Options")
+            found.setdefault(LAST if common else title, []).append(option)
+    return dict(sorted(found.items(), key=lambda each: {SETTINGS: 1, LAST: 2}.get(each[0], 0)))
+
+
+def daily_only(command: click.Command, context: click.Context) -> bool:
+    """Whether the help shows the options of every day only."""
+    return command.name in EVERY_DAY and not context.meta.get(EVERY)
+
+
+def brief(text: str) -> str:
+    """The first sentence of an option's help, with its default where there is room."""
+    main, gap, default = text.partition("  [")
+    first = f"{main.partition('. ')[0].rstrip('.')}."
+    whole = first + gap + default
+    return whole if len(whole) <= ROOM else first
 
 
 class ExamplesFirst(click.Command):
-    """A command whose help shows its examples first, and its options in sections."""
+    """A command whose help shows its examples first, and its options in sections; `params` has no settings."""
+
+    def __init__(self, *given: Any, **more: Any) -> None:
+        super().__init__(*given, **more)
+        self.settings = {each.key: each for each in self.params if isinstance(each, Setting)}
+        self.params = [each for each in self.params if not isinstance(each, Setting)]
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """All that may be given."""
+        return [*super().get_params(ctx), *self.settings.values()]
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse a command line, with each `--set NAME=VALUE` as the option of that name."""
+        words, made = iter(args), list[str]()
+        for word in words:
+            option, equals, value = word.partition("=")
+            if word == "--":
+                made += [word, *words]
+            elif option != "--set" or not self.settings:
+                made.append(word)
+            elif text := value if equals else next(words, ""):
+                made += self.set_words(text, ctx)
+            else:
+                made.append(word)
+        return super().parse_args(ctx, made)
+
+    def set_words(self, text: str, ctx: click.Context) -> list[str]:
+        """The words that NAME=VALUE stands for. Raises UsageError where nothing has that name."""
+        name, equals, value = text.partition("=")
+        known = {option.lstrip("-").replace("-", "_"): each for each in self.settings.values() for option in each.opts}
+        own = known.get(name.replace("-", "_"))
+        if own is not None and equals:
+            return own.words(value)
+        if ctx.resilient_parsing:
+            return []
+        if own is not None:
+            raise click.UsageError(f"--set {name}: write its value too, as in {own.key}=…", ctx)
+        if f"--{name}" in {option for each in self.params for option in each.opts}:
+            raise click.UsageError(f"--set {name}: this is an option of its own, --{name}", ctx)
+        raise click.UsageError(f"--set: there is no {name!r}{meant(name, tuple(known))}", ctx)
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the text: summary, examples, rest."""
@@ -220,20 +320,22 @@ class ExamplesFirst(click.Command):
                 for line in text.examples:
                     for piece in wrapped(line):
                         formatter.write(f"{'':{formatter.current_indent}}{piece}\n")
-        if text.rest:
+        if text.rest and not daily_only(self, ctx):
             formatter.write_paragraph()
             with formatter.indentation():
                 formatter.write_text("\n\n".join(text.rest))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, a section each: all, or those of every day."""
-        daily = () if ctx.meta.get(EVERY) else EVERY_DAY.get(self.name or "", ())
-        for title, options in sections(self, ctx).items():
-            chosen = [each for each in options if not daily or title == LAST or {*daily} & {*each.opts}]
-            records = [record for option in chosen if (record := option.get_help_record(ctx)) is not None]
-            if records:
-                with formatter.section(title):
-                    formatter.write_dl(records)
+        daily = EVERY_DAY[str(self.name)] if daily_only(self, ctx) else ()
+        found = sections(self, ctx)
+        if daily:
+            known = {name: each for each in self.params for name in each.opts}
+            found = {"Options": [known[name] for name in daily], LAST: found[LAST]}
+        for title, options in found.items():
+            records = [record for option in options if (record := option.get_help_record(ctx)) is not None]
+            with formatter.section(title):
+                formatter.write_dl([(names, brief(text)) for names, text in records] if daily else records)
 
 
 EVERY = "clothfit.every option"
@@ -249,13 +351,14 @@ def help_all(function: F) -> F:
             click.echo(context.get_help(), color=context.color)
             context.exit()
 
-    text = "Show all options; --help shows those of every day."
+    text = "Show all options and settings."
     return option("--help-all", text, is_eager=True, expose_value=False, callback=show)(function)
 
 
 def complete_values(command: click.Command) -> click.Command:
     """The command, with what its options know completed, and files where a value's name says that it is one."""
-    for parameter in command.params:
+    settings = getattr(command, "settings", {})
+    for parameter in (*command.params, *settings.values()):
         words = set(re.findall(r"[A-Z]+", parameter.metavar or ""))
         keys = [*parameter.opts, *sorted(words)]
         values = next((VALUES[key] for key in keys if key in VALUES), ())
@@ -264,6 +367,8 @@ def complete_values(command: click.Command) -> click.Command:
             suffixes = ()
         if parameter.type is click.STRING and (values or suffixes is not None):
             parameter.type = Known(values, suffixes)
+        if parameter.name == "settings":
+            parameter.type = Assignment(settings)
     return command
 
 
@@ -287,7 +392,8 @@ OTHER_WORDS = {
     **dict.fromkeys(("import", "create", "make", "init", "load"), "new"),
     **dict.fromkeys(("--fix", "--hold", "--pin-side"), "--fix-side"),
     **dict.fromkeys(("--pin", "--pins", "--fixed", "--pinned"), "--fix-vertices"),
-    **dict.fromkeys(("--frames", "--length"), "--steps"), **dict.fromkeys(("--time", "--timeout"), "--budget"),
+    **dict.fromkeys(("--time", "--timeout", "--time-limit"), "--budget"),
+    **dict.fromkeys(("--frames", "--length"), "--steps"),
     **dict.fromkeys(("--unit", "--units"), "--scale"), **dict.fromkeys(("--axis", "--axes"), "--up"),
     "--mass": "--density", "--mesh": "--cloth", "--motion": "--target",
 }  # fmt: skip
@@ -361,6 +467,24 @@ SUFFIXES = {
 """Words in the name of a value, and options, to the suffixes of their files; others take any."""
 
 MOST = 1000  # names that are given to a shell
+
+
+class Assignment(click.types.StringParamType):
+    """NAME=VALUE of a setting, for which a shell may offer the names, then the values."""
+
+    def __init__(self, settings: Mapping[str, Setting]) -> None:
+        self.settings = settings
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Whatever begins as the word that is not complete yet."""
+        from click.shell_completion import CompletionItem
+
+        name, equals, value = incomplete.partition("=")
+        if not equals:
+            return [CompletionItem(f"{each}=") for each in self.settings if each.startswith(name)]
+        own = self.settings.get(name)
+        items = own.type.shell_complete(ctx, own, value) if own else []
+        return [CompletionItem(f"{name}={item.value}", item.type) for item in items]
 
 
 class Known(click.types.StringParamType):

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import gathered, given
+from clothfit.cli.common.options import gathered, tuned
 from clothfit.cli.common.output import check_unused
+from clothfit.formats.registry import suffix_of
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from clothfit.motion.motion import Motion
     from clothfit.optimise.progress import Progress
     from clothfit.pictures.stage import Marks
+    from clothfit.report.log import Log
     from clothfit.scene.scene import Scene
 
 Goal: TypeAlias = "Motion | tuple[Motion, Scene]"
@@ -35,8 +37,8 @@ MOST_FITTED_LENGTHS = 5
 class Pictures:
     """Which pictures are asked for."""
 
-    plot: str | None = given("--plot FILE", "Write a picture here: .png, .svg or .pdf. Needs matplotlib.")
-    gif: str | None = given("--gif FILE", "Write an animation here, as a GIF. Needs Pillow.")
+    plot: str | None = tuned("--plot FILE", "Write a picture here: .png, .svg or .pdf. Needs matplotlib.")
+    gif: str | None = tuned("--gif FILE", "Write an animation here, as a GIF. Needs Pillow.")
 
     @property
     def files(self) -> tuple[str | None, str | None]:
@@ -107,6 +109,20 @@ class Pictures:
         self.drawn("evaluation", (over, truth, title, min(ends), ends[1]), console)
         self.animated(fitted, over.times, over.own, over.goal, console)
 
+    def fitted(
+        self, truth: Scene, fitted: Scene, target: Motion | None, frames: int, log: Log, console: Console
+    ) -> None:
+        """Draw a fitted scene over its target, or over that of the true scene, with the course that a log knows."""
+        from clothfit.evaluation.evaluate import overlaid
+        from clothfit.optimise.progress import Progress
+
+        over = overlaid(truth, fitted, target, frames)
+        seen = over.rmse[over.rmse == over.rmse]
+        title = f"RMSE {metres(float((seen**2).mean() ** 0.5))} over {counted(len(seen), 'frame', 'frames')}"
+        history = [Progress(at.evaluations, 0, at.cost, at.rmse, at.seconds) for at in log.points]
+        self.drawn("estimation", (over, title, history, truth.delta * (truth.frames - 1)), console)
+        self.animated(fitted, over.times, over.own, over.goal, console)
+
     def drawn(self, name: str, what: tuple[Any, ...], console: Console) -> None:
         """Draw the picture, where it is asked for, by that function of `plots`."""
         if self.plot is not None:
@@ -147,6 +163,14 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
             own = with_interval(own, found.scene.delta, found.scene.method)  # the step that was chosen for this target
     frames = min(int(np.ceil(motion.times[-1] / own.delta)) + 1, MOST_FITTED_LENGTHS * own.frames)
     return overlaid(own, own, motion, frames)
+
+
+def named(path: str | None) -> Pictures | None:
+    """The picture that a file is to be, by its suffix; None where it is to be something else."""
+    from clothfit.pictures.picture_file import GIF, PLOTS
+
+    kind = suffix_of(path or "").removeprefix(".")
+    return Pictures(None, path) if kind in GIF else Pictures(path, None) if kind in PLOTS else None
 
 
 options = gathered("pictures", Pictures)

@@ -25,7 +25,7 @@ import click
 
 from clothfit.base import interrupts
 from clothfit.base.errors import ClothfitError, InvalidInput
-from clothfit.cli.common.options import Action
+from clothfit.cli.common.options import Action, setting
 from clothfit.cli.common.options import option as declared
 from clothfit.cli.common.output import STREAM
 
@@ -239,7 +239,7 @@ def ends_with_input(function: Action) -> Action:
         return function(**arguments)
 
     text = "End as with Ctrl-C when standard input is closed: for programs that start this one."
-    return declared(END_OPTION, text)(run)
+    return setting(END_OPTION, text)(run)
 
 
 def wait() -> None:

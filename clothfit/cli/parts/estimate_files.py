@@ -28,7 +28,7 @@ from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import check_there, one_stream, read_scene
-from clothfit.cli.common.options import check_least, gathered, given, refuse
+from clothfit.cli.common.options import check_least, gathered, given, refuse, tuned
 from clothfit.cli.common.output import SCENE, STREAM, Output, beside, output_for, print_json, write_into
 from clothfit.formats.axes import Axes, Convention, Reading
 from clothfit.formats.registry import foreign, format_of
@@ -231,11 +231,11 @@ class Asked:
 
     simulator: str | None = given("--simulator TOOL", "Fit the values of another tool's cloth, so that it moves like "
         "the target: xpbd, or blender, which needs Blender.")
-    iterations: int | None = given("--iterations N", "Iterations of xpbd in a substep; --substeps is how many of those "
+    iterations: int | None = tuned("--iterations N", "Iterations of xpbd in a substep; --substeps is how many of those "
         "there are in a step.  [default: 10, and 1 substep]", int)
-    bends_by: str = given("--bends-by WHAT", "Bending of xpbd: by distance, as the springs, or by angle.  [default: "
+    bends_by: str = tuned("--bends-by WHAT", "Bending of xpbd: by distance, as the springs, or by angle.  [default: "
         "distance]", default="distance")
-    blender: str | None = given("--blender PROGRAM", "Blender, or a Python that has it as a module.  [default: "
+    blender: str | None = tuned("--blender PROGRAM", "Blender, or a Python that has it as a module.  [default: "
         "CLOTHFIT_BPY, else blender]")
 
     def check(self, model: str | None) -> None:

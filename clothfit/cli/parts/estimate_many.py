@@ -25,7 +25,7 @@ from clothfit.cli.common.motions import warn_of_steps
 from clothfit.cli.common.output import STREAM, Output, attributes, make_folder, print_json, uninterrupted, write_scene
 from clothfit.cli.parts import checkpoints, estimate_results
 from clothfit.cli.parts.estimate_files import Effort, Files, default_name
-from clothfit.fit.options import FitOptions
+from clothfit.fit.options import Request
 from clothfit.many.estimate_many import Result, chosen_pool, fit_all, limited
 from clothfit.many.job import INTERRUPTED, NOT_STARTED, File, Job, JobTarget, Outcome, loaded, read
 from clothfit.many.processes import Processes, is_cold
@@ -51,7 +51,7 @@ class Failed(ClothfitError):
         super().__init__(message)
 
 
-def fit(paths: tuple[str, ...], files: Files, options: FitOptions, effort: Effort, console: Console) -> int:
+def fit(paths: tuple[str, ...], files: Files, options: Request, effort: Effort, console: Console) -> int:
     """Fit all scenes; returns the exit code."""
     began = time.perf_counter()
     options.check()
@@ -233,7 +233,7 @@ class Item:
         for kept, outcome in zip(self.kept, self.result.outcomes, strict=True):
             checkpoints.of_fit(kept, self.files, outcome.status, console)
 
-    def job(self, number: int, seed: int, options: FitOptions) -> Job:
+    def job(self, number: int, seed: int, options: Request) -> Job:
         """The fit from a start. Raises InvalidInput when a file cannot be read."""
         if self.refusal:
             raise self.refusal
