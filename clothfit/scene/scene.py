@@ -27,7 +27,7 @@ from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
-from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, layout_of, obstacles, self_contact
+from clothfit.scene.cloth import PLANE, SPHERE, Cloth, Collider, SelfContact, Sphere, layout_of, obstacles, self_contact
 from clothfit.scene.cloth import vector as _vector
 from clothfit.scene.forces import Forces
 from clothfit.scene.forces import check as check_forces
@@ -256,6 +256,49 @@ class Scene(checks.ReadOnly):
         if own:
             raise InvalidScene(own, self.name)
         return replace(self, method=index(asked), delta=float(delta), frames=count)
+
+
+    def changed(self, *others: Scene, spheres: Sequence[Sequence[float]] = (), **fields: Any) -> Scene:
+        """Make a new scene that also has the cloths and the obstacles of others, and more `spheres` (x, y, z, radius),
+        m, and in which these `fields` are others: `title`, `integrator`, `delta`, `tolerance`, `frames`,
+        `newton_iterations`, `wind`, `gravity`, or one of the file by its name there, such as `selfCollision`.
+
+        Raises InvalidScene when one of them is impossible.
+        """
+        if fields.get("integrator") in INTEGRATORS:
+            fields["integrator"] = INTEGRATORS.index(fields["integrator"])
+        document = _document(self)
+        for each in map(_document, others):
+            for name in ("objects", "colliders"):
+                document[name] = [*document.get(name, ()), *each.get(name, ())]
+        balls = [{"type": SPHERE, "pos": _plain_vector(place), "rot": _plain_vector(np.zeros(3)),
+                  "scale": _plain_vector(np.full(3, 2 * radius))} for *place, radius in spheres]  # fmt: skip
+        document["colliders"] = [*document.get("colliders", ()), *balls]
+        for name, value in fields.items():
+            if (own := IN_FILE.get(name, name)) not in structure.fields("scene"):
+                raise InvalidScene(f"there is no field {name!r}", self.name)
+            if (vector := name in ("wind", "gravity")) and np.shape(value) != (3,):
+                raise InvalidScene(f"{name}: three numbers are needed", self.name)
+            document[own] = _plain_vector(value) if vector else value
+        return replace(load(document, folder=self.folder), name=self.name)
+
+
+IN_FILE = {
+    "integrator": "integrationMethod", "frames": "optimizationIterations", "newton_iterations": "forwardSubSteps",
+    "wind": KIND["wind"].field, "gravity": KIND["gravity"].field,
+}  # fmt: skip
+"""Fields of a scene, to their names in a file where those differ."""
+
+
+def _document(scene: Scene) -> dict[str, Any]:
+    """The fields of its file."""
+    found: dict[str, Any] = json.loads(dumps(scene))
+    return found
+
+
+def _plain_vector(value: npt.ArrayLike) -> dict[str, float]:
+    """A vector as a file has it."""
+    return dict(zip("xyz", np.asarray(value, float).tolist(), strict=True))
 
 
 def check_is_scene(scene: object) -> None:

@@ -141,6 +141,36 @@ def test_an_impossible_step_is_refused(asked, text):
         load_text(TEXT).with_step(**asked)
 
 
+def test_a_scene_changes_in_code_as_its_file_would():
+    made = load_text(TEXT)
+    asked = {"wind": (1, 0, 2), "gravity": (0, -3, 0), "frames": 7, "delta": 0.01, "integrator": "symplectic"}
+    changed = made.changed(spheres=[(0, -1, 0, 0.5)], selfCollision={}, title="other", **asked)
+    again = load_text(scene.dumps(changed))
+    for each in (changed, again):
+        assert (each.wind.tolist(), each.gravity.tolist()) == ([1, 0, 2], [0, -3, 0])
+        assert (each.frames, each.delta, each.method, each.title) == (7, 0.01, 1, "other")
+        assert [ball.radius for ball in each.spheres] == [*(ball.radius for ball in made.spheres), 0.5]
+        assert each.self_contact is not None
+    both = made.changed(changed)
+    assert both.vertex_counts == 2 * made.vertex_counts
+    assert len(both.spheres) == len(made.spheres) + len(changed.spheres)
+    assert scene.dumps(made).decode() == TEXT
+
+
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        ({"delta": -1.0}, "delta: -1.0 is too small"),
+        ({"winds": (0, 0, 1)}, "there is no field 'winds'"),
+        ({"wind": (0, 1)}, "wind: three numbers are needed"),
+        ({"integrator": "magic"}, 'integrationMethod: "magic" is not a whole number'),
+    ],
+)
+def test_an_impossible_change_is_refused(asked, text):
+    with pytest.raises(InvalidScene, match=text):
+        load_text(TEXT).changed(**asked)
+
+
 # Text, beginning of the message, a word of it.
 BROKEN = {
     "empty": ("", "the file is empty", "JSON object"),
