@@ -87,8 +87,21 @@ docs: $(VENV)/installed
 	$(BIN)/python docs/commands.py
 	$(BIN)/python docs/python.py
 
-gallery: $(VENV)/installed-plot
+gallery: $(VENV)/installed-plot build/shots/made
 	$(BIN)/python docs/gallery.py
+	$(BIN)/python docs/strangers.py build/shots
+
+# What is not there of the other programs is left out, and its shots stay as they are.
+build/shots/made:
+	$(PYTHON) -m venv --clear build/shots-venv
+	-build/shots-venv/bin/python -m pip --disable-pip-version-check --quiet install mujoco newton warp-lang
+	-build/shots-venv/bin/python -m pip --disable-pip-version-check --quiet install pybullet
+	mkdir -p build/shots
+	-build/shots-venv/bin/python benchmarks/shots/with_mujoco.py build/shots mujoco-flag mujoco-ball
+	-build/shots-venv/bin/python benchmarks/shots/with_newton.py build/shots newton-skirt newton-wind
+	-build/shots-venv/bin/python benchmarks/shots/with_pybullet.py build/shots bullet-flag
+	-test ! -x $(BLENDER)/bin/python || $(BLENDER)/bin/python benchmarks/shots/with_bpy.py build/shots blender-wind-2
+	touch $@
 
 clean:
 	rm -rf $(VENV) $(VENV)-newest $(BLENDER) build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -120,7 +120,7 @@ class Asked:
         "[default: bdf2, of specimens rest]")
     delta: float | None = tuned("--delta SECONDS", "Time step in s.  [default: that of the file's frames, else 0.02]",
         float)
-    fps: float | None = given("--fps F", "Time steps per second, instead of --delta.", float)
+    fps: float | None = given("--fps F", "Time steps per second. Says the same as delta.", float)
     frames: int | None = given("--frames N", "Number of frames that a fit compares.  [default: the file's, else 100]",
         int)
     tolerance: float = tuned("--tolerance T", "Relative tolerance of the linear solver.  [default: 1e-8]", float,

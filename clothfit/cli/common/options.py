@@ -135,7 +135,7 @@ def standard_command(name: str) -> Callable[[Action], click.Command]:
 
     def decorate(function: Action) -> click.Command:
         if any(isinstance(each, Setting) for each in getattr(function, "__click_params__", ())):
-            text = "Tune a setting of --help-all, as in loss=huber." if name in EVERY_DAY else "Tune a setting."
+            text = "Tune a setting; --help-all lists them." if name in EVERY_DAY else "Tune a setting."
             more = option("--set NAME=VALUE", f"{text} May be repeated.", name="settings", expose_value=False)
             function = section(SETTINGS)(more(function))
 
