@@ -38,8 +38,7 @@ HEAD = """
 is translucent green; where both coincide the picture is teal. Red dots are held vertices, or the border of where many
 are held; what is grey are colliders. The shirt is a mesh that [examples/garments.py](../examples/garments.py) makes;
 yours come from a garment tool. The scenes in which pins, colliders and the wind move are in
-[examples/world](../examples/world/README.md). `clothfit report` [plays such motions in 3-D](report.md);
-[pictures.md](pictures.md) describes films and pictures.
+[examples/world](../examples/world/README.md). `clothfit report` [plays such motions in 3-D and draws them](report.md).
 """
 
 
@@ -71,7 +70,7 @@ SHIRT = Film(
         "simulate theirs.json -o shirt.pc2",
         f"new shirt.obj {PEGS} --fit nF -o shirt.json",
         "evaluate shirt.json shirt.json --target shirt.pc2 --gif guess.gif",
-        "estimate shirt.json --target shirt.pc2 --rmse 1e-4 -o fitted.json --gif fit.gif",
+        "estimate shirt.json --target shirt.pc2 --set rmse=1e-4 -o fitted.json --gif fit.gif",
     ),
     (("guess.gif", "first guess"), ("fit.gif", "after the fit")),
 )
@@ -86,7 +85,7 @@ CURTAIN = Film(
         "simulate theirs.json -o 'shot_*.obj'",
         "new 'shot_*.obj' --fix-vertices 132,143 --damping 0.5 --wind 1,0,3 --drag air --fit nL -o curtain.json",
         "evaluate curtain.json curtain.json --target 'shot_*.obj' --gif guess.gif",
-        "estimate curtain.json --target 'shot_*.obj' --rmse 1e-4 -o fitted.json --gif fit.gif",
+        "estimate curtain.json --target 'shot_*.obj' --set rmse=1e-4 -o fitted.json --gif fit.gif",
     ),
     (("guess.gif", "first guess"), ("fit.gif", "after the fit")),
 )
