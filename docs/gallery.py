@@ -54,8 +54,8 @@ class Film(NamedTuple):
 
 MESHES, WORLD, KEYFRAMES = "python examples/garments.py", "examples/world", "examples/keyframes"
 PEGS = (
-    "--fix-box=-0.24,0.65,-0.1:-0.18,0.8,0.1 --fix-box=0.18,0.65,-0.1:0.24,0.8,0.1 --wind 0.5,0,1.6 --drag air "
-    "--damping 0.3"
+    "--set fix_box=-0.24,0.65,-0.1:-0.18,0.8,0.1 --set fix_box=0.18,0.65,-0.1:0.24,0.8,0.1 --wind 0.5,0,1.6 --drag air "
+    "--set damping=0.3"
 )
 
 SHIRT = Film(
@@ -80,10 +80,10 @@ CURTAIN = Film(
     "The walk of [the first page](../README.md#a-five-minute-walk): a first guess of the fabric, 529 mm off the shot, "
     "and the fit, 2.7 nm off.",
     (
-        "new plane --size 2 --upright --fix-vertices 132,143 --stiffness 12 --damping 0.5 --wind 1,0,3 --drag air "
+        "new plane --size 2 --upright --fix-vertices 132,143 --stiffness 12 --set damping=0.5 --wind 1,0,3 --drag air "
         "--fit nL -o theirs.json",
         "simulate theirs.json -o 'shot_*.obj'",
-        "new 'shot_*.obj' --fix-vertices 132,143 --damping 0.5 --wind 1,0,3 --drag air --fit nL -o curtain.json",
+        "new 'shot_*.obj' --fix-vertices 132,143 --set damping=0.5 --wind 1,0,3 --drag air --fit nL -o curtain.json",
         "evaluate curtain.json curtain.json --target 'shot_*.obj' --gif guess.gif",
         "estimate curtain.json --target 'shot_*.obj' --set rmse=1e-4 -o fitted.json --gif fit.gif",
     ),
