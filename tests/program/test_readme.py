@@ -34,11 +34,11 @@ def commands(page):
 
 
 def shape(text):
-    """A text without its numbers, its units of length, its column widths, and what depends on the speed of the machine:
-    progress, and which settings are the Pareto-best (`undominated`).
+    """A text without its numbers, its units of length, its column widths, and what depends on the machine: progress,
+    what is compiled, and which settings are the Pareto-best (`undominated`).
     """
     lines = [line for line in text.splitlines() if not re.match(r" *[\d.]+ s  cost ", line) and line.strip()]
-    lines = [re.sub(r"\d[\d.e+-]* (nm|µm|mm|m)\b", "# m", line) for line in lines if not re.match(r"compil(ing|ed) ", line)]
+    lines = [re.sub(r"\d[\d.e+-]* (nm|µm|mm|m)\b", "# m", line) for line in lines if not line.startswith("compil")]
     lines = [re.sub(rf"{BEST}(, )?|(?<=^cheapest within # m: ).*", "", line) for line in lines]
     lines = [re.sub(r" +", " ", re.sub(r"\d[\d.e+-]*", "#", line)).strip() for line in lines]
     ended = [line for line in lines if line.startswith("# of #: ")]  # of scenes fitted at a time, in any order
