@@ -69,8 +69,8 @@ SHIRT = Film(
         f"new shirt.obj {PEGS} --stiffness 12 -o theirs.json",
         "simulate theirs.json -o shirt.pc2",
         f"new shirt.obj {PEGS} --fit nF -o shirt.json",
-        "evaluate shirt.json shirt.json --target shirt.pc2 --gif guess.gif",
-        "estimate shirt.json --target shirt.pc2 --set rmse=1e-4 -o fitted.json --gif fit.gif",
+        "evaluate shirt.json shirt.json --target shirt.pc2 --set gif=guess.gif",
+        "estimate shirt.json --target shirt.pc2 --set rmse=1e-4 -o fitted.json --set gif=fit.gif",
     ),
     (("guess.gif", "first guess"), ("fit.gif", "after the fit")),
 )
@@ -84,8 +84,8 @@ CURTAIN = Film(
         "--fit nL -o theirs.json",
         "simulate theirs.json -o 'shot_*.obj'",
         "new 'shot_*.obj' --fix-vertices 132,143 --set damping=0.5 --wind 1,0,3 --drag air --fit nL -o curtain.json",
-        "evaluate curtain.json curtain.json --target 'shot_*.obj' --gif guess.gif",
-        "estimate curtain.json --target 'shot_*.obj' --set rmse=1e-4 -o fitted.json --gif fit.gif",
+        "evaluate curtain.json curtain.json --target 'shot_*.obj' --set gif=guess.gif",
+        "estimate curtain.json --target 'shot_*.obj' --set rmse=1e-4 -o fitted.json --set gif=fit.gif",
     ),
     (("guess.gif", "first guess"), ("fit.gif", "after the fit")),
 )
@@ -93,12 +93,12 @@ CURTAIN = Film(
 
 def example(name: str, title: str, text: str) -> Film:
     """The fit of one of the examples."""
-    return Film(name, title, text, (f"estimate examples/{name}.json -o {name}.fitted.json --gif {name}.gif",))
+    return Film(name, title, text, (f"estimate examples/{name}.json -o {name}.fitted.json --set gif={name}.gif",))
 
 
 def world(name: str, title: str, text: str, scene: str, *more: str) -> Film:
     """The motion of a scene in which the world moves, and its fit."""
-    return Film(name, title, text, (f"simulate {WORLD}/{scene}.json -q -o {scene}.npz --gif {name}.gif", *more))
+    return Film(name, title, text, (f"simulate {WORLD}/{scene}.json -q -o {scene}.npz --set gif={name}.gif", *more))
 
 
 GALLERY = (
@@ -139,7 +139,7 @@ GALLERY = (
         "two corners that bring it there to 5 mm; without them it is 163 mm away.",
         (
             f"control {KEYFRAMES}/curtain.json --keyframes {KEYFRAMES}/curtain.keys.json --handles 132,143 "
-            "--budget 30s --save drawn.json --gif drawn.gif",
+            "--budget 30s --save drawn.json --set gif=drawn.gif",
         ),
     ),
     example(

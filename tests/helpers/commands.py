@@ -47,7 +47,8 @@ def typed(text: str) -> list[str]:
 
 def understood(line: str) -> tuple[str, dict[str, Any]]:
     """The command of a line and the values of its parameters, as the program understands them. Raises click's
-    UsageError where it does not; a text may leave out a file, or ask for help.
+    UsageError where it does not, and where a setting is typed as an option; a text may leave out a file, or ask for
+    help.
     """
     words = shlex.split(re.split(r" [|<>] ", line)[0], comments=True)
     name, *arguments = words
@@ -57,6 +58,9 @@ def understood(line: str) -> tuple[str, dict[str, Any]]:
         command = command.get_command(click.Context(command), name)
     if command is None:
         raise click.UsageError(f"no such command {name}")
+    settings = {option for each in getattr(command, "settings", {}).values() for option in each.opts}
+    if typed_out := settings.intersection(word.partition("=")[0] for word in arguments):
+        raise click.UsageError(f"{line}: documents give {', '.join(typed_out)} by --set")
     with suppress(click.MissingParameter, click.exceptions.Exit):
         return name, command.make_context(name, arguments).params
     return name, {}

@@ -115,8 +115,9 @@ def test_all_commands_of_code_are_seen():
     block = "```sh\nclothfit new plane \\\n    --size 2\n```\n"
     text = f"{block}Or `clothfit info\nplane.json`.\n```console\n$ clothfit warmup\n```\n"
     assert typed(text) == ["new plane --size 2", "info plane.json", "warmup"]
-    with pytest.raises(click.UsageError):
-        understood("new plane --no-such-option")
+    for wrong in ("new plane --no-such-option", "new plane --damping 0.5"):  # the second one is a setting
+        with pytest.raises(click.UsageError):
+            understood(wrong)
     assert list(written(*understood("new shot_*.obj"))) == ["shot.json", "shot.json"]
 
 

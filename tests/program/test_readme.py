@@ -85,10 +85,10 @@ def test_the_commands_of_a_page_print_what_it_says(checkout, page):
 def test_the_commands_of_the_gallery_make_the_fit_of_the_first_picture(checkout):
     first = re.search(r"^!\[.*\]\(docs/(.*)\)$", PAGES["first"], re.MULTILINE)[1]
     (shown,) = [block for block in PAGES["gallery.md"].split("\n## ") if f"]({first})" in block]
-    make, *lines = [line for line in blocks(shown, "sh")[0].splitlines() if " --gif guess" not in line]
+    make, *lines = [line for line in blocks(shown, "sh")[0].splitlines() if "gif=guess" not in line]
     subprocess.run([sys.executable, *make.split()[1:]], check=True)
     for line in lines:
-        arguments = shlex.split(line.removeprefix("clothfit ").partition(" --gif")[0])
+        arguments = shlex.split(line.removeprefix("clothfit ").partition(" --set gif=")[0])
         assert run(arguments) == 0
         shorten(checkout / arguments[-1], 25)  # of 100
     evaluation = clothfit.evaluate(clothfit.load("theirs.json"), clothfit.load("fitted.json"), horizon=25)
