@@ -38,8 +38,7 @@ HEAD = """
 is translucent green; where both coincide the picture is teal. Red dots are held vertices, or the border of where many
 are held; what is grey are colliders. The shirt is a mesh that [examples/garments.py](../examples/garments.py) makes;
 yours come from a garment tool. The scenes in which pins, colliders and the wind move are in
-[examples/world](../examples/world/README.md). `clothfit report` [plays such motions in 3-D](report.md);
-[pictures.md](pictures.md) describes films and pictures.
+[examples/world](../examples/world/README.md). `clothfit report` [plays such motions in 3-D and draws them](report.md).
 """
 
 
@@ -55,8 +54,8 @@ class Film(NamedTuple):
 
 MESHES, WORLD, KEYFRAMES = "python examples/garments.py", "examples/world", "examples/keyframes"
 PEGS = (
-    "--fix-box=-0.24,0.65,-0.1:-0.18,0.8,0.1 --fix-box=0.18,0.65,-0.1:0.24,0.8,0.1 --wind 0.5,0,1.6 --drag air "
-    "--damping 0.3"
+    "--set fix_box=-0.24,0.65,-0.1:-0.18,0.8,0.1 --set fix_box=0.18,0.65,-0.1:0.24,0.8,0.1 --wind 0.5,0,1.6 --drag air "
+    "--set damping=0.3"
 )
 
 SHIRT = Film(
@@ -70,8 +69,8 @@ SHIRT = Film(
         f"new shirt.obj {PEGS} --stiffness 12 -o theirs.json",
         "simulate theirs.json -o shirt.pc2",
         f"new shirt.obj {PEGS} --fit nF -o shirt.json",
-        "evaluate shirt.json shirt.json --target shirt.pc2 --gif guess.gif",
-        "estimate shirt.json --target shirt.pc2 --rmse 1e-4 -o fitted.json --gif fit.gif",
+        "evaluate shirt.json shirt.json --target shirt.pc2 --set gif=guess.gif",
+        "estimate shirt.json --target shirt.pc2 --set rmse=1e-4 -o fitted.json --set gif=fit.gif",
     ),
     (("guess.gif", "first guess"), ("fit.gif", "after the fit")),
 )
@@ -81,12 +80,12 @@ CURTAIN = Film(
     "The walk of [the first page](../README.md#a-five-minute-walk): a first guess of the fabric, 529 mm off the shot, "
     "and the fit, 2.7 nm off.",
     (
-        "new plane --size 2 --upright --fix-vertices 132,143 --stiffness 12 --damping 0.5 --wind 1,0,3 --drag air "
+        "new plane --size 2 --upright --fix-vertices 132,143 --stiffness 12 --set damping=0.5 --wind 1,0,3 --drag air "
         "--fit nL -o theirs.json",
         "simulate theirs.json -o 'shot_*.obj'",
-        "new 'shot_*.obj' --fix-vertices 132,143 --damping 0.5 --wind 1,0,3 --drag air --fit nL -o curtain.json",
-        "evaluate curtain.json curtain.json --target 'shot_*.obj' --gif guess.gif",
-        "estimate curtain.json --target 'shot_*.obj' --rmse 1e-4 -o fitted.json --gif fit.gif",
+        "new 'shot_*.obj' --fix-vertices 132,143 --set damping=0.5 --wind 1,0,3 --drag air --fit nL -o curtain.json",
+        "evaluate curtain.json curtain.json --target 'shot_*.obj' --set gif=guess.gif",
+        "estimate curtain.json --target 'shot_*.obj' --set rmse=1e-4 -o fitted.json --set gif=fit.gif",
     ),
     (("guess.gif", "first guess"), ("fit.gif", "after the fit")),
 )
@@ -94,12 +93,12 @@ CURTAIN = Film(
 
 def example(name: str, title: str, text: str) -> Film:
     """The fit of one of the examples."""
-    return Film(name, title, text, (f"estimate examples/{name}.json -o {name}.fitted.json --gif {name}.gif",))
+    return Film(name, title, text, (f"estimate examples/{name}.json -o {name}.fitted.json --set gif={name}.gif",))
 
 
 def world(name: str, title: str, text: str, scene: str, *more: str) -> Film:
     """The motion of a scene in which the world moves, and its fit."""
-    return Film(name, title, text, (f"simulate {WORLD}/{scene}.json -q -o {scene}.npz --gif {name}.gif", *more))
+    return Film(name, title, text, (f"simulate {WORLD}/{scene}.json -q -o {scene}.npz --set gif={name}.gif", *more))
 
 
 GALLERY = (
@@ -140,7 +139,7 @@ GALLERY = (
         "two corners that bring it there to 5 mm; without them it is 163 mm away.",
         (
             f"control {KEYFRAMES}/curtain.json --keyframes {KEYFRAMES}/curtain.keys.json --handles 132,143 "
-            "--budget 30s --save drawn.json --gif drawn.gif",
+            "--budget 30s --save drawn.json --set gif=drawn.gif",
         ),
     ),
     example(

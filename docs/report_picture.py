@@ -46,7 +46,7 @@ def main() -> None:
         shutil.copytree(DOCS.parent / "examples", Path(folder) / "examples")
         os.chdir(folder)
         *before, fit = [command for command in SHIRT.commands if "guess.gif" not in command]
-        shoot(SHIRT._replace(commands=(*before, fit.replace("--gif fit.gif", "--report report.html"))))
+        shoot(SHIRT._replace(commands=(*before, fit.replace("--set gif=fit.gif", "--report report.html"))))
         light, dark = shots(Path(folder) / "report.html")
         os.chdir(DOCS)
     light.paste(dark.crop((CUT, 0, *dark.size)), (CUT, 0))

@@ -1,9 +1,6 @@
 """--plot and --gif of the commands."""
 
-import re
-
 import pytest
-from helpers.paths import DOCS
 from helpers.scenes import trial, write_scene
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -48,13 +45,3 @@ def test_a_motion_that_diverges_is_drawn_as_far_as_it_is_good(here, said):
     assert said("simulate wild.json -q --plot wild.png --gif wild.gif")[0] == 4
     assert signed("wild.png")
     assert signed("wild.gif")
-
-
-def test_the_python_of_the_page_draws(here):
-    write_scene(here, trial("nG", 5, springStiffness=[20.0] * 33), "fitted.json")
-    page = (DOCS / "pictures.md").read_text("utf-8")
-    (block,) = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
-    assert "None, 100)" in block
-    exec(compile(block.replace("None, 100)", "None, 9)"), "docs/pictures.md", "exec"), {})  # fewer frames
-    assert signed("error.png")
-    assert signed("error.gif")

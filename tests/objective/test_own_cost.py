@@ -225,8 +225,8 @@ def test_a_fit_goes_on_from_its_checkpoint_by_the_name_of_the_function(tmp_path)
 
 
 def test_the_cost_of_the_documents_is_fitted(monkeypatch):
-    text = (ROOT / "docs" / "fitting.md").read_text("utf-8")
-    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    text = (ROOT / "docs" / "from-python.md").read_text("utf-8")
+    _, block = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     monkeypatch.chdir(ROOT)
     names = {}
     exec(block, names)

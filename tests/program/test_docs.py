@@ -1,11 +1,13 @@
-"""The pages of the documents: links lead somewhere, tables are whole, what they name is there."""
+"""The pages: links lead somewhere, tables are whole, what they name is there, their commands are understood."""
 
 import ast
 import io
 import json
 import re
 
+import click
 import pytest
+from helpers.commands import READS, named, typed, understood, written
 from helpers.pages import broken_links, ragged_tables
 from helpers.paths import ROOT
 
@@ -86,3 +88,42 @@ def test_the_errors_that_troubleshooting_quotes_are_messages_of_the_program():
 
     assert [quote for quote in quoted if not is_said(quote) and quote not in (*ELSEWHERE, *FACTS)] == []
     assert len(quoted) > 20
+
+
+YOURS = {
+    "bent.npz", "capture.c3d", "capture.npz", "capture.trc", "captures/{stem}.npz", "coarse.fitted.json",
+    "curtain.json", "curtain.obj", "fine.json", "fitted.json", "flag.glb", "folds.json", "gusts.json", "hung.npz",
+    "keys.json", "markers.csv", "one.json", "one.jsonl", "one.npz", "render.obj", "scans/shirt_*.ply", "scene.json",
+    "shadow.csv", "sheet.json", "shirt.mdd", "shirt.obj", "shirt.pc2", "shot.pc2", "shot.usdc", "shot_*.obj",
+    "shots/*.json", "two.json", "two.jsonl", "two.npz", "windy.json",
+}  # fmt: skip
+"""Files that readers of a page have."""
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_the_commands_of_a_page_are_understood_and_their_files_are_there(path):
+    """A file that a command reads is an example, or an earlier command of the page writes it, or readers have it."""
+    there, missing = set(YOURS), []
+    for line in typed(path.read_text("utf-8")):
+        command, values = understood(line)
+        missing += [file for file in named(values, READS) if file not in there and not (ROOT / file).is_file()]
+        there |= set(written(command, values))
+    assert missing == []
+
+
+def test_all_commands_of_code_are_seen():
+    block = "```sh\nclothfit new plane \\\n    --size 2\n```\n"
+    text = f"{block}Or `clothfit info\nplane.json`.\n```console\n$ clothfit warmup\n```\n"
+    assert typed(text) == ["new plane --size 2", "info plane.json", "warmup"]
+    for wrong in ("new plane --no-such-option", "new plane --damping 0.5"):  # the second one is a setting
+        with pytest.raises(click.UsageError):
+            understood(wrong)
+    assert list(written(*understood("new shot_*.obj"))) == ["shot.json", "shot.json"]
+
+
+def test_the_documents_are_short():
+    words = {path: len(path.read_text("utf-8").split()) for path in PAGES if "examples" not in path.parts}
+    assert words[ROOT / "README.md"] <= 1_300
+    assert words[ROOT / "docs" / "architecture.md"] <= 1_300
+    assert words[ROOT / "CHANGELOG.md"] <= 500
+    assert sum(words.values()) <= 38_000

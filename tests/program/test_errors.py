@@ -188,8 +188,8 @@ def test_a_gradient_that_is_wrong_ends_with_its_code(fails, gradient, code, mess
     fails(code, "check scene.json", message, [(pullback, lambda *arguments: arguments[-1].fill(gradient))])
 
 
-def test_the_first_page_lists_the_exit_codes():
-    text = (ROOT / "README.md").read_text("utf-8")
+def test_the_page_on_scripts_lists_the_exit_codes():
+    text = (ROOT / "docs" / "many.md").read_text("utf-8")
     assert re.findall(r"^\| (\d+) \| ", text, re.MULTILINE) == ["0", "1", "2", "3", "4", "5", "130"]
 
 

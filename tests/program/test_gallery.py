@@ -41,7 +41,7 @@ def test_a_film_loops_moves_and_is_small(path):
 
 def test_the_curtain_is_that_of_the_first_page_and_there_are_no_other_films_all_small_together_and_of_no_storm():
     readme = (ROOT / "README.md").read_text("utf-8").replace(" \\\n    ", " ")
-    commands = [command.partition(" --gif")[0] for command in gallery.CURTAIN.commands]
+    commands = [command.partition(" --set gif=")[0] for command in gallery.CURTAIN.commands]
     guess = [command for command in commands if command.startswith("evaluate")]  # its film is the gallery's alone
     assert [command for command in commands if f"$ clothfit {command}" not in readme] == guess
     assert {path.name for path in gallery.FILMS.iterdir()} == {path.name for path in FILMS.values()}

@@ -1,5 +1,7 @@
-"""What the README and the pages of docs/ show is what happens: their commands, the output, the README's Python."""
+"""What the README and the pages of docs/ show is what happens: their commands, the output, the Python."""
 
+import ast
+import inspect
 import io
 import json
 import re
@@ -7,14 +9,14 @@ import shlex
 import shutil
 import subprocess
 import sys
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import redirect_stderr, redirect_stdout
 
-import click
 import pytest
+from helpers.commands import blocks, typed
 from helpers.paths import ROOT
 
 import clothfit
-from clothfit.cli.program import group, run
+from clothfit.cli.program import run
 
 CUT = "[…]"
 BEST = "Pareto-best"
@@ -26,22 +28,17 @@ SHOWN = re.compile(r"^\$ clothfit (.*)\n((?:(?!\$).*\n)*)", re.MULTILINE)  # a c
 pytestmark = pytest.mark.slow
 
 
-def blocks(language, page="first"):
-    """The code blocks of one language on a page, with commands that are broken into lines in one."""
-    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page].replace(" \\\n    ", " "), re.DOTALL | re.MULTILINE)
-
-
 def commands(page):
     """The commands that a page shows, without the program's name, and what it says that they print."""
-    return [shown for block in blocks("console", page) for shown in SHOWN.findall(block)]
+    return [shown for block in blocks(PAGES[page], "console") for shown in SHOWN.findall(block)]
 
 
 def shape(text):
-    """A text without its numbers, its units of length, its column widths, and what depends on the speed of the machine:
-    progress, and which settings are the Pareto-best (`undominated`).
+    """A text without its numbers, its units of length, its column widths, and what depends on the machine: progress,
+    what is compiled, and which settings are the Pareto-best (`undominated`).
     """
     lines = [line for line in text.splitlines() if not re.match(r" *[\d.]+ s  cost ", line) and line.strip()]
-    lines = [re.sub(r"\d[\d.e+-]* (nm|µm|mm|m)\b", "# m", line) for line in lines if "compiling" not in line]
+    lines = [re.sub(r"\d[\d.e+-]* (nm|µm|mm|m)\b", "# m", line) for line in lines if not line.startswith("compil")]
     lines = [re.sub(rf"{BEST}(, )?|(?<=^cheapest within # m: ).*", "", line) for line in lines]
     lines = [re.sub(r" +", " ", re.sub(r"\d[\d.e+-]*", "#", line)).strip() for line in lines]
     ended = [line for line in lines if line.startswith("# of #: ")]  # of scenes fitted at a time, in any order
@@ -85,50 +82,43 @@ def test_the_commands_of_a_page_print_what_it_says(checkout, page):
         assert CUT in shown or printed == shape(shown)  # a page may leave out lines that depend on the machine
 
 
-def test_its_first_command_makes_the_fit_that_its_first_picture_shows(checkout):
-    (first,) = blocks("sh")
-    fit = first.strip().removeprefix("clothfit ").partition(" --report")[0]
-    gallery = (ROOT / "docs" / "gallery.md").read_text("utf-8").replace(" \\\n    ", " ")
-    (shown,) = re.findall(r"^```sh\n(python [^`]* shirt\.pc2[^`]*)^```", gallery, re.MULTILINE)
-    steps = [line for line in shown.splitlines() if " --gif" not in line]
-    assert any(line.startswith(f"clothfit {fit} ") for line in shown.splitlines())
-    subprocess.run([sys.executable, *steps[0].split()[1:]], check=True)
-    for line in [*steps[1:], first]:
-        arguments = shlex.split(line.removeprefix("clothfit "))
+def test_the_commands_of_the_gallery_make_the_fit_of_the_first_picture(checkout):
+    first = re.search(r"^!\[.*\]\(docs/(.*)\)$", PAGES["first"], re.MULTILINE)[1]
+    (shown,) = [block for block in PAGES["gallery.md"].split("\n## ") if f"]({first})" in block]
+    make, *lines = [line for line in blocks(shown, "sh")[0].splitlines() if "gif=guess" not in line]
+    subprocess.run([sys.executable, *make.split()[1:]], check=True)
+    for line in lines:
+        arguments = shlex.split(line.removeprefix("clothfit ").partition(" --set gif=")[0])
         assert run(arguments) == 0
         shorten(checkout / arguments[-1], 25)  # of 100
-    assert (checkout / "fit.html").stat().st_size > 200_000
     evaluation = clothfit.evaluate(clothfit.load("theirs.json"), clothfit.load("fitted.json"), horizon=25)
-    assert evaluation.fitted.rmse < 1e-4  # the --rmse of the command
+    assert evaluation.fitted.rmse < 1e-4  # the rmse of the command
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_the_commands_that_a_page_only_names_are_understood(page):
-    shown = [line for block in blocks("sh", page) for line in block.splitlines() if line.startswith("clothfit ")]
-    text = re.sub(r"^```.*?^```", "", PAGES[page], flags=re.DOTALL | re.MULTILINE)
-    for line in [*shown, *re.findall(r"`(clothfit [a-z]+ [^`]*)`", text)]:
-        name, *arguments = shlex.split(line.removeprefix("clothfit "), comments=True)
-        command = group.get_command(None, name)
-        while isinstance(command, click.Group):
-            name, *arguments = arguments
-            command = command.get_command(None, name)
-        with suppress(click.MissingParameter, click.exceptions.Exit):  # a text may leave out a file, or ask for help
-            command.make_context(name, arguments)
-
-
-def test_its_python_runs(checkout, capsys):
-    (block,) = blocks("python")
-    exec(block, {})
+def test_the_python_of_the_page_on_python_runs(checkout, capsys):
+    first, _ = blocks(PAGES["from-python.md"], "python")  # the other one is a cost of one's own, which has its test
+    exec(first, {})
     status, rmse = capsys.readouterr().out.split()
     assert status == "converged"
     assert float(rmse) <= 1e-6
     assert (checkout / "fitted.json").is_file()
 
 
-def test_it_shows_all_of_a_day_and_its_two_commands_are_the_targets_of_the_makefile():
-    assert {command.split()[0] for command, _ in commands("first")} >= {"simulate", "target", "estimate", "evaluate"}
-    (first, *_) = blocks("console")
+def test_the_names_and_arguments_in_the_rest_of_its_python_are_there():
+    for node in ast.walk(ast.parse("".join(blocks(PAGES["from-python.md"], "py")))):
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "clothfit":
+            assert hasattr(clothfit, node.attr), node.attr
+        if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("clothfit."):
+            called = eval(ast.unparse(node.func))
+            inspect.signature(called).bind(*node.args, **{word.arg: word.value for word in node.keywords})
+
+
+def test_the_first_page_shows_all_of_a_day_and_its_two_commands_are_targets_of_the_makefile():
+    assert {command.split()[0] for command, _ in commands("first")} >= {"new", "simulate", "estimate", "evaluate"}
+    (first, *_) = blocks(PAGES["first"], "console")
     targets = re.findall(r"\$ make (\w+)", first)
     assert targets == ["demo", "test"]
     makefile = (ROOT / "Makefile").read_text("utf-8")
     assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
+    (block,) = blocks(PAGES["first"], "sh")  # which a test of shots runs
+    assert set(typed(f"```sh\n{block}```")) <= set(typed(PAGES["garment.md"]))
