@@ -31,7 +31,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.parts.estimate_results import KEYS as LOGGED
 from clothfit.cli.parts.estimate_results import FitLog, earlier
 from clothfit.fit.holdout import Judged
-from clothfit.fit.options import FitOptions
+from clothfit.fit.options import Request
 from clothfit.motion.motion import save_motion
 from clothfit.optimise.progress import Progress
 from clothfit.scene.scene import load, save
@@ -152,7 +152,7 @@ ASKED = [
     ("--holdout 0.25 --holdout-of vertices", {"holdout": 0.25, "holdout_of": "vertices"}),
     ("--no-intervals", {"intervals": False}),
     ("--memory 200MB", {"memory": "200MB"}),
-    ("--budget 2m", {"budget": 120.0}),
+    ("--budget 2m", {"time_limit": 120.0}),
     ("--bounds stiffness=1:1e6 --bounds mass=:2", {"bounds": {"stiffness": (1.0, 1e6), "mass": (None, 2.0)}}),
     ("--model R", {"model": "R"}),
     ("--substeps 4", {"substeps": 4}),
@@ -169,7 +169,7 @@ def test_an_option_is_that_of_the_fit_and_no_other(folder, fits, said, options, 
     Path("t.npz").write_bytes(still(load("scene.json")))
     assert said(f"estimate scene.json --target t.npz {options} -q")[0] == 0
     (asked,) = fits
-    plain = {name: value for name, value in vars(FitOptions()).items() if name[:3] != "on_" and name != "checkpoint"}
+    plain = {name: value for name, value in vars(Request()).items() if name not in ("observer", "checkpoint")}
     plain["objective"] = {"position": 1.0}
     assert {name: value for name, value in vars(asked.options).items() if plain.get(name, value) != value} == expected
     assert len(asked.targets[0].times) == 5

@@ -17,7 +17,7 @@ from clothfit.cli.parts.estimate_results import certainty
 from clothfit.fit import confidence, posterior, result
 from clothfit.fit.confidence import not_shown
 from clothfit.fit.estimate import looked_at, record_target
-from clothfit.fit.options import OWN_METHODS, FitOptions
+from clothfit.fit.options import OWN_METHODS, Request
 from clothfit.fit.posterior import blocks_of, half_width, inverse_beside, null_space
 from clothfit.fit.routes import ALIKE
 from clothfit.optimise import trajectory
@@ -272,7 +272,7 @@ def singular(*given):
 
 def test_a_fit_that_cannot_be_looked_at_is_kept_with_a_warning(sheet):
     found = estimate(sheet[0], max_evaluations=1, intervals=False)
-    kept = looked_at(found, singular, options=FitOptions())
+    kept = looked_at(found, singular, options=Request())
     assert kept.scene is found.scene
     assert kept.warnings == [*found.warnings, f"the fit could not be looked at in full: {ALIKE}"]
 

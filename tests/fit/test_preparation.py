@@ -17,7 +17,7 @@ from clothfit.base import checkpoint as module
 from clothfit.cli.program import run
 from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.fit import routes
-from clothfit.fit.options import FitOptions
+from clothfit.fit.options import Request
 from clothfit.fit.preparation import counts_of, in_windows, windows_of
 from clothfit.fit.routes import Fitting, as_before
 from clothfit.motion.motion import at_frames
@@ -66,7 +66,7 @@ def finer(letters="nL", **fields):
     ],
 )
 def test_the_steps_that_are_to_be_tried(method, options, counts):
-    assert counts_of(FitOptions(**options), small("nF", 5, method=method)) == counts
+    assert counts_of(Request(**options), small("nF", 5, method=method)) == counts
 
 
 # --- plans
@@ -86,7 +86,7 @@ def coarse():
 
 def settled(goal, start=None, state=None, **options):
     """A fit that has settled what is fitted."""
-    fit = Fitting.of(goal, start, FitOptions(**options).checked(), False, goal, None, state)
+    fit = Fitting.of(goal, start, Request(**options).checked(), False, goal, None, state)
     for choice in routes.CHOICES:
         if choice.applies(fit):
             choice.run(fit)
@@ -101,7 +101,7 @@ def test_a_fit_that_goes_on_has_the_step_and_the_model_that_were_chosen(coarse):
         assert (each.scene.method, each.scene.delta) == (BDF2, coarse.scene.delta / 4)
         assert (each.scene.cloths[0].settings, each.frames) == ("nF", FRAMES)
     for model in ("", "R", "L"):  # of another number of values
-        fit = Fitting.of(coarse, None, FitOptions().checked(), False, state=STATE._replace(model=model))
+        fit = Fitting.of(coarse, None, Request().checked(), False, state=STATE._replace(model=model))
         with pytest.raises(InvalidInput, match="the checkpoint is not what a fit has written"):
             as_before(fit)
 

@@ -20,5 +20,6 @@ def estimate(*given, **named):
 
 def estimate_many(*given, **named):
     """`clothfit.estimate_many`, likewise."""
-    own = {name: named.pop(name) for name in (*ARGUMENTS, "starts", "seed", "jobs", "cluster", "done") if name in named}
+    names = (*ARGUMENTS, "targets", "starts", "seed", "jobs", "cluster", "done")
+    own = {name: named.pop(name) for name in names if name in named}
     return clothfit.estimate_many(*given, **own, options=clothfit.FitOptions(**named))
