@@ -207,8 +207,8 @@ def ease(
 
 
 def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> None:
-    """Shorten Euler step t of a part, after which the energy is higher than what moves has given it, or take it with
-    the clamped system; for a cloth that does not touch itself.
+    """Take Euler step t of a part, after which the energy is higher than what moves has given it, with more iterations,
+    then with the clamped system, or shorten it; for a cloth that does not touch itself.
     """
 
     def gains() -> float:
@@ -217,12 +217,16 @@ def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
     def halve(by: float) -> None:
         shorten(by, own, part.x[t], part.w[t, part.used[t] - 1], part.x[t + 1], None)
 
-    own = bdf2.forms(forms.at(part, t))[0]
-    if ease(part, t, gains, halve, SHORTEST) and not part.clamped[t]:
-        part.clamped[t], part.theta[t] = True, 1.0
-        own, v = bdf2.forms(forms.at(part, t))[0], part.velocity(t)
-        attempt(own, work, part, t, v, v.copy(), tolerance)  # which succeeds
-        ease(part, t, gains, halve, SHORTEST)
+    own, v, most = bdf2.forms(forms.at(part, t))[0], part.velocity(t), part.w.shape[1]
+    iterations = own.newton_iterations
+    while iterations + part.clamped[t] <= most and gains():
+        iterations += 1
+        part.clamped[t] |= iterations > most
+        own = taken_by(forms, False, part.clamped[t], min(iterations, most))
+        if not attempt(own, work, part, t, v, v.copy(), tolerance):
+            part.clamped[t], own = True, taken_by(forms, False, True, min(iterations, most))
+            attempt(own, work, part, t, v, v.copy(), tolerance)  # which succeeds
+    ease(part, t, gains, halve, SHORTEST)
 
 
 def shorten(theta: float, system: System, x: Array, w: Array, after: Array, made: zones.Zones | None) -> None:
