@@ -21,8 +21,8 @@ wind that stays, which brings energy, while air at rest only takes it away; and 
 Where inputs change over time, or a cloth is let go by what it began inside of, the work done in a step (`work`) is no
 gain: of BDF2 motions each step is compared with it, and of implicit ones at meshes with a thickness, else those after
 which the kinetic energy and that of the springs are higher by more than SUSPECT. An Euler step that gains is mended as
-where a cloth touches itself (`touching`). At `colliders` that stay where they are a step ends with the contacts that it knows (`forces.contact`):
-what rises there are springs, as elsewhere.
+where a cloth touches itself (`touching`). At `colliders` that stay where they are a step ends with the contacts that it
+knows (`forces.contact`): what rises there are springs, as elsewhere.
 """
 
 from __future__ import annotations
