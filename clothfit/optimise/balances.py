@@ -359,6 +359,18 @@ class Rows:
             sizes[:, part] = [np.linalg.norm(each, axis=(1, 2)) for each in (self.left(part, change), terms)]
         return sizes[0], sizes[1]
 
+    def by_columns(self) -> Array:
+        """C of each row, (Q, T, n, 3)."""
+        r, whole = self.found.residual, slice(None)
+        return np.array([r - self.left(whole, column) for column in self.spread.T.toarray()])
+
+    def keep(self, rows: Flags) -> None:
+        """Let no others than these rows (T, n) count."""
+        valid: Flags = np.asarray(self.found.valid & rows)
+        for array, at in zip(self.found[:3], (slice(None), slice(None), self.ends), strict=True):
+            array[~valid[:, at]] = 0.0
+        self.found, self.counts = self.found._replace(valid=valid), np.asarray(3 * valid.sum(axis=1))
+
     def patch(self, vertices: Indices) -> Patch:
         """The rows of some vertices, (m,)."""
         own = [self.of[i] for i in vertices]

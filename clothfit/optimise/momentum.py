@@ -290,7 +290,7 @@ def solve(
     else:
         H = rows.gram(kept)
         good = trimmed(rows, kept, trust_region.either(H)) if trim else kept
-        if not np.array_equal(good, kept):
+        if not np.array_equal(good, kept) or rows.agreed is not None:  # which rows count may have changed, too
             kept, H = good, rows.gram(good)
     size = np.sqrt(H.diagonal())
     determined = size > 0
@@ -348,6 +348,11 @@ CHANGED = 1e-3
 SHARE = 0.25
 """Share of the steps, at least, that must agree: the others may all be exceptions."""
 
+FEW, VOTES, VOTERS = 4, 0.05, 8
+"""Values, at most, on which single rows vote; the share of the rows that must agree, and the vertices, at least, as one
+at rest says the same in each step.
+"""
+
 ENOUGH = 4
 """Rows for each parameter, at least."""
 
@@ -373,6 +378,10 @@ def consensus(rows: Equations, known: Flags) -> Flags:
     """The known steps (S,) that agree on the values in some patch of each part; none where too few do."""
     if rows.agreed is None:
         rows.agreed = np.zeros(len(known), bool)
+        if rows.Q <= FEW and all(map(vote, rows.parts)):
+            rows.counts = np.concatenate([part.counts for part in rows.parts])
+            rows.agreed[:] = rows.own = True
+            return rows.agreed & known
         for before, patches in rows.patches(PATCH, PATCHES):
             for patch in patches:
                 found = agreeing(patch)
@@ -381,6 +390,28 @@ def consensus(rows: Equations, known: Flags) -> Flags:
                     rows.agreed[before + patch.steps] = found.steps
                     break
     return rows.agreed & known
+
+
+def vote(part: Rows) -> bool:
+    """Whether many rows of a part that depend on one value agree on it, for each value, though no whole step does: as
+    parts of a cloth touch something, or are compressed, in each. Then no others count.
+    """
+    C, r, kept = part.by_columns(), part.found.residual, np.zeros(part.found.valid.shape, bool)
+    slopes = np.linalg.norm(C, axis=3)
+    for own, slope in zip(C, slopes, strict=True):
+        alone = part.found.valid & (slope > 0) & (slope == slopes.sum(axis=0))
+        if not alone.any():
+            return False
+        guess = (own[alone] * r[alone]).sum(axis=1) / slope[alone] ** 2
+        votes, near = np.sort(guess), EXACT * float(np.median(np.abs(guess)))
+        counts = np.searchsorted(votes, votes + near) - np.arange(len(votes))
+        value = float(np.median(votes[counts.argmax() :][: counts.max()]))
+        left = np.linalg.norm(r - own * value, axis=2) <= near * slope
+        if counts.max() < VOTES * len(votes) or (left & alone).any(axis=0).sum() < VOTERS:
+            return False
+        kept |= left & alone
+    part.keep(kept)
+    return True
 
 
 def beside(rows: Equations, known: Flags, agreed: Flags) -> Flags:
