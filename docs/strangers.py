@@ -1,4 +1,5 @@
-"""Write `docs/strangers.md` and the films in `docs/strangers`: `python docs/strangers.py SHOTS`. Needs Pillow.
+"""Write `docs/strangers.md` and the films in `docs/strangers`: `python docs/strangers.py SHOTS [NAME …]`. Needs
+Pillow.
 
 SHOTS is a folder with files of the generators in `benchmarks/shots` (`make gallery` writes it). Each shot goes through
 the commands that the page shows; their figures are kept in `docs/strangers/figures.json`. `page()` alone, without
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import shlex
 import subprocess
 import sys
@@ -36,7 +38,8 @@ clothfit estimate scene.json --target 'NAME_*.obj' --up z --fps FPS -o fitted.js
 
 `--pins-from` is there where the held vertices move, `--sphere` where there is a ball. The cloth is blue, the target
 over it translucent green. A *still picture* is the best that does not move: the mean of all frames. The
-error is the root mean square distance over all vertices and frames; seconds are of one processor. `make gallery` makes
+error is the root mean square distance over all vertices and frames; seconds are of the processor, with the program's
+start and the intervals. `make gallery` makes
 the shots ([benchmarks/shots](../benchmarks/shots)), the fits and this page; other shots, by default and with
 correspondence withheld, are in [accuracy.md](accuracy.md).
 """
@@ -131,12 +134,14 @@ def fitted(shot: Shot, path: Path) -> dict[str, Any]:
     target = f"{shot.name}_*.obj"
     clothfit("new", target, *of_scene, "--fit", "auto", "-o", "scene.json")
     clothfit("estimate", "scene.json", "--target", target, *reading, "-o", "first.json", "--set", "max_evaluations=3")
+    began = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     found = clothfit("estimate", "scene.json", "--target", target, *reading, "-o", "fitted.json")
+    seconds = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - began
     clothfit("report", "scene.json", "fitted.json", "--target", target, *reading, "-o", "film.gif")
     small(Path("film.gif"), FILMS / f"{shot.name}.gif")
     base = found["baselines"]
     return {"vertices": count, "frames": found["frames"], "still": base["still"],
-            "start": base["start"], "error": found["rmse"], "travel": found["travel"], "seconds": found["seconds"],
+            "start": base["start"], "error": found["rmse"], "travel": found["travel"], "seconds": seconds,
             "verdict": found["verdict"]["model"]}  # fmt: skip
 
 
@@ -154,6 +159,8 @@ def main() -> None:
     FILMS.mkdir(exist_ok=True)
     known: dict[str, Any] = json.loads(FIGURES.read_text("utf-8")) if FIGURES.exists() else {}
     for shot in SHOTS:
+        if sys.argv[2:] and shot.name not in sys.argv[2:]:
+            continue
         if not (path := source / f"{shot.name}.npz").exists():
             print(f"{shot.name}: is not in {source}; left as it was")
             continue
