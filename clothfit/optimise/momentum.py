@@ -346,7 +346,9 @@ CHANGED = 1e-3
 """Change of the rows of a patch from one step to the next, relative to their size, with which a step is another one."""
 
 SHARE = 0.25
-"""Share of the steps, at least, that must agree: the others may all be exceptions."""
+"""Share of the steps, at least, that must agree where they do so no better than noise lets them: the others may all be
+exceptions.
+"""
 
 ENOUGH = 4
 """Rows for each parameter, at least."""
@@ -415,7 +417,8 @@ def agreeing(patch: Patch) -> Agreeing:
         before, best = best, is_sharp(away, away[best]) & (away <= SHARP)
         if not best.any() or np.array_equal(best, before):
             break
-    enough = best.sum() * R >= ENOUGH * Q and best.mean() >= SHARE
+    sure = best.any() and away[best].max() <= EXACT and shows_more(C[best])
+    enough = best.sum() * R >= ENOUGH * Q and (sure or best.mean() >= SHARE)
     return Agreeing(best if enough else np.zeros(T, bool), own or bool(enough))
 
 
