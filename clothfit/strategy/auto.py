@@ -168,10 +168,15 @@ def by_momentum(
         begun = np.nan if early is None else early.cost_or_infinity(p)  # no evaluation of the whole
         if early is not None and begun > early.still:
             continue
+        rounded = search.objective.rounding > 0.0 and treatment == TRIED[0]
+        if rounded:
+            p = balances.along_targets(p, False, search.report)
         found.append((search.visit(p), p))
         search.own |= balances.own
-        ended = is_exact(search) or (search.own and takes_each_step(search))
-        if ended or is_accurate(search):
+        if (search.own or rounded) and not (is_exact(search) and not rounded) and takes_each_step(search):
+            as_whole_motions(search, balances)
+            break
+        if is_exact(search) or is_accurate(search):
             break
         if early is not None and begun <= NEAR_ERROR**2 * early.still and not is_near(search):
             check_tolerance(search, p)
@@ -208,10 +213,24 @@ def takes_each_step(search: Search) -> bool:
     """Whether the best point takes each step of the target from where that begins it to where that ends it: then no
     other values are nearer, however far a motion that makes more and more of any difference ends from the target.
     """
-    found = momentum.single_steps(search.objective, search.best.p)
-    if found is not None and found.largest <= ROUNDINGS * max(STEP, search.objective.rounding):
-        search.single = search.best.p, found
+    along = momentum.AlongTarget.of(search.objective, search.best.p)
+    if along is not None and along.steps.largest <= ROUNDINGS * max(STEP, search.objective.rounding):
+        search.single, search.own = (search.best.p, along.steps), True
     return search.proven is not None
+
+
+def as_whole_motions(search: Search, balances: momentum.Momentum) -> None:
+    """Go on from values that take each step of the target to those whose motion is nearest as a whole, as long as the
+    rounding of the target is not reached and each time halves what is left: rounded positions say so much more of the
+    few combinations of values of which the motion makes most. Raises Stop.
+    """
+    objective = search.objective
+    while objective.rounding and search.proven and objective.rmse(search.best.cost) > objective.rounding:
+        before = search.best.cost
+        search.visit(balances.along_targets(search.best.p, True, search.report))
+        if search.best.cost < before and takes_each_step(search) and search.best.cost < 0.25 * before:
+            continue
+        break
 
 
 def is_exact(search: Search) -> bool:

@@ -17,11 +17,11 @@ from clothfit.optimise.balances import Equations, Patch, Rows, Track, balances, 
 from clothfit.optimise.momentum import (
     ANCHORED,
     TREATMENTS,
+    AlongTarget,
     SingleSteps,
     Treatment,
     agreeing,
     in_balance,
-    single_steps,
     trimmed,
 )
 from clothfit.scene.fit_vector import parameters
@@ -164,21 +164,21 @@ def test_each_single_step_of_a_motion_is_taken_to_where_it_ends_however_it_was_t
     assert memory.euler.sum() > 1
     target, p = simulate(given, tolerance=TIGHT), parameters(given)
     aim = Objective(given, target, TIGHT)
-    assert single_steps(aim, p) == SingleSteps(59, 0.0, 0.0)  # the same computation
-    assert single_steps(aim, 1.01 * p).rmse > 1e-5  # a hundredth of steps of millimetres to decimetres
+    assert AlongTarget.of(aim, p).steps == SingleSteps(59, 0.0, 0.0)  # the same computation
+    assert AlongTarget.of(aim, 1.01 * p).steps.rmse > 1e-5  # a hundredth of steps of millimetres to decimetres
     rounded = Objective(given, Motion(np.round(target.positions, 7), target.times, target.vertex_counts), TIGHT)
     # the weights of four positions, and its own end: 55/9 + 1 roundings at most
-    assert 0.1 * rounded.rounding < single_steps(rounded, p).largest < 7.2 * rounded.rounding
+    assert 0.1 * rounded.rounding < AlongTarget.of(rounded, p).steps.largest < 7.2 * rounded.rounding
 
 
 def test_single_steps_pass_over_what_is_not_seen_and_explicit_ones_show_nothing():
     given = made(sheet("nL"), method="bdf2")
     motion, p = simulate(given, tolerance=TIGHT), parameters(given)
     where = np.random.default_rng(9).uniform(size=motion.positions.shape[:2]) < 0.05
-    found = single_steps(Objective(given, hide(motion, where), TIGHT), p)
+    found = AlongTarget.of(Objective(given, hide(motion, where), TIGHT), p).steps
     assert found.largest < 1e-12  # rounding of positions over h, as motions and target part where nothing is seen
     explicit = made(sheet("nL"), method="explicit")
-    assert single_steps(Objective(explicit, simulate(explicit), TIGHT), parameters(explicit)) is None
+    assert AlongTarget.of(Objective(explicit, simulate(explicit), TIGHT), parameters(explicit)) is None
 
 
 # --- targets with gaps
