@@ -150,7 +150,7 @@ class Momentum:
         where no step shows that, or where steps end farther away than rounding explains.
         """
         along = AlongTarget.of(self.objective, p, whole)
-        if along is None or along.steps.rmse > ROUGHLY * self.objective.rounding:
+        if along is None or along.typical > ROUGHLY * self.objective.rounding:
             return p
         found = [(places, rows.normal) for places, rows in map(self.rows, self.objective.cloths) if rows]
         solutions = [(places, trust_region.inverse(trust_region.either(H))) for places, H in found if H is not None]
@@ -189,8 +189,9 @@ class AlongTarget:
     """Where the steps of p (P,) end that begin in the states of targets, and what changes of p make of that, by sweeps
     along the targets: the residuals (T + 1, n, 3), m, of each run, and products with their derivative J.
 
-    As `whole` motions each step inherits what those before have missed: residuals of the motions from their starts, but
-    to the first order about targets, not about motions that have left them.
+    Steps that end far out, as they take another form than the target's, are left out. As `whole` motions each step
+    inherits what those before have missed: residuals of the motions from their starts, but to the first order about
+    targets, not about motions that have left them.
     """
 
     def __init__(self, objective: Objective, p: Array, runs: Sequence[Shown], whole: bool) -> None:
@@ -217,11 +218,14 @@ class AlongTarget:
     @property
     def steps(self) -> SingleSteps:
         """How far the single steps end from the targets."""
-        squares = [np.zeros(0), *((each.single.away**2).sum(axis=(1, 2)) for each in self.runs)]
-        counts = [np.zeros(0), *((each.seen[1:] & mobile(each.system)).sum(axis=1) for each in self.runs)]
-        all_squares, count = np.concatenate(squares), np.maximum(np.concatenate(counts), 1)
-        largest = np.sqrt((all_squares / count).max(initial=0.0))
-        return SingleSteps(len(count), float(np.sqrt(all_squares.sum() / count.sum())), float(largest))
+        sizes, counts = (np.concatenate([np.zeros(0), *each]) for each in zip(*map(sizes_of, self.runs), strict=True))
+        rmse = float(np.sqrt((sizes**2 * counts).sum() / counts.sum()))
+        return SingleSteps(len(sizes), rmse, float(sizes.max(initial=0.0)))
+
+    @property
+    def typical(self) -> float:
+        """How far a step ends from the target in the median, m: a few take another form than the target's."""
+        return float(np.median(np.concatenate([np.zeros(0), *(sizes_of(each)[0] for each in self.runs)])))
 
     def residuals(self) -> list[Array]:
         """The residuals."""
@@ -250,7 +254,17 @@ class AlongTarget:
             sweep.state[0][:] += away[t]
             sweep.state[1][:] += away[t] / h[t]
             change[t + 1] = sweep.state[0]
-        return np.asarray(np.where(seen[..., None], change, 0.0))
+        shows = seen.copy()
+        shows[1:][sizes_of(shown)[0] > (np.inf if self.whole else OUT_OF_BALANCE * self.typical)] = False
+        return np.asarray(np.where(shows[..., None], change, 0.0))
+
+
+def sizes_of(shown: Shown) -> tuple[Array, Array]:
+    """How far each step ends from the target, m, root mean square, and of how many vertices that is, at least 1, (T,)
+    each.
+    """
+    counts = np.maximum((shown.seen[1:] & mobile(shown.system)).sum(axis=1), 1)
+    return np.asarray(np.sqrt((shown.single.away**2).sum(axis=(1, 2)) / counts)), counts
 
 
 ROUGHLY = 100.0
@@ -437,8 +451,8 @@ EXACT = 1e-6
 """The same up to which a step is in balance beside others that are."""
 
 SHARP = 1e-3
-"""The same of a share of the steps, up to which they are taken for exact but for the rounding of a file, and the others
-for exceptions, how many they may be: nearer than noise or another model comes.
+"""The same of a share of the steps, or of half of those that agree, up to which they are taken for exact but for the
+rounding of a file, and the others for exceptions, how many they may be: nearer than noise or another model comes.
 """
 
 MOST_OUT = 0.25
@@ -451,7 +465,7 @@ PATCH, PATCHES, RUN = 36, 3, 4
 """Vertices of a patch, patches of a motion, and steps that follow one another, at least, with which values begin."""
 
 BEGIN = 1.5
-"""Rows of these steps for each value: as few as one can do with, as a motion may have no more between exceptions."""
+"""Rows of these steps for each value: as few as one can do with."""
 
 DAMPED = 1e-12
 """Added to CᵀC of a patch, whose columns have the length 1: what is below it is rounding."""
@@ -517,21 +531,34 @@ class Agreeing(NamedTuple):
 
 def agreeing(patch: Patch) -> Agreeing:
     """The most steps of a patch that are in balance with the same values, which some that follow one another determine
-    (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981).
+    (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981): as few as can, as a
+    motion may have no more between exceptions, or else twice as many, by which rounding of the target hardly scatters
+    them.
     """
+    T, R, Q = len(patch.steps), patch.entries.shape[1], patch.spread.shape[1]
+    length, own = max(RUN, int(np.ceil(BEGIN * Q / max(R, 1)))), False
+    for steps in (length, 2 * length) if Q else ():
+        if steps <= T:
+            found = agreeing_with_runs(patch, steps)
+            own |= found.own
+            if found.steps.any():
+                return found
+    return Agreeing(np.zeros(T, bool), own)
+
+
+def agreeing_with_runs(patch: Patch, length: int) -> Agreeing:
+    """The same with runs of so many steps."""
     C = patch.entries @ patch.spread
     (T, R, Q), best = C.shape, np.zeros(len(C), bool)
-    length = max(RUN, int(np.ceil(BEGIN * Q / R)))
-    if Q == 0 or length > T:
-        return Agreeing(best, False)
     runs = [slice(first, first + length) for first in range(T - length + 1)]
     found = patch.away(np.array([solved(C[run], patch.residual[run]) for run in runs]).reshape(len(runs), Q).T)
     own = any(away[run].max() <= EXACT and shows_more(C[run]) for away, run in zip(found.T, runs, strict=True))
     for away, run in zip(found.T, runs, strict=True):
-        best = max(best, is_sharp(away, away[run]) & (away <= SHARP), key=np.sum)
+        if np.median(away[run]) <= SHARP:
+            best = max(best, is_sharp(away, away[run]), key=np.sum)
     for _ in range(ROUNDS if best.any() else 0):
         away = patch.away(solved(C[best], patch.residual[best])[:, None])[:, 0]
-        before, best = best, is_sharp(away, away[best]) & (away <= SHARP)
+        before, best = best, is_sharp(away, away[best]) & (np.median(away[best]) <= SHARP)
         if not best.any() or np.array_equal(best, before):
             break
     sure = best.any() and away[best].max() <= EXACT and shows_more(C[best])

@@ -43,6 +43,9 @@ STEP, ROUNDINGS = 1e-8, 8.0
 them: the weights of the positions that lead to a BDF2 step are 24, 22, 8 and 1 ninth, and its end is one more.
 """
 
+HALF = 0.5
+"""Share of the error that another search along the target must leave at most to be followed by one more."""
+
 FINE = "ML"
 """Models of a ladder with so many values that they follow noise."""
 
@@ -220,17 +223,16 @@ def takes_each_step(search: Search) -> bool:
 
 
 def as_whole_motions(search: Search, balances: momentum.Momentum) -> None:
-    """Go on from values that take each step of the target to those whose motion is nearest as a whole, as long as the
-    rounding of the target is not reached and each time halves what is left: rounded positions say so much more of the
-    few combinations of values of which the motion makes most. Raises Stop.
+    """Go on from values that take each step of the target to those whose motion is nearest as a whole, as long as that
+    halves what is left above the rounding of the target: it says more of the combinations of values of which the motion
+    makes most. Not where the motion is so far from the target that it is not linear in them. Raises Stop.
     """
     objective = search.objective
-    while objective.rounding and search.proven and objective.rmse(search.best.cost) > objective.rounding:
+    while objective.rounding and is_accurate(search) and objective.rmse(search.best.cost) > objective.rounding:
         before = search.best.cost
         search.visit(balances.along_targets(search.best.p, True, search.report))
-        if search.best.cost < before and takes_each_step(search) and search.best.cost < 0.25 * before:
-            continue
-        break
+        if not (search.best.cost < before and takes_each_step(search) and search.best.cost < HALF**2 * before):
+            break
 
 
 def is_exact(search: Search) -> bool:
