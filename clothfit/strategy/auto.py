@@ -43,6 +43,11 @@ STEP, ROUNDINGS = 1e-8, 8.0
 them: the weights of the positions that lead to a BDF2 step are 24, 22, 8 and 1 ninth, and its end is one more.
 """
 
+MANY = 1500
+"""Values from which on a fit to a rounded motion of its model ends along the target: Gauss–Newton with a dense model,
+which comes to the rounding itself, takes minutes of them.
+"""
+
 HALF = 0.5
 """Share of the error that another search along the target must leave at most to be followed by one more."""
 
@@ -171,7 +176,7 @@ def by_momentum(
         begun = np.nan if early is None else early.cost_or_infinity(p)  # no evaluation of the whole
         if early is not None and begun > early.still:
             continue
-        rounded = search.objective.rounding > 0.0 and treatment == TRIED[0]
+        rounded = search.objective.rounding > 0.0 and treatment == TRIED[0] and search.fitted.sum() > MANY
         if rounded:
             p = balances.along_targets(p, False, search.report)
         found.append((search.visit(p), p))
