@@ -68,24 +68,31 @@ def forms_from(system: System, parts: Iterable[Rollout], tolerance: float) -> Fo
     return forms_of(found)
 
 
-def single_steps(system: System, x: Array, seen: Flags, tolerance: float) -> Array | None:
-    """How far (T, n, 3), m, each of T steps ends from the positions x (T + 1, n, 3) of another motion if it begins in
-    the state that this shows; 0 where it is not `seen` (T + 1, n), and there the motion goes on as it is. None where a
-    step fails.
+class Single(NamedTuple):
+    """T steps that begin in the states of another motion."""
+
+    part: Rollout  # whose states are those
+    away: Array  # (T, n, 3), m, how far each step ends from there
+    h: Array  # (T,), s, by which the velocity after each step moves its end
+
+
+def single_steps(system: System, x: Array, seen: Flags, tolerance: float) -> Single | None:
+    """The steps that begin where the positions x (T + 1, n, 3) of another motion show it; where it is not `seen`
+    (T + 1, n), the motion goes on as it is. None where a step fails.
 
     Velocities are those that bring the step before, in the form it takes, to where the other motion is.
     """
     steps, work = len(x) - 1, implicit.workspace(system)
-    part, away = rollout.empty(system, steps), np.zeros((steps, *x.shape[1:]))
+    part, away, h = rollout.empty(system, steps), np.zeros((steps, *x.shape[1:])), np.full(steps, system.h)
     with linear.served(work.A, work.solver):
         for t in range(steps):
             if rollout.fill(system, tolerance, work, part.part(t, t + 1)) == 0:
                 return None
-            h = system.h * (2.0 / 3.0 if system.method == BDF2 and not part.euler[t] else 1.0)
+            h[t] *= 2.0 / 3.0 if system.method == BDF2 and not part.euler[t] else 1.0
             away[t] = np.where(seen[t + 1][:, None], part.x[t + 1] - x[t + 1], 0.0)
             part.x[t + 1] -= away[t]
-            part.velocity(t + 1)[seen[t]] -= away[t, seen[t]] / h
-    return away
+            part.velocity(t + 1)[seen[t]] -= away[t, seen[t]] / h[t]
+    return Single(part, away, h)
 
 
 def fill(

@@ -277,7 +277,8 @@ def with_own_motion(found: Fit, search: Search) -> Fit:
     """The fit with what is left of a target that is a motion of its model."""
     each, left = found.single_steps, f"the motion as a whole ends {metres(found.rmse)} from it"
     if each is not None:
-        if not found.rmse > each.steps**2 * each.rmse:  # what errors of single steps add up to, if nothing grows
+        grown = found.rmse > each.steps**2 * each.rmse  # what errors of single steps add up to, if nothing grows
+        if not (grown or search.misses_own):
             return found
         text = (
             f"the values are those of the target: each of its {each.steps} steps, begun where the target begins it, "

@@ -439,6 +439,7 @@ class Equations:
         self.Q = parts[0].spread.shape[1]
         self.agreed: Flags | None = None  # (S,), once `momentum.consensus` has looked for them
         self.own = False  # whether some steps show that they are those of the model
+        self.normal: csr_array | None = None  # CᵀC (Q, Q) of the steps that `momentum.solve` has balanced
         if anchored:
             whole = parts[0].spread[: len(parts[0].of)].sum(axis=0)
             largest = self.gram(self.counts > 0).diagonal().max(initial=0.0)

@@ -36,16 +36,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.derivative.adjoint import Sweep
 from clothfit.derivative.sensitivity import Columns, columns
 from clothfit.engine import prescribed
-from clothfit.engine.system import EXPLICIT, mobile
+from clothfit.engine.system import EXPLICIT, System, mobile
 from clothfit.kernels.parallel import only_here, together
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.optimise import trust_region
 from clothfit.optimise.balances import Equations, Patch, Rows, balances, relative, smoothed, summed_twice, track
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import bounds
+from clothfit.scene.fit_vector import bounds, changes
 from clothfit.scene.kinds import LETTERED, REST
 
 if TYPE_CHECKING:
@@ -144,6 +145,24 @@ class Momentum:
             found[places] = values
         return found
 
+    def along_targets(self, p: Array, whole: bool, waiting: Callable[[], None]) -> Array:
+        """Values (P,) near p (P,) with which the steps along the targets, or `whole` motions, end nearest to these; p
+        where no step shows that, or where steps end farther away than rounding explains.
+        """
+        along = AlongTarget.of(self.objective, p, whole)
+        if along is None or along.typical > ROUGHLY * self.objective.rounding:
+            return p
+        found = [(places, rows.normal) for places, rows in map(self.rows, self.objective.cloths) if rows]
+        solutions = [(places, trust_region.inverse(trust_region.either(H))) for places, H in found if H is not None]
+
+        def balance(g: Array) -> Array:
+            z = np.zeros(len(g))
+            for places, solution in solutions:
+                z[places] = solution(g[places])
+            return z
+
+        return np.asarray(np.clip(p + nearer(along, balance, waiting), *bounds(self.objective.scene)))
+
 
 class SingleSteps(NamedTuple):
     """How far steps end from a target if each begins in the state that this shows."""
@@ -153,24 +172,135 @@ class SingleSteps(NamedTuple):
     largest: float  # m, of the one that ends farthest
 
 
-def single_steps(objective: Objective, p: Array) -> SingleSteps | None:
-    """The single steps of p (P,), in the time of a simulation; None where one fails, or where a step does not show in
-    the positions after it.
+LOOSE = 1e-4
+"""Tolerance of the linear systems of products for single steps, whose errors do not grow."""
+
+
+class Shown(NamedTuple):
+    """A run whose steps begin in the states that its target shows."""
+
+    run: Run
+    system: System
+    seen: Flags  # (T + 1, n)
+    single: prescribed.Single
+
+
+class AlongTarget:
+    """Where the steps of p (P,) end that begin in the states of targets, and what changes of p make of that, by sweeps
+    along the targets: the residuals (T + 1, n, 3), m, of each run, and products with their derivative J.
+
+    Steps that end far out, as they take another form than the target's, are left out. As `whole` motions each step
+    inherits what those before have missed: residuals of the motions from their starts, but to the first order about
+    targets, not about motions that have left them.
     """
-    if objective.scene.method in (EXPLICIT, REST):
-        return None
-    squares, counts = [np.zeros(0)], [np.zeros(0)]
-    for run in objective.runs:
-        system = run.changed(p)
-        shown = track(run.comparison.goal, system)
-        away = prescribed.single_steps(system, shown.x, shown.seen, objective.tolerance)
-        if away is None:
+
+    def __init__(self, objective: Objective, p: Array, runs: Sequence[Shown], whole: bool) -> None:
+        self.objective, self.p, self.runs, self.whole = objective, p, runs, whole
+        self.tolerance = objective.tolerance if whole else max(LOOSE, objective.tolerance)  # of products
+
+    @classmethod
+    def of(cls, objective: Objective, p: Array, whole: bool = False) -> AlongTarget | None:
+        """Those of p (P,), in the time of a simulation; None where a step fails, or where a step does not show in the
+        positions after it.
+        """
+        if objective.scene.method in (EXPLICIT, REST):
             return None
-        squares.append((away * away).sum(axis=(1, 2)))
-        counts.append((shown.seen[1:] & mobile(system)).sum(axis=1))
-    all_squares, count = np.concatenate(squares), np.maximum(np.concatenate(counts), 1)
-    largest = np.sqrt((all_squares / count).max(initial=0.0))
-    return SingleSteps(len(count), float(np.sqrt(all_squares.sum() / count.sum())), float(largest))
+        runs = list[Shown]()
+        for run in objective.runs:
+            system = run.changed(p)
+            shown = track(run.comparison.goal, system)
+            single = prescribed.single_steps(system, shown.x, shown.seen, objective.tolerance)
+            if single is None:
+                return None
+            runs.append(Shown(run, system, shown.seen, single))
+        return cls(objective, p, runs, whole)
+
+    @property
+    def steps(self) -> SingleSteps:
+        """How far the single steps end from the targets."""
+        sizes, counts = (np.concatenate([np.zeros(0), *each]) for each in zip(*map(sizes_of, self.runs), strict=True))
+        rmse = float(np.sqrt((sizes**2 * counts).sum() / counts.sum()))
+        return SingleSteps(len(sizes), rmse, float(sizes.max(initial=0.0)))
+
+    @property
+    def typical(self) -> float:
+        """How far a step ends from the target in the median, m: a few take another form than the target's."""
+        return float(np.median(np.concatenate([np.zeros(0), *(sizes_of(each)[0] for each in self.runs)])))
+
+    def residuals(self) -> list[Array]:
+        """The residuals."""
+        return [self._swept(each, np.zeros(len(self.p)), each.single.away) for each in self.runs]
+
+    def forward(self, z: Array) -> list[Array]:
+        """J z of a change z (P,)."""
+        return [self._swept(each, z, np.zeros_like(each.single.away)) for each in self.runs]
+
+    def back(self, w: Sequence[Array]) -> Array:
+        """Jᵀ w (P,)."""
+        gradient = np.zeros(len(self.p))
+        for (run, system, _, (part, _, _)), own in zip(self.runs, w, strict=True):
+            for each in [part] if self.whole else [part.part(t, t + 1) for t in range(part.steps)]:
+                self.objective.add_pullback(run, self.p, system, each, own, gradient, self.tolerance)
+        return gradient
+
+    def _swept(self, shown: Shown, z: Array, away: Array) -> Array:
+        run, system, seen, (part, _, h) = shown
+        sweep = Sweep(system, changes(run.scene, run.cloth, self.p, z), self.tolerance)
+        change = np.zeros_like(part.x)
+        for t in range(part.steps):
+            for each in () if self.whole else sweep.state:
+                each[:] = 0.0
+            sweep.through(part.part(t, t + 1))
+            sweep.state[0][:] += away[t]
+            sweep.state[1][:] += away[t] / h[t]
+            change[t + 1] = sweep.state[0]
+        shows = seen.copy()
+        shows[1:][sizes_of(shown)[0] > (np.inf if self.whole else OUT_OF_BALANCE * self.typical)] = False
+        return np.asarray(np.where(shows[..., None], change, 0.0))
+
+
+def sizes_of(shown: Shown) -> tuple[Array, Array]:
+    """How far each step ends from the target, m, root mean square, and of how many vertices that is, at least 1, (T,)
+    each.
+    """
+    counts = np.maximum((shown.seen[1:] & mobile(shown.system)).sum(axis=1), 1)
+    return np.asarray(np.sqrt((shown.single.away**2).sum(axis=(1, 2)) / counts)), counts
+
+
+ROUGHLY = 100.0
+"""Roundings of positions that single steps of values by balances may leave: what these values make of rounding."""
+
+ROUNDS_ALONG, SAVED = 20, 0.1
+"""Products with J and Jᵀ, at most, for a change of the values, which ends where another one saves less than this share
+of the squares.
+"""
+
+
+def nearer(along: AlongTarget, balance: Callable[[Array], Array], waiting: Callable[[], None]) -> Array:
+    """The change z (P,) of values that makes the squares of r + J z least, by conjugate gradients on its normal
+    equations; `balance` is their preconditioner, the solution of those of the balances. Gradients are made orthogonal
+    to all before: of motions that make much of small changes J is large in a few directions, which rounding else brings
+    back.
+    """
+    z, r, before = np.zeros(len(along.p)), along.residuals(), list[tuple[Array, Array]]()
+    squares, d, last = sum(float((own * own).sum()) for own in r), z, 1.0
+    for _ in range(ROUNDS_ALONG):
+        g = -along.back(r)
+        y = balance(g)
+        for other, solved in before:
+            y = y - solved * (other @ y) / (other @ solved)
+        if not g @ y > 0.0:
+            break
+        before.append((g, y))
+        d, last = y + d * (g @ y) / last, float(g @ y)
+        change = along.forward(d)
+        share = last / sum(float((own * own).sum()) for own in change)
+        z, r = z + share * d, [own + share * more for own, more in zip(r, change, strict=True)]
+        left, squares = squares, sum(float((own * own).sum()) for own in r)
+        waiting()
+        if squares > (1.0 - SAVED) * left:
+            break
+    return z
 
 
 def equations(
@@ -292,6 +422,7 @@ def solve(
         good = trimmed(rows, kept, trust_region.either(H)) if trim else kept
         if not np.array_equal(good, kept) or rows.agreed is not None:  # which rows count may have changed, too
             kept, H = good, rows.gram(good)
+    rows.normal = H
     size = np.sqrt(H.diagonal())
     determined = size > 0
     scale = np.where(determined, size, 1.0)
@@ -320,8 +451,8 @@ EXACT = 1e-6
 """The same up to which a step is in balance beside others that are."""
 
 SHARP = 1e-3
-"""The same of a share of the steps, up to which they are taken for exact but for the rounding of a file, and the others
-for exceptions, how many they may be: nearer than noise or another model comes.
+"""The same of a share of the steps, or of half of those that agree, up to which they are taken for exact but for the
+rounding of a file, and the others for exceptions, how many they may be: nearer than noise or another model comes.
 """
 
 MOST_OUT = 0.25
@@ -334,7 +465,7 @@ PATCH, PATCHES, RUN = 36, 3, 4
 """Vertices of a patch, patches of a motion, and steps that follow one another, at least, with which values begin."""
 
 BEGIN = 1.5
-"""Rows of these steps for each value: as few as one can do with, as a motion may have no more between exceptions."""
+"""Rows of these steps for each value: as few as one can do with."""
 
 DAMPED = 1e-12
 """Added to CᵀC of a patch, whose columns have the length 1: what is below it is rounding."""
@@ -346,7 +477,9 @@ CHANGED = 1e-3
 """Change of the rows of a patch from one step to the next, relative to their size, with which a step is another one."""
 
 SHARE = 0.25
-"""Share of the steps, at least, that must agree: the others may all be exceptions."""
+"""Share of the steps, at least, that must agree where they do so no better than noise lets them: the others may all be
+exceptions.
+"""
 
 FEW, VOTES, VOTERS = 4, 0.05, 8
 """Values, at most, on which single rows vote; the share of the rows that must agree, and the vertices, at least, as one
@@ -429,24 +562,38 @@ class Agreeing(NamedTuple):
 
 def agreeing(patch: Patch) -> Agreeing:
     """The most steps of a patch that are in balance with the same values, which some that follow one another determine
-    (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981).
+    (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981): as few as can, as a
+    motion may have no more between exceptions, or else twice as many, by which rounding of the target hardly scatters
+    them.
     """
+    T, R, Q = len(patch.steps), patch.entries.shape[1], patch.spread.shape[1]
+    length, own = max(RUN, int(np.ceil(BEGIN * Q / max(R, 1)))), False
+    for steps in (length, 2 * length) if Q else ():
+        if steps <= T:
+            found = agreeing_with_runs(patch, steps)
+            own |= found.own
+            if found.steps.any():
+                return found
+    return Agreeing(np.zeros(T, bool), own)
+
+
+def agreeing_with_runs(patch: Patch, length: int) -> Agreeing:
+    """The same with runs of so many steps."""
     C = patch.entries @ patch.spread
     (T, R, Q), best = C.shape, np.zeros(len(C), bool)
-    length = max(RUN, int(np.ceil(BEGIN * Q / R)))
-    if Q == 0 or length > T:
-        return Agreeing(best, False)
     runs = [slice(first, first + length) for first in range(T - length + 1)]
     found = patch.away(np.array([solved(C[run], patch.residual[run]) for run in runs]).reshape(len(runs), Q).T)
     own = any(away[run].max() <= EXACT and shows_more(C[run]) for away, run in zip(found.T, runs, strict=True))
     for away, run in zip(found.T, runs, strict=True):
-        best = max(best, is_sharp(away, away[run]) & (away <= SHARP), key=np.sum)
+        if np.median(away[run]) <= SHARP:
+            best = max(best, is_sharp(away, away[run]), key=np.sum)
     for _ in range(ROUNDS if best.any() else 0):
         away = patch.away(solved(C[best], patch.residual[best])[:, None])[:, 0]
-        before, best = best, is_sharp(away, away[best]) & (away <= SHARP)
+        before, best = best, is_sharp(away, away[best]) & (np.median(away[best]) <= SHARP)
         if not best.any() or np.array_equal(best, before):
             break
-    enough = best.sum() * R >= ENOUGH * Q and best.mean() >= SHARE
+    sure = best.any() and away[best].max() <= EXACT and shows_more(C[best])
+    enough = best.sum() * R >= ENOUGH * Q and (sure or best.mean() >= SHARE)
     return Agreeing(best if enough else np.zeros(T, bool), own or bool(enough))
 
 

@@ -298,18 +298,23 @@ def quadratic(H: Matrix, g: Array, delta: Array) -> float:
 
 
 def unbounded(H: Matrix, right: Array) -> Array:
-    """H⁻¹ times a vector (Q,), with a little on the diagonal that makes a singular H regular; 0 where a sparse H has
-    numbers that are not finite.
+    """H⁻¹ times a vector (Q,); see `inverse`."""
+    return inverse(H)(right)
+
+
+def inverse(H: Matrix) -> Callable[[Array], Array]:
+    """What makes H⁻¹ b of vectors b (Q,), with a little on the diagonal that makes a singular H regular; 0 where a
+    sparse H has numbers that are not finite.
     """
     if isinstance(H, np.ndarray):
         tiny = RIDGE * float(H.diagonal().max(initial=0.0)) + np.finfo(float).tiny
         lower = factorised(with_diagonal(H, tiny))
-        return np.zeros(len(right)) if lower is None else substitute(lower, right)
+        return np.zeros_like if lower is None else partial(substitute, lower)
     from scipy.sparse import diags_array
     from scipy.sparse.linalg import splu
 
     if not np.isfinite(H.data).all():
-        return np.zeros(len(right))
+        return np.zeros_like
     size = H.diagonal()
     scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))
     regular = (diags_array(scale) @ H @ diags_array(scale) + diags_array(np.where(size > 0, RIDGE, 1.0))).tocsc()
@@ -317,5 +322,5 @@ def unbounded(H: Matrix, right: Array) -> Array:
     try:
         factor = splu(regular, permc_spec="MMD_AT_PLUS_A", **options)
     except RuntimeError:  # rounding of entries that differ by many orders of magnitude: exactly singular
-        return np.zeros(len(right))
-    return np.asarray(scale * factor.solve(scale * right))
+        return np.zeros_like
+    return lambda right: np.asarray(scale * factor.solve(scale * right))

@@ -43,6 +43,14 @@ STEP, ROUNDINGS = 1e-8, 8.0
 them: the weights of the positions that lead to a BDF2 step are 24, 22, 8 and 1 ninth, and its end is one more.
 """
 
+MANY = 1500
+"""Values from which on a fit to a rounded motion of its model ends along the target: Gauss–Newton with a dense model,
+which comes to the rounding itself, takes minutes of them.
+"""
+
+HALF = 0.5
+"""Share of the error that another search along the target must leave at most to be followed by one more."""
+
 FINE = "ML"
 """Models of a ladder with so many values that they follow noise."""
 
@@ -168,10 +176,15 @@ def by_momentum(
         begun = np.nan if early is None else early.cost_or_infinity(p)  # no evaluation of the whole
         if early is not None and begun > early.still:
             continue
+        rounded = search.objective.rounding > 0.0 and treatment == TRIED[0] and search.fitted.sum() > MANY
+        if rounded:
+            p = balances.along_targets(p, False, search.report)
         found.append((search.visit(p), p))
         search.own |= balances.own
-        ended = is_exact(search) or (search.own and takes_each_step(search))
-        if ended or is_accurate(search):
+        if (search.own or rounded) and not (is_exact(search) and not rounded) and takes_each_step(search):
+            as_whole_motions(search, balances)
+            break
+        if is_exact(search) or is_accurate(search):
             break
         if early is not None and begun <= NEAR_ERROR**2 * early.still and not is_near(search):
             check_tolerance(search, p)
@@ -208,10 +221,23 @@ def takes_each_step(search: Search) -> bool:
     """Whether the best point takes each step of the target from where that begins it to where that ends it: then no
     other values are nearer, however far a motion that makes more and more of any difference ends from the target.
     """
-    found = momentum.single_steps(search.objective, search.best.p)
-    if found is not None and found.largest <= ROUNDINGS * max(STEP, search.objective.rounding):
-        search.single = search.best.p, found
+    along = momentum.AlongTarget.of(search.objective, search.best.p)
+    if along is not None and along.steps.largest <= ROUNDINGS * max(STEP, search.objective.rounding):
+        search.single, search.own = (search.best.p, along.steps), True
     return search.proven is not None
+
+
+def as_whole_motions(search: Search, balances: momentum.Momentum) -> None:
+    """Go on from values that take each step of the target to those whose motion is nearest as a whole, as long as that
+    halves what is left above the rounding of the target: it says more of the combinations of values of which the motion
+    makes most. Not where the motion is so far from the target that it is not linear in them. Raises Stop.
+    """
+    objective = search.objective
+    while objective.rounding and is_accurate(search) and objective.rmse(search.best.cost) > objective.rounding:
+        before = search.best.cost
+        search.visit(balances.along_targets(search.best.p, True, search.report))
+        if not (search.best.cost < before and takes_each_step(search) and search.best.cost < HALF**2 * before):
+            break
 
 
 def is_exact(search: Search) -> bool:

@@ -17,14 +17,14 @@ from clothfit.optimise.balances import Equations, Patch, Rows, Track, balances, 
 from clothfit.optimise.momentum import (
     ANCHORED,
     TREATMENTS,
+    AlongTarget,
     SingleSteps,
     Treatment,
     agreeing,
     in_balance,
-    single_steps,
     trimmed,
 )
-from clothfit.scene.fit_vector import parameters
+from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -164,21 +164,62 @@ def test_each_single_step_of_a_motion_is_taken_to_where_it_ends_however_it_was_t
     assert memory.euler.sum() > 1
     target, p = simulate(given, tolerance=TIGHT), parameters(given)
     aim = Objective(given, target, TIGHT)
-    assert single_steps(aim, p) == SingleSteps(59, 0.0, 0.0)  # the same computation
-    assert single_steps(aim, 1.01 * p).rmse > 1e-5  # a hundredth of steps of millimetres to decimetres
+    assert AlongTarget.of(aim, p).steps == SingleSteps(59, 0.0, 0.0)  # the same computation
+    assert AlongTarget.of(aim, 1.01 * p).steps.rmse > 1e-5  # a hundredth of steps of millimetres to decimetres
     rounded = Objective(given, Motion(np.round(target.positions, 7), target.times, target.vertex_counts), TIGHT)
     # the weights of four positions, and its own end: 55/9 + 1 roundings at most
-    assert 0.1 * rounded.rounding < single_steps(rounded, p).largest < 7.2 * rounded.rounding
+    assert 0.1 * rounded.rounding < AlongTarget.of(rounded, p).steps.largest < 7.2 * rounded.rounding
+
+
+def rounded_whipping():
+    given = whipping()
+    target = simulate(given, tolerance=TIGHT)
+    rounded = Motion(np.round(target.positions, 7), target.times, target.vertex_counts)
+    return given, target, Objective(given, rounded, TIGHT)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_what_values_make_of_steps_along_a_target_is_their_derivative(whole, monkeypatch):
+    monkeypatch.setattr(momentum, "LOOSE", TIGHT)
+    _, _, aim = rounded_whipping()
+    p, rng = parameters(aim.scene), np.random.default_rng(2)
+    z, along = p * rng.normal(size=len(p)), AlongTarget.of(aim, p, whole)
+    (change,), w = along.forward(z), rng.normal(size=along.residuals()[0].shape)
+    w[0] = 0.0  # of the start nothing changes
+    # sweeps solved to 1e-14 of sums of 4,500 products
+    assert (change * w).sum() == pytest.approx(z @ along.back([w * (change != 0.0)]), rel=1e-9)
+    before, after = (AlongTarget.of(aim, p + share * z, whole).residuals()[0] for share in (-1e-7, 1e-7))
+    # differences of second order, and what the change of J makes of the rounding: both 1e-7 of the motion's decimetres
+    assert np.abs((after - before) / 2e-7 - change).max() < 1e-4 * np.abs(change).max()
+
+
+def test_values_from_steps_along_a_rounded_target_bring_steps_and_then_the_motion_nearer():
+    given, target, aim = rounded_whipping()
+    p = parameters(given)
+    balances = momentum.Momentum(aim, np.full(len(p), 700.0), aim.identifiable)
+    found = [balances.fit()]
+    for whole in (False, True):
+        found.append(balances.along_targets(found[-1], whole, lambda: None))
+    steps = [AlongTarget.of(aim, each).steps for each in found]
+    assert steps[1].rmse < steps[0].rmse  # of which it makes the squares least
+    assert steps[1].largest < 7.2 * aim.rounding  # as that of the values themselves
+    errors = [np.sqrt(((simulate_of(given, each) - target.positions) ** 2).sum(axis=2).mean()) for each in found]
+    # least squares leave the share of the values among the 4,500 coordinates of the rounding, and the first order
+    assert errors[2] < min(aim.rounding, errors[0])
+
+
+def simulate_of(given, p):
+    return simulate(with_parameters(given, p), tolerance=TIGHT).positions
 
 
 def test_single_steps_pass_over_what_is_not_seen_and_explicit_ones_show_nothing():
     given = made(sheet("nL"), method="bdf2")
     motion, p = simulate(given, tolerance=TIGHT), parameters(given)
     where = np.random.default_rng(9).uniform(size=motion.positions.shape[:2]) < 0.05
-    found = single_steps(Objective(given, hide(motion, where), TIGHT), p)
+    found = AlongTarget.of(Objective(given, hide(motion, where), TIGHT), p).steps
     assert found.largest < 1e-12  # rounding of positions over h, as motions and target part where nothing is seen
     explicit = made(sheet("nL"), method="explicit")
-    assert single_steps(Objective(explicit, simulate(explicit), TIGHT), parameters(explicit)) is None
+    assert AlongTarget.of(Objective(explicit, simulate(explicit), TIGHT), parameters(explicit)) is None
 
 
 # --- targets with gaps
@@ -321,6 +362,28 @@ def test_few_steps_in_balance_show_whose_they_are_but_for_those_of_a_cloth_at_re
     found = agreeing(Patch(np.arange(40, dtype=np.int32), C, r, np.zeros(20), np.eye(20)))
     assert not found.steps.any()  # 9 of 40 are too few to go by
     assert found.own is own
+
+
+@pytest.mark.parametrize(("noise", "kept"), [(0.0, 14), (1e-4, 0)])
+def test_few_steps_are_enough_where_they_agree_exactly(noise, kept):
+    rng = np.random.default_rng(8)
+    C, q = rng.normal(size=(100, 6, 20)), rng.normal(size=20)
+    r = C @ q + rng.normal(size=(100, 6))
+    r[30:44] = C[30:44] @ q + noise * rng.normal(size=(14, 6))  # 84 rows for 20 values, of a seventh of the steps
+    found = agreeing(Patch(np.arange(100, dtype=np.int32), C, r, np.zeros(20), np.eye(20))).steps
+    assert found[30:44].sum() == found.sum() == kept
+
+
+@pytest.mark.parametrize("length", [8, 30])
+def test_rounded_steps_agree_by_runs_that_are_long_enough(length):
+    rng = np.random.default_rng(9)
+    C, q = rng.normal(size=(60, 6, 20)), rng.normal(size=20)
+    C[:, :, 10:] *= 1e-2  # values that a few rows hardly show
+    r = C @ q + rng.normal(size=(60, 6))
+    places = np.concatenate([np.arange(length), np.arange(35, 60 - (length - 8))])
+    r[places] = (C @ q + 3e-4 * rng.normal(size=(60, 6)))[places]
+    found = agreeing(Patch(np.arange(60, dtype=np.int32), C, r, np.zeros(20), np.eye(20))).steps
+    assert np.flatnonzero(found).tolist() == places.tolist()
 
 
 @pytest.mark.parametrize("first", [0, 10, 22])

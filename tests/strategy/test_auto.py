@@ -249,6 +249,15 @@ def test_a_fit_ends_where_each_single_step_of_its_target_is_taken(method, monkey
     assert found.single_steps.largest <= 1e-10  # linear systems solved to 1e-10 of steps of decimetres
 
 
+def test_a_fit_of_many_values_to_a_rounded_motion_of_its_model_ends_along_the_target(monkeypatch):
+    monkeypatch.setattr(auto, "MANY", 0)
+    made = load(trial("nL", windVel=xyz((3.0, 1.0, 2.0)), integrationMethod=3))
+    target = record_target(made)
+    found = estimate(made, replace(target, positions=np.round(target.positions, 7)), start=7.0, intervals=False)
+    assert (found.status, found.stage) == ("converged", "momentum")
+    assert found.rmse < 8.7e-8  # half a unit in each coordinate
+
+
 def test_steps_are_not_taken_by_other_values():
     search, _ = searching("nL", 20, start=1.01 * parameters(load(trial("nL", 20))))
     search.visit(search.start)
