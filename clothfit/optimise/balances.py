@@ -367,8 +367,8 @@ class Rows:
     def keep(self, rows: Flags) -> None:
         """Let no others than these rows (T, n) count."""
         valid: Flags = np.asarray(self.found.valid & rows)
-        for array, at in zip(self.found[:3], (slice(None), slice(None), self.ends), strict=True):
-            array[~valid[:, at]] = 0.0
+        for array, counts in zip(self.found[:3], (valid, valid, valid[:, self.ends]), strict=True):
+            array[~counts] = 0.0
         self.found, self.counts = self.found._replace(valid=valid), np.asarray(3 * valid.sum(axis=1))
 
     def patch(self, vertices: Indices) -> Patch:
