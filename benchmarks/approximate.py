@@ -55,9 +55,9 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
     for t in range(end - 1, begin - 1, -1):
         add(1.0, by_position[t + 1], x_bar)
         v, w, k = velocity(chunk, t), velocities(chunk, t), chunk.used[t] - 1
-        guess.advance(work.past, before + end - 1 - t, work.solution)
+        guess.next_guess(work.past, before + end - 1 - t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.recall(system.colliders, chunk.met, t)
+        contact.load_active(system.colliders, chunk.active, t)
         contact.turn_to(system.colliders, k)
         theta = chunk.theta[t]
         combine(theta, v_bar, theta * system.h, x_bar, work.w_bar)
@@ -105,9 +105,9 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
     """What `adjoint.sweep_forward` does, approximately."""
     for t in range(begin, end):
         v, w, k = velocity(chunk, t), velocities(chunk, t), chunk.used[t] - 1
-        guess.advance(work.past, chunk.first + t, work.solution)
+        guess.next_guess(work.past, chunk.first + t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.recall(system.colliders, chunk.met, t)
+        contact.load_active(system.colliders, chunk.active, t)
         contact.turn_to(system.colliders, k)
         set_direction(system.inputs, system, chunk.first + t, direction)
         pushforward(system, chunk.x[t], v, w[k], w[k - 1] if k > 0 else v, k > 0, tolerance, work, dx, dv, direction)

@@ -16,7 +16,7 @@ import numpy as np
 import clothfit
 from clothfit.base.arrays import Array, Indices
 from clothfit.export.blender import painted
-from clothfit.export.topology import carried, roles
+from clothfit.export.topology import edge_stiffness, roles
 from clothfit.scene.cloth import Cloth
 from in_blender import EXAMPLES, FITTED, ROOT, generated
 
@@ -37,7 +37,7 @@ def lacks(own: Cloth) -> dict[str, dict[str, Any]]:
     edges = ~role.bending
     along = own.stiffness.copy()
     along[edges] = by_weights(count, own.springs[edges], along[edges])
-    bare = {"springs": own.springs[edges], "rest": own.rest[edges], "stiffness": carried(own, role)[edges]}
+    bare = {"springs": own.springs[edges], "rest": own.rest[edges], "stiffness": edge_stiffness(own, role)[edges]}
     return {
         "one mass": {"mass": np.full(count, own.mass.mean())},
         "weights for springs along edges": {"stiffness": along},

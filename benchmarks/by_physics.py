@@ -9,11 +9,11 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.engine.inputs.tables import later
 from clothfit.engine.rollout import rollout
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 from clothfit.subspace.network.layers import Motions
 from clothfit.subspace.physics.march import March, State
 from clothfit.subspace.physics.samples import Reduced, decode
-from clothfit.subspace.recording import TOLERANCE
+from clothfit.subspace.recording import SOLVE_TOLERANCE
 
 
 def pieces(motions: Motions, steps: int) -> tuple[Motions, list[tuple[int, int]]]:
@@ -48,7 +48,8 @@ def full(runs: Sequence[Reduced], test: Motions, starts: Sequence[tuple[int, int
         if t > 0:
             x = decode(run.system, run.basis, z[:2], t - 1)
             own = own._replace(x0=x[1], v0=np.ascontiguousarray((x[1] - x[0]) / own.h), inputs=later(own.inputs, t))
-        found = rollout(own, steps, TOLERANCE)[0].x - run.system.x0 - carrier.shift(run.system.inputs, steps + 1, t)
+        found = rollout(own, steps, SOLVE_TOLERANCE)[0].x - run.system.x0
+        found -= translation.shift(run.system.inputs, steps + 1, t)
         found[:, ~own.vertex.free] = 0.0
-        made.append(found.reshape(steps + 1, -1) @ carrier.projection(run.basis, own))
+        made.append(found.reshape(steps + 1, -1) @ translation.projection(run.basis, own))
     return np.stack(made)

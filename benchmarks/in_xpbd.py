@@ -20,7 +20,7 @@ import clothfit
 from clothfit.base.arrays import Array
 from clothfit.simulators import xpbd
 from clothfit.simulators.estimate import EACH, FEW, Options, estimate
-from clothfit.simulators.values import MOST, rms
+from clothfit.simulators.values import MOST_ELEMENTS, rms
 from in_blender import kept, scenes
 
 FRAMES = 51
@@ -30,7 +30,7 @@ SETTINGS = xpbd.Settings(substeps=1, iterations=5)
 def fitted(scene: clothfit.Scene, steps: int) -> dict[str, Any]:
     """The errors of one cloth, with so many steps of each fit."""
     began = time.process_time()
-    model = EACH if len(xpbd.each_of(scene, 0, SETTINGS, 2).values) <= MOST else FEW
+    model = EACH if len(xpbd.each_of(scene, 0, SETTINGS, 2).values) <= MOST_ELEMENTS else FEW
     (one,) = estimate(replace(scene, frames=FRAMES), None, Options("xpbd", SETTINGS, most=steps, model=model))
     few = one.few or one
     own = scene.cloths[0]

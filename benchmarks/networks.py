@@ -27,7 +27,7 @@ from clothfit.engine.system import build
 from clothfit.subspace import basis as bases
 from clothfit.subspace.build import seen
 from clothfit.subspace.network.layers import OWN, Motions, Recipe, dense, played
-from clothfit.subspace.network.learn import Lesson, lesson, limits, prepared
+from clothfit.subspace.network.learn import TrainingData, limits, prepared, training_data
 from clothfit.subspace.network.training import Budget, Training, begin
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.samples import Reduced, Selection
@@ -65,11 +65,11 @@ class Task:
         found = bases.decompose(data, 0, [systems[e] for e in self.own], size, self.own)
         last = bases.frames_of(data, 0, 0, systems[0], 1 << 30)[-1] + systems[0].x0
         self.basis, self.systems = bases.enriched(found, systems[0], size, last), systems
-        every = lesson(data, 0, range(count), self.basis)
+        every = training_data(data, 0, range(count), self.basis)
         self.test = every.motions.of(range(count - TESTS, count))
         self.test, self.starts = pieces(self.test, horizon or data.steps)
         motions = every.motions.of(self.own)
-        self.lesson = Lesson(motions, every.signals, int(motions.good[:, 1:].sum()), every.rest)
+        self.lesson = TrainingData(motions, every.signals, int(motions.good[:, 1:].sum()), every.rest)
 
     def runs(self, motions: Sequence[int], chosen: Selection | None = None) -> list[Reduced]:
         """The projected cloth of some motions."""
@@ -105,7 +105,7 @@ def held(task: Task, minutes: float) -> tuple[Any, float]:
 def run(training: Training, minutes: float) -> None:
     """Train, with a line now and then."""
     training.run(Budget(minutes), lambda p: print(f"  {p.done:.2f} {p.rounds} {p.error:.4f}", file=sys.stderr))
-    training.settle()
+    training.use_best()
 
 
 class Forgetting(Training):

@@ -12,7 +12,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.subspace.network.layers import Linear, Loss, Motions, Recipe, Trained, rms
-from clothfit.subspace.network.learn import Lesson, prepared
+from clothfit.subspace.network.learn import TrainingData, prepared
 from clothfit.subspace.network.training import FIRST, LEAST, SECOND, Descent, State, Training
 from trainings import changed
 
@@ -113,7 +113,7 @@ class Schooled(Training):
         return float(recipe.rate * DECAY**passes)
 
 
-def schooled(given: Lesson) -> tuple[Training, float]:
+def schooled(given: TrainingData) -> tuple[Training, float]:
     """A training at its beginning, and the size of the coordinates."""
     training, size = prepared(given, PAPER, 0)
     motions = training.motions.scaled(1.0, float)

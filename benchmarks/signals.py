@@ -44,7 +44,7 @@ from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load, save
-from clothfit.strategy.ladder import as_model
+from clothfit.strategy.hierarchy import as_model
 
 FRAMES = 40
 SCATTER = 0.5  # of the logarithms of the stiffnesses

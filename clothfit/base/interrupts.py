@@ -191,13 +191,13 @@ def postponed() -> Iterator[Callable[[], None]]:
             handler, number = kept.pop(0)
             handler(number, None)
 
-    def look() -> None:
+    def poll() -> None:
         handle_kept()
         check_request()
 
     try:
         with handled(lambda handler: lambda number, frame: kept.append((handler, number))):
-            yield look
+            yield poll
     finally:
         handle_kept()
 

@@ -14,7 +14,7 @@ ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
 """Characters that control a terminal or change the direction of writing; newlines and tabs are allowed."""
 
 
-def shown(value: object) -> str:
+def spelt(value: object) -> str:
     """Show a JSON value as the file spells it; lists and objects by kind only, long values cut."""
     if isinstance(value, list):
         return "a list"
@@ -37,11 +37,11 @@ def harmless(text: str) -> str:
 def unreadable(error: BaseException) -> str:
     """Why a file cannot be read, after its name and a colon."""
     if isinstance(error, FileNotFoundError):
-        return "there is no such file" + beside(error.filename)
+        return "there is no such file" + similar_file(error.filename)
     return f"cannot be read: {getattr(error, 'strerror', None) or error}"
 
 
-def beside(path: object) -> str:
+def similar_file(path: object) -> str:
     """Ask about the file in the same folder whose name is much like that of one which is not there, if any."""
     folder, name = os.path.split(os.fsdecode(path) if isinstance(path, (str, bytes, os.PathLike)) else "")
     try:
@@ -110,7 +110,7 @@ def owned(cloth: int | None, kind: str) -> str:
 
 def named(key: str) -> str:
     """Write a key as a step of a place: as it is when short and plain, else in quotes, escaped and cut."""
-    return key if key.isidentifier() and key.isascii() and len(key) <= LONGEST_VALUE else shown(key)
+    return key if key.isidentifier() and key.isascii() and len(key) <= LONGEST_VALUE else spelt(key)
 
 
 def metres(value: float) -> str:

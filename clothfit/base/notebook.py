@@ -14,7 +14,7 @@ VIEWER = "clothfit.report.page"
 _scenes: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
 
-def shown(thing: Any) -> str:
+def html_of(thing: Any) -> str:
     """The HTML that shows a scene, a motion or a fit."""
     return str(import_module(VIEWER).viewer(thing))
 

@@ -48,17 +48,17 @@ def command(
     one_stream(scene_path, target_path)
     scene = under_forces(read_scene(scene_path, console), forces_path)
     readings: list[dict[str, Any]] = []
-    target = None if target_path is None else motions.read(target_path, scene, reading, console, readings)
+    target = None if target_path is None else motions.read_motion(target_path, scene, reading, console, readings)
     from clothfit.evaluation.gradient_check import check_scene
-    from clothfit.kernels.clock import passing
+    from clothfit.kernels.clock import elapsed
 
     console.announce_compilation()
-    began = passing()
+    began = elapsed()
     found = check_scene(scene, target, None if steps is None else steps + 1, seed=seed, memory=memory)
-    seconds = passing() - began
+    seconds = elapsed() - began
     show(found, scene, steps is not None, target_path, console)
     print_json({**summary(found, target_path), **motions.readings_summary(readings), "seconds": seconds})
-    judge(found, console)
+    raise_verdict(found, console)
 
 
 def show(found: SceneCheck, scene: Scene, chosen: bool, target_path: str | None, console: Console) -> None:
@@ -86,7 +86,7 @@ def row(test: Finding) -> tuple[str, ...]:
     return test.name, measured, bar, f"{test.verdict}: {test.why}" if test.why else test.verdict
 
 
-def judge(found: SceneCheck, console: Console) -> None:
+def raise_verdict(found: SceneCheck, console: Console) -> None:
     """Tell the verdict. Raises ClothfitError for a wrong gradient, which is a fault of the program, InvalidInput where
     this scene does not show whether it is one.
     """

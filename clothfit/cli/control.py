@@ -23,7 +23,7 @@ from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import check_there, one_stream, read_scene, warn_of_steps
 from clothfit.cli.common.options import gathered, given, option, section, setting, standard_command, tuned
-from clothfit.cli.common.output import PAGE, SCENE, STREAM, Output, attributes, beside, output_for, print_json
+from clothfit.cli.common.output import PAGE, SCENE, STREAM, Output, attributes, companion_file, output_for, print_json
 from clothfit.cli.common.progress import now_and_then
 from clothfit.cli.parts import checkpoints
 from clothfit.formats.axes import Convention, Reading, positive
@@ -152,14 +152,14 @@ def command(
     stem = Path("scene" if scene_path == STREAM else scene_path)
     kept = saved = None
     if moves.pushes:
-        kept = beside("--forces", forces_path or str(stem.with_suffix(".forces.npz")), used)
+        kept = companion_file("--forces", forces_path or str(stem.with_suffix(".forces.npz")), used)
         used.append(kept.path if kept else None)
     if moves.others:
-        saved = beside("--save", save_path or str(stem.with_suffix(".controlled.json")), used, text=SCENE)
+        saved = companion_file("--save", save_path or str(stem.with_suffix(".controlled.json")), used, text=SCENE)
         used.append(saved.path if saved else None)
-    motions.check(out, Convention(), (scene_path, keys_path))
-    table = beside("--table", table_path, used, ".csv")
-    page = beside("--report", report_path, (*used, table_path), text=PAGE)
+    motions.check_output(out, Convention(), (scene_path, keys_path))
+    table = companion_file("--table", table_path, used, ".csv")
+    page = companion_file("--report", report_path, (*used, table_path), text=PAGE)
     pictures.check(*used, table_path, report_path)
     file = checkpoints.chosen(checkpoint_path, resume, out, used, console, partial(Checkpoint, resume=resume))
     for name, own_path in (("--forces", forces_path), ("--table", table_path)):
@@ -188,7 +188,7 @@ def command(
                 writing(kept.write, archive(found.forces))
             if saved:
                 writing(saved.write, dumps(found.scene, folder_of(saved.path)))
-            writing(motions.write, found.motion, out, scene, Convention(), console)
+            writing(motions.write_motion, found.motion, out, scene, Convention(), console)
         if file and file.fault:
             console.warn(file.fault)
         checkpoints.closed(file, checkpoint_path is not None, found.status, console)
@@ -209,7 +209,7 @@ def read_keys(path: str, reading: Reading, scene: Scene, console: Console) -> li
     check_there(path)
     if path.lower().endswith(".json"):
         return keyframes.load_keys(path, scene)
-    return keyframes.from_motion(motions.read(path, scene, reading, console), scene)
+    return keyframes.from_motion(motions.read_motion(path, scene, reading, console), scene)
 
 
 def lines(console: Console) -> Callable[[float, float, int], None]:
@@ -271,9 +271,9 @@ def draw(
     if found.status == Status.INTERRUPTED:
         console.say("nothing is drawn, as the search was interrupted")
         return
-    from clothfit.control.control import course
+    from clothfit.control.control import controlled_motion
 
-    over = course(scene, found.scene.with_forces(found.forces), keys, found.motion)
+    over = controlled_motion(scene, found.scene.with_forces(found.forces), keys, found.motion)
     if page is not None:
         from clothfit.report.control_contents import control_content
         from clothfit.report.page import page as page_of

@@ -68,7 +68,7 @@ def command(
     if out_path != STREAM:
         format_of(out_path, writing=True)
     out = output_for(out_path, in_path, "", others)
-    motions.check(out, convention, (in_path, *others))
+    motions.check_output(out, convention, (in_path, *others))
     mesh = None if mesh_path is None else mesh_faces(mesh_path)
     loaded = motions.load(in_path, scene, reading, console)
     if scene is not None:
@@ -93,13 +93,13 @@ def mesh_faces(path: str) -> tuple[int, Indices]:
 
 def bound(loaded: Loaded, scene: Scene, path: str) -> Loaded:
     """The motion of a mesh that lies on the scene's in the first frame. Raises InvalidInput, InvalidMotion."""
-    from clothfit.motion.correspondence import carried
+    from clothfit.motion.correspondence import embedded
     from clothfit.motion.foreign import load
 
     mesh, motion = load(path, None, Reading(frames=":1")), loaded.motion
     if motion.observed is not None:
         raise InvalidInput(f"{motion.name}: has gaps; a mesh can be bound to a whole motion only")
-    x = carried(motion.positions, scene, mesh.motion.positions[0], os.path.basename(path))
+    x = embedded(motion.positions, scene, mesh.motion.positions[0], os.path.basename(path))
     made = replace(motion, positions=x, vertex_counts=(x.shape[1],), weights=None)
     return replace(loaded, motion=made, triangles=mesh.triangles)
 

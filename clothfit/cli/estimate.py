@@ -124,7 +124,7 @@ def command(
     scene_paths: tuple[str, ...], files: Files, objectives: tuple[str, ...], substeps: str | None,
     time_budget: str | None, bounds: tuple[str, ...], fits: tuple[str, ...],
     report_path: str | None, effort: Effort,
-    log: str | None, pictures: pictures.Pictures, tool: estimate_files.Asked, console: Console, **as_given: Any,
+    log: str | None, pictures: pictures.Pictures, tool: estimate_files.Given, console: Console, **as_given: Any,
 ) -> int:
     """Fit the values that SCENE flags to a motion; write the scene with only those numbers changed.
 
@@ -180,7 +180,7 @@ def fit_one(
     used = [scene_path, *files.inputs, out.path]
     cache = estimate_files.cache_place(files, used)
     used += [cache.path] if cache else []
-    place = output.beside("--report", report_path and filled(report_path, scene_path), used, text=output.PAGE)
+    place = output.companion_file("--report", report_path and filled(report_path, scene_path), used, text=output.PAGE)
     page = place and Page(place, report.command_line(click.get_current_context()))
     defer(LINEAR_ALGEBRA)
     from clothfit.cli.parts import checkpoints
@@ -211,21 +211,21 @@ def fit_one(
             own = replace(
                 options, checkpoint=kept, resume=files.resume, observer=Watching(tell, named, out, console)
             )
-            found = fitting.by_request(scene, targets or None, first, own)
+            fit = fitting.by_request(scene, targets or None, first, own)
         with output.uninterrupted(), checkpoints.named_if_lost(kept):
             more = motions.readings_summary(readings)
-            code = estimate_results.finish(scene, found, out, console, more, recording.log)
-            checkpoints.of_fit(kept, files, found.status, console)
-        if cache and found.status != Status.DIVERGED:
-            known = found.registration[0] if found.registration else Registration()
-            estimate_files.write_cache(found.scene, files, known, cache, console)
-        late = interrupts.requested() and found.status != Status.INTERRUPTED
+            code = estimate_results.finish(scene, fit, out, console, more, recording.log)
+            checkpoints.of_fit(kept, files, fit.status, console)
+        if cache and fit.status != Status.DIVERGED:
+            known = fit.registration[0] if fit.registration else Registration()
+            estimate_files.write_cache(fit.scene, files, known, cache, console)
+        late = interrupts.requested() and fit.status != Status.INTERRUPTED
     if late:
         return INTERRUPTED
-    targets = estimate_results.as_compared(targets, found, scene)
-    recording.pictures.estimated(found, scene, targets, recording.history, console)
+    targets = estimate_results.as_compared(targets, fit, scene)
+    recording.pictures.estimated(fit, scene, targets, recording.history, console)
     if page:
-        page.write(scene_path, scene, found, files, out, targets, console)
+        page.write(scene_path, scene, fit, files, out, targets, console)
     return code
 
 

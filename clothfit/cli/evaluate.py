@@ -14,7 +14,7 @@ from clothfit.base.messages import counted, metres, owned
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, refuse, section, setting, standard_command
-from clothfit.cli.common.output import PAGE, Output, attributes, beside, print_json, uninterrupted
+from clothfit.cli.common.output import PAGE, Output, attributes, companion_file, print_json, uninterrupted
 from clothfit.cli.common.progress import now_and_then
 from clothfit.formats.axes import Reading, positive
 from clothfit.formats.registry import SUBSPACE, kind_of
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from clothfit.evaluation.evaluate import Evaluation
     from clothfit.evaluation.work_precision import Row, WorkPrecision
     from clothfit.scene.scene import Scene
-    from clothfit.subspace.judge import Compared, Judgement
+    from clothfit.subspace.validation import Compared, Validation
 
 
 @standard_command("evaluate")
@@ -75,7 +75,7 @@ def command(
     if kind_of(fitted_path) == SUBSPACE:
         others: dict[str, object] = {"--target": target_path, "--forces": forces_path}
         refuse(others, "{} does not go with a subspace")
-        judge(scene_path, fitted_path, inputs_path, steps, pictures, page_path, console)
+        compare_model(scene_path, fitted_path, inputs_path, steps, pictures, page_path, console)
         return
     refuse({"--inputs": inputs_path, "--report": page_path}, "{} goes with a subspace only")
     compare(scene_path, fitted_path, target_path, reading, steps, forces_path, pictures, console)
@@ -96,7 +96,7 @@ def compare(
 
     horizon = HORIZON if steps is None else motions.frames_of(steps, truth)
     readings: list[dict[str, Any]] = []
-    target = motions.read(target_path, truth, reading, console, readings) if target_path is not None else None
+    target = motions.read_motion(target_path, truth, reading, console, readings) if target_path is not None else None
     for each in (truth, fitted) if target is None else (fitted,):
         motions.warn_of_steps(each, max(truth.frames, horizon), console)
     console.announce_compilation()
@@ -139,24 +139,24 @@ ROUNDING = 1e-9
 """Relative energy that is none."""
 
 
-def judge(
+def compare_model(
     scene_path: str, model_path: str, inputs_path: str | None, steps: int | None, pictures: pictures.Pictures,
     page_path: str | None, console: Console,
 ) -> None:  # fmt: skip
     """Compare a model with the scene's own simulation."""
-    from clothfit.subspace.judge import compare
     from clothfit.subspace.model import load_model
+    from clothfit.subspace.validation import compare
 
     motions.check_there(scene_path, model_path)
     pictures.check(scene_path, model_path, inputs_path, page_path)
-    page = beside("--report", page_path, (scene_path, model_path, inputs_path, *pictures.files), text=PAGE)
+    page = companion_file("--report", page_path, (scene_path, model_path, inputs_path, *pictures.files), text=PAGE)
     model = load_model(model_path)
     scene = motions.with_inputs(motions.read_scene(scene_path, console), inputs_path)
     console.announce_compilation()
     over = compare(model, scene, motions.frames_of(steps, scene))
     console.warn(*over.found.clamped)
     if not print_json(asdict(over.found) | {"forgets": over.found.forgets}):
-        show_judgement(over.found, console)
+        show_validation(over.found, console)
     draw(over, model_path, inputs_path, pictures, page, console)
 
 
@@ -177,7 +177,7 @@ def draw(
         report.put(page_of(subspace_content(over, os.path.basename(model_path)), *origin), page, console)
 
 
-def show_judgement(found: Judgement, console: Console) -> None:
+def show_validation(found: Validation, console: Console) -> None:
     """Print the judgement as tables."""
     console.table([("frames", "RMSE until then"), *((str(end), metres(error)) for end, error in found.over_time)])
     console.result(f"{100 * found.relative_rmse:.2g} % of the motion's RMS, {metres(found.max_error)} at most")
@@ -192,7 +192,7 @@ def show_judgement(found: Judgement, console: Console) -> None:
             f"{100 * found.spectrum:.2g} %, standard deviations of the vertices within {100 * found.deviation:.2g} %"
         )
     if found.floor:
-        from clothfit.subspace.judge import at_best
+        from clothfit.subspace.validation import at_best
 
         console.result(at_best(found.floor))
     gain = "never more than was given"
@@ -235,15 +235,15 @@ def measure(
 
     console.announce_compilation()
     with measuring(console) as report:
-        found = precision.work_precision(scene, frames, budget or precision.MEASURE_SECONDS, report)
+        study = precision.work_precision(scene, frames, budget or precision.MEASURE_SECONDS, report)
     if pictures.plot is not None:
         from clothfit.pictures.diagram import save_diagram
 
         with uninterrupted():
-            save_diagram(found, pictures.plot, error)
-    if print_json(speed_summary(found, scene, error) | {"plot": pictures.plot}):
+            save_diagram(study, pictures.plot, error)
+    if print_json(speed_summary(study, scene, error) | {"plot": pictures.plot}):
         return
-    show_speed(found, scene, error, console)
+    show_speed(study, scene, error, console)
     if pictures.plot is not None:
         console.say(f"diagram → {pictures.plot}")
 
@@ -263,18 +263,18 @@ def measuring(console: Console) -> Iterator[Callable[[float, str], None] | None]
         yield lambda seconds, what: tell(lambda: f"{seconds:6.1f} s  {what}")
 
 
-def speed_summary(found: WorkPrecision, scene: Scene, error: float | None) -> dict[str, Any]:
+def speed_summary(study: WorkPrecision, scene: Scene, error: float | None) -> dict[str, Any]:
     """What --json prints."""
-    best = None if error is None else found.recommended(error)
-    reference = found.reference
+    best = None if error is None else study.recommended(error)
+    reference = study.reference
     return {
-        **attributes(found, "scene", "delta"),
+        **attributes(study, "scene", "delta"),
         "frames": len(reference.positions),
-        "simulated_frames": found.frames,
+        "simulated_frames": study.frames,
         "vertices": sum(scene.vertex_counts),
         "reference": attributes(reference, "integrator", "step", "order", "error"),
-        "rows": [plain_row(row) for row in found.rows],
-        "own": plain_row(found.own),
+        "rows": [plain_row(row) for row in study.rows],
+        "own": plain_row(study.own),
         "requested_error": error,
         "recommended": best and plain_row(best),
     }
@@ -289,9 +289,9 @@ def plain_row(row: Row) -> dict[str, Any]:
     return setting | values
 
 
-def show_speed(found: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
+def show_speed(study: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
     """Print table and advice."""
-    done = [row for row in found.rows if row.status == "done"]
+    done = [row for row in study.rows if row.status == "done"]
     short = [row for row in done if row.pareto or row.own or row.setting.tolerance in (None, scene.tolerance)]
     shown = done if console.verbose else short
     if shown:
@@ -299,11 +299,11 @@ def show_speed(found: WorkPrecision, scene: Scene, error: float | None, console:
     if len(shown) < len(done):
         console.result(f"{len(done) - len(shown)} more, with other tolerances and not Pareto-best, by -v and --json")
     for status in ("diverged", "skipped"):
-        if settings := without_result(found, status):
+        if settings := without_result(study, status):
             console.result(f"{status}: {settings}")
     console.result("")
-    show_reference(found, console)
-    show_advice(found, scene, error, console)
+    show_reference(study, console)
+    show_advice(study, scene, error, console)
 
 
 def cells(row: Row) -> tuple[str, ...]:
@@ -323,11 +323,11 @@ def cells(row: Row) -> tuple[str, ...]:
     )
 
 
-def without_result(found: WorkPrecision, status: str) -> str:
+def without_result(study: WorkPrecision, status: str) -> str:
     """The settings that ended so, by integrator: which steps, of how many settings each."""
     ended = []
-    for name in dict.fromkeys(row.setting.integrator for row in found.rows):
-        rows = [row for row in found.rows if row.setting.integrator == name and row.status == status]
+    for name in dict.fromkeys(row.setting.integrator for row in study.rows):
+        rows = [row for row in study.rows if row.setting.integrator == name and row.status == status]
         steps = [row.setting.step_name for row in rows]
         counts = {step: steps.count(step) for step in steps}
         if rows:
@@ -336,9 +336,9 @@ def without_result(found: WorkPrecision, status: str) -> str:
     return "; ".join(ended)
 
 
-def show_reference(found: WorkPrecision, console: Console) -> None:
+def show_reference(study: WorkPrecision, console: Console) -> None:
     """Say what the errors are measured against, and how well that is known."""
-    reference = found.reference
+    reference = study.reference
     frames = len(reference.positions)
     order = "" if reference.order is None else f", order {reference.order:.1f}"
     how = f"{reference.integrator}, {1e3 * reference.step:.3g} ms a step{order}"
@@ -346,18 +346,18 @@ def show_reference(found: WorkPrecision, console: Console) -> None:
         f"error: distance to the motion of h → 0, root mean square over all vertices and {frames} frames; that motion "
         f"is known to {metres(reference.error)} ({how})"
     )
-    if frames < found.frames:
+    if frames < study.frames:
         console.warn(
-            f"{found.scene}: frames from {frames} on (t = {frames * found.delta:.4g} s) are not judged: the motion of "
+            f"{study.scene}: frames from {frames} on (t = {frames * study.delta:.4g} s) are not judged: the motion of "
             "h → 0 is not known well enough there, as it is chaotic or needs more --budget"
         )
 
 
-def show_advice(found: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
+def show_advice(study: WorkPrecision, scene: Scene, error: float | None, console: Console) -> None:
     """Recommend a setting, and say which one a fit must use."""
-    own = found.own
+    own = study.own
     if error is not None:
-        best, nearest = found.recommended(error), found.nearest
+        best, nearest = study.recommended(error), study.nearest
         if best is not None:
             console.result(f"cheapest within {metres(error)}: {described(best)}")
         elif nearest is None:
@@ -369,7 +369,7 @@ def show_advice(found: WorkPrecision, scene: Scene, error: float | None, console
         f"(integrationMethod {scene.method}, delta {scene.delta:.4g}), as its values make up for part of that error "
         "and are wrong with any other"
     )
-    better = [r for r in found.rows if all(a < b for a, b in zip(r.cost_and_error, own.cost_and_error, strict=True))]
+    better = [r for r in study.rows if all(a < b for a, b in zip(r.cost_and_error, own.cost_and_error, strict=True))]
     if better and own.status == "done":
         console.result(f"cheaper and nearer than that: {described(min(better, key=lambda r: r.cost_and_error[::-1]))}")
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from clothfit.scene.cloth import Collider
     from clothfit.scene.scene import Scene
 
-BESIDE = 4
+OBJECTS_IN_A_TABLE = 4
 """Objects in one table."""
 
 RECORDS = (MOTION, MESH, EITHER, CHECKPOINT, LOG, FORCES)
@@ -86,7 +86,7 @@ def of_scene(scene_path: str, console: Console) -> None:
     from clothfit.fabric.fabric import fabric_of, rows_of
     from clothfit.fit.flags import auto_flags
     from clothfit.scene.mesh_numbering import numberings
-    from clothfit.subspace.worth import worth
+    from clothfit.subspace.break_even import break_even
 
     objects = [overview.facts(cloth) for cloth in scene.cloths]
     wanted = overview.flagged(auto_flags(scene) if scene.auto else scene)
@@ -104,8 +104,8 @@ def of_scene(scene_path: str, console: Console) -> None:
         console.result("a fit chooses by itself (auto) among what is to fit")
     for each in moving:
         console.result(str(each))
-    for begin in range(0, len(objects), BESIDE):
-        chosen = range(len(objects))[begin : begin + BESIDE]
+    for begin in range(0, len(objects), OBJECTS_IN_A_TABLE):
+        chosen = range(len(objects))[begin : begin + OBJECTS_IN_A_TABLE]
         columns = [
             column(objects[index], [each for each in wanted if each.object == index]) | rows_of(fabrics[index])
             for index in chosen
@@ -120,7 +120,7 @@ def of_scene(scene_path: str, console: Console) -> None:
     show_rest(scene, ahead, [each.name for each in wanted if each.object is None], strange, console)
     if Printed.as_json:
         needed = {"motion": ahead.motion, "fit": ahead.fit, "free": free()}
-        ahead_of = worth(scene)
+        ahead_of = break_even(scene)
         print_json({
             **whole(scene),
             "objects": [
@@ -202,10 +202,10 @@ def show_scene(scene: Scene, console: Console) -> None:
     if len(scene.cloths) > 1 and len(scene.groups) == len(scene.cloths):
         console.result("objects do not touch each other")
     spheres = [f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m" for each in own["spheres"]]
-    for kind, told in (("spheres", spheres), ("colliders", list(map(collider_line, own["colliders"])))):
-        console.result(*told[:MOST_LISTED])
-        if len(told) > MOST_LISTED:
-            console.result(f"and {len(told) - MOST_LISTED} more {kind}")
+    for kind, lines in (("spheres", spheres), ("colliders", list(map(collider_line, own["colliders"])))):
+        console.result(*lines[:MOST_LISTED])
+        if len(lines) > MOST_LISTED:
+            console.result(f"and {len(lines) - MOST_LISTED} more {kind}")
 
 
 def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
@@ -232,7 +232,7 @@ def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
 
 def show_rest(scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Sequence[str], console: Console) -> None:
     """Stability, what to fit of the scene as a whole, memory, what a subspace would take, and what nobody knows."""
-    from clothfit.subspace.worth import sentence, worth
+    from clothfit.subspace.break_even import break_even, sentence
 
     rows = [("integrator", "longest stable step", f"with {scene.delta:.4g} s")]
     for each in ahead.steps:
@@ -243,7 +243,7 @@ def show_rest(scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Seq
         console.result(f"to fit: {', '.join(owned(None, name) for name in wanted)}")
     needed = "" if ahead.fit is None else f", a fit about {human(ahead.fit)}"
     console.result(f"memory: the motion takes {human(ahead.motion)}{needed}; {human(free())} are free")
-    if (subspace := worth(scene)) is not None:
+    if (subspace := break_even(scene)) is not None:
         console.result(sentence(subspace))
     if strange:
         console.result(f"fields that are kept and not used: {', '.join(strange)}")

@@ -58,7 +58,7 @@ OF_MESHES = ("cloth", "collider", "pins_from", "scale", "up", "handedness", "wel
 
 
 @dataclass(frozen=True)
-class Asked:
+class NewOptions:
     """The options as they are given; None or empty where one is not."""
 
     size: str | None = given("--size W[xH]", "Size of the plane in m; length and width of a strip; diameters of a disc "
@@ -164,7 +164,7 @@ class Asked:
 
         return None if self.fabric is None else preset(self.fabric)
 
-    def of_specimen(self) -> Asked:
+    def of_specimen(self) -> NewOptions:
         """The options with the defaults of specimens, which are at rest, in the directions of the fabric."""
         rests = self.integrator in (None, INTEGRATORS[REST])
         return replace(self, integrator=self.integrator or INTEGRATORS[REST], fit=self.fit or ("nR",),
@@ -236,17 +236,17 @@ class Asked:
         return {"drag": "G", **named} if "wind" in named and self.of_air else named
 
 
-def understood(path: str | None, asked: Asked) -> tuple[str, Asked]:
+def understood(path: str | None, given: NewOptions) -> tuple[str, NewOptions]:
     """What to make a scene of, and the options: what stands behind --weld is a distance only where it is a number.
 
     Raises MissingParameter.
     """
     path = path.lower() if path is not None and path.lower() in (PLANE, *SPECIMENS) else path
-    if path is None and asked.weld and not is_number(asked.weld):
-        return asked.weld, replace(asked, weld="")
+    if path is None and given.weld and not is_number(given.weld):
+        return given.weld, replace(given, weld="")
     if path is None:
         raise click.MissingParameter(param_hint="'plane|MESH'", param_type="argument", ctx=click.get_current_context())
-    return path, asked
+    return path, given
 
 
 def numbers(option: str, text: str, count: int, example: str) -> tuple[float, ...]:
@@ -296,9 +296,9 @@ def refuse_text(option: str, text: str, example: str) -> NoReturn:
 
 @standard_command("new")
 @click.argument("cloth_path", metavar="plane|drape|cantilever|strip|MESH", required=False)
-@gathered("asked", Asked)
+@gathered("given", NewOptions)
 @option("-o --output SCENE", "Scene file.  [default: <stem>.json]", name="path")
-def command(cloth_path: str | None, path: str | None, asked: Asked, console: Console) -> None:
+def command(cloth_path: str | None, path: str | None, given: NewOptions, console: Console) -> None:
     """Make a scene of a cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …), at the first frame of its
     motion; other meshes of the file may be what it touches. Or of a specimen whose shape at rest shows the fabric: a
     disc that hangs from a smaller one (drape), a strip that bends over an edge (cantilever) or hangs (strip).
@@ -312,57 +312,57 @@ def command(cloth_path: str | None, path: str | None, asked: Asked, console: Con
 
     --fix-box, --fix-side, --sphere and --fit may be repeated. Coordinates are in the scene's axes: y up, z forward.
     """
-    mesh_path, asked = understood(cloth_path, asked)
+    mesh_path, given = understood(cloth_path, given)
     is_plane = mesh_path in (PLANE, *SPECIMENS)
-    asked.check(mesh_path)
+    given.check(mesh_path)
     out = output(mesh_path, path, is_plane)
     cloths, bodies = list[Cloth](), list[new_shot.Solid]()
     if mesh_path in SPECIMENS:
-        asked = asked.of_specimen()
-        cloths = [specimen(mesh_path, asked)]
+        given = given.of_specimen()
+        cloths = [specimen(mesh_path, given)]
     elif is_plane:
-        cloths = [plane(asked)]
+        cloths = [plane(given)]
     else:
-        wanted, others = new_shot.meshes(mesh_path, asked.cloth, asked.collider, console)
-        cloths = [mesh(mesh_path, name, asked, console) for name in wanted]
+        wanted, others = new_shot.meshes(mesh_path, given.cloth, given.collider, console)
+        cloths = [mesh(mesh_path, name, given, console) for name in wanted]
         times = cloths[0].shape.times if cloths[0].shape else None
-        convention = asked.up, asked.handedness, asked.scale
+        convention = given.up, given.handedness, given.scale
         bodies = [new_shot.solid(mesh_path, name, convention, times, out) for name in others]
     from clothfit.meshes.new_scene import joined
     from clothfit.scene.scene import dumps
 
-    made = [made_of(cloth, asked, [each.document for each in bodies], mesh_path, console) for cloth in cloths]
-    distance = numbers("--layers", asked.layers, 1, "0.005") if asked.layers else ()
+    made = [made_of(cloth, given, [each.document for each in bodies], mesh_path, console) for cloth in cloths]
+    distance = numbers("--layers", given.layers, 1, "0.005") if given.layers else ()
     touching = {"betweenObjects": True, "thickness": distance[0]} if distance else None
     scene = replace(joined(made, touching), folder=out.folder)
-    if asked.pins_from:
-        scene = new_shot.following(scene, asked.pins_from, *convention, console)
+    if given.pins_from:
+        scene = new_shot.following(scene, given.pins_from, *convention, console)
     for each in bodies:
         each.write()
     out.write(dumps(scene))
     report(scene, cloths, bodies, out, console)
-    if asked.preset is not None:
-        describe_fabric(scene, asked.preset, console)
-    if not is_plane and not asked.pins_from:
+    if given.preset is not None:
+        describe_fabric(scene, given.preset, console)
+    if not is_plane and not given.pins_from:
         new_shot.hint([own.fixed for own in scene.cloths], cloths, mesh_path, console)
     print_json(summary(scene, cloths, bodies, out))
 
 
-def made_of(cloth: Cloth, asked: Asked, bodies: list[dict[str, Any]], mesh_path: str, console: Console) -> Scene:
+def made_of(cloth: Cloth, given: NewOptions, bodies: list[dict[str, Any]], mesh_path: str, console: Console) -> Scene:
     """The scene of one cloth. Raises InvalidInput."""
     from clothfit.meshes.new_scene import new_scene
 
-    cloth = cloth._replace(mesh=cloth.mesh._replace(positions=placed(cloth.mesh, asked)))
-    delta, frames = asked.timing(cloth.shape.times if cloth.shape else None)
+    cloth = cloth._replace(mesh=cloth.mesh._replace(positions=placed(cloth.mesh, given)))
+    delta, frames = given.timing(cloth.shape.times if cloth.shape else None)
     return new_scene(
-        cloth.mesh, held(cloth, asked, console), density=asked.density, stiffness=asked.stiffness,
-        bending=not asked.no_bending if asked.bending is None else asked.bending, damping=asked.damping,
-        drag=asked.drag_of(cloth.mesh), drag_law=asked.drag_law, fit=asked.letters, fits=asked.kinds,
-        spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere], colliders=bodies,
-        wind=asked.blows, integrator=asked.integrator or "bdf2", delta=delta, frames=frames, tolerance=asked.tolerance,
-        title=asked.title or stem_of(mesh_path), numbering=cloth.numbering, name=cloth.name or None,
-        warp=cloth.warp if asked.warp is None else tuple(float(axis == asked.warp) for axis in "xyz"),
-        regions=regions(cloth, asked), fabric=asked.preset,
+        cloth.mesh, held(cloth, given, console), density=given.density, stiffness=given.stiffness,
+        bending=not given.no_bending if given.bending is None else given.bending, damping=given.damping,
+        drag=given.drag_of(cloth.mesh), drag_law=given.drag_law, fit=given.letters, fits=given.kinds,
+        spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in given.sphere], colliders=bodies,
+        wind=given.blows, integrator=given.integrator or "bdf2", delta=delta, frames=frames, tolerance=given.tolerance,
+        title=given.title or stem_of(mesh_path), numbering=cloth.numbering, name=cloth.name or None,
+        warp=cloth.warp if given.warp is None else tuple(float(axis == given.warp) for axis in "xyz"),
+        regions=regions(cloth, given), fabric=given.preset,
     )  # fmt: skip
 
 
@@ -439,15 +439,15 @@ def missed(cloth: SceneCloth, own: Preset) -> list[str]:
     from clothfit.fabric.fabric import fabric_of
 
     found = fabric_of(cloth)
-    told = []
+    lines = []
     for name, has, unit, factor in (("stretch", found and found.stretch, "N/m", 1.0),
                                     ("bending", found and found.bending_at_rest, "µN m", 1e6)):  # fmt: skip
         known = own.full(name)
         if known and has and any(abs(a / b - 1) > MISSED for a, b in zip(has, known, strict=True)):
             made, meant = (" / ".join(f"{factor * value:.3g}" for value in values) for values in (has, known))
-            told.append(f"springs on this mesh have a {name} of {made} {unit} along warp, weft and bias, not {meant}; "
+            lines.append(f"springs on this mesh have a {name} of {made} {unit} along warp, weft and bias, not {meant}; "
                         "a grid along the warp can be soft in shear, an irregular mesh cannot")  # fmt: skip
-    return told
+    return lines
 
 
 def divided(own: SceneCloth) -> Divisions:
@@ -502,42 +502,42 @@ class Cloth(NamedTuple):
     warp: tuple[float, float, float] | None = None  # of a specimen
 
 
-def plane(asked: Asked) -> Cloth:
+def plane(given: NewOptions) -> Cloth:
     """A plane."""
     from clothfit.meshes.mesh import plane as made
 
-    divisions = 10 if asked.divisions is None else asked.divisions
-    return Cloth(made(divisions, *asked.extent(), upright=asked.upright), None, [])
+    divisions = 10 if given.divisions is None else given.divisions
+    return Cloth(made(divisions, *given.extent(), upright=given.upright), None, [])
 
 
-def specimen(kind: str, asked: Asked) -> Cloth:
+def specimen(kind: str, given: NewOptions) -> Cloth:
     """A specimen. Raises InvalidInput."""
     from clothfit.meshes.specimens import specimen as made
 
-    found = made(kind, asked.divisions or 0, asked.extent(2, "0.3x0.18") if asked.size else None)
+    found = made(kind, given.divisions or 0, given.extent(2, "0.3x0.18") if given.size else None)
     return Cloth(found.mesh, None, [], fixed=found.fixed, warp=found.warp)
 
 
-def mesh(path: str, wanted: str, asked: Asked, console: Console) -> Cloth:
+def mesh(path: str, wanted: str, given: NewOptions, console: Console) -> Cloth:
     """The mesh of a file, of several that of this name, welded where that is asked for. Raises InvalidInput where no
     cloth can be made of it.
     """
-    asked.distance  # noqa: B018  a wrong distance is refused before the file is read
+    given.distance  # noqa: B018  a wrong distance is refused before the file is read
     from clothfit.meshes.mesh import read_shape
     from clothfit.meshes.problems import problems, weld
 
-    shape = read_shape(path, asked.up, asked.handedness, asked.scale, wanted)
+    shape = read_shape(path, given.up, given.handedness, given.scale, wanted)
     found = shape.mesh
-    name = f"{Path(path).name}: {wanted}" if len(asked.cloth) > 1 else Path(path).name
+    name = f"{Path(path).name}: {wanted}" if len(given.cloth) > 1 else Path(path).name
     console.say(*shape.notes, of=name)
     numbering = None
-    if asked.weld is not None:
-        welded = weld(found, asked.distance)
+    if given.weld is not None:
+        welded = weld(found, given.distance)
         found, numbering = welded.mesh, welded.vertices if welded.renumbered else None
         console.say(f"{name}: welded: {counted(welded.joined, 'vertex', 'vertices')} joined to others, "
                     f"{counted(welded.triangles, 'triangle', 'triangles')} and "
                     f"{counted(welded.unused, 'vertex', 'vertices')} left out")
-    left = problems(found, asked.distance)
+    left = problems(found, given.distance)
     harmless = [problem for problem in left if not problem.fatal]
     for problem in harmless:
         console.warn(f"{name}: {problem.sentence}")
@@ -549,19 +549,19 @@ def mesh(path: str, wanted: str, asked: Asked, console: Console) -> Cloth:
     return Cloth(found, numbering, harmless, wanted, shape)
 
 
-def placed(mesh: Mesh, asked: Asked) -> Any:
+def placed(mesh: Mesh, given: NewOptions) -> Any:
     """The positions, turned and moved."""
     from clothfit.meshes.mesh import turned
 
     found = mesh.positions
-    if asked.rotate is not None:
-        found = turned(found, numbers("--rotate", asked.rotate, 3, "0,90,0"))
-    if asked.move is not None:
-        found = found + numbers("--move", asked.move, 3, "0,1.5,0")
+    if given.rotate is not None:
+        found = turned(found, numbers("--rotate", given.rotate, 3, "0,90,0"))
+    if given.move is not None:
+        found = found + numbers("--move", given.move, 3, "0,1.5,0")
     return found
 
 
-def held(cloth: Cloth, asked: Asked, console: Console) -> Flags:
+def held(cloth: Cloth, given: NewOptions, console: Console) -> Flags:
     """Which vertices do not move: those that are asked for, else those that the file marks as held, or that move there
     as if something held them. Raises InvalidInput.
     """
@@ -571,13 +571,13 @@ def held(cloth: Cloth, asked: Asked, console: Console) -> Flags:
 
     positions = cloth.mesh.positions
     fixed = np.zeros(len(positions), bool) if cloth.fixed is None else cloth.fixed.copy()
-    for text in asked.fix_box:
+    for text in given.fix_box:
         fixed |= in_box(positions, *box("--fix-box", text))
-    for text in asked.fix_side:
+    for text in given.fix_side:
         fixed |= at_side(positions, *side("--fix-side", text))
-    if asked.fix_vertices is not None:
-        fixed[numbered(cloth, ranges("--fix-vertices", asked.fix_vertices), "fix vertices")] = True
-    if cloth.shape and not (asked.fix_box or asked.fix_side or asked.fix_vertices):
+    if given.fix_vertices is not None:
+        fixed[numbered(cloth, ranges("--fix-vertices", given.fix_vertices), "fix vertices")] = True
+    if cloth.shape and not (given.fix_box or given.fix_side or given.fix_vertices):
         own = new_shot.held(cloth.shape, console)
         fixed[own if cloth.numbering is None else cloth.numbering[own]] = True
     return fixed
@@ -594,12 +594,12 @@ def numbered(cloth: Cloth, chosen: list[tuple[int, int]], option: str) -> Indice
     return named[named >= 0]
 
 
-def regions(cloth: Cloth, asked: Asked) -> dict[str, Indices]:
+def regions(cloth: Cloth, given: NewOptions) -> dict[str, Indices]:
     """The vertices of each region that is asked for; one that is named again has both places. Raises InvalidInput."""
     import numpy as np
 
     found: dict[str, Indices] = {}
-    for text in asked.region:
+    for text in given.region:
         name, _, where = text.partition("=")
         name = name.strip()
         if not name or not where:

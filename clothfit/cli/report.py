@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from clothfit.formats.axes import Reading
     from clothfit.motion.motion import Motion
     from clothfit.report.log import Log
-    from clothfit.report.showing import Shown
+    from clothfit.report.showing import View
     from clothfit.scene.scene import Scene
 
 Origin: TypeAlias = tuple[Sequence[str], Sequence[tuple[str, str]]]
@@ -82,7 +82,7 @@ def command(
     truth = under_forces(read_scene(scene_path, console), forces_path)
     fitted, *others = [under_forces(read_scene(each, console), forces_path) for each in fitted_paths]
     readings: list[dict[str, Any]] = []
-    target = motions.read(target_path, truth, reading, console, readings) if target_path is not None else None
+    target = motions.read_motion(target_path, truth, reading, console, readings) if target_path is not None else None
     logs = read_logs(log_paths, truth, target is not None, len(fitted_paths))
     for each in (truth, fitted, *others) if target is None else (fitted, *others):
         warn_of_steps(each, truth.frames, console)
@@ -95,7 +95,7 @@ def command(
     same = evaluation(scene_path, first, target_path, reading, forces_path)
     files = {target_path: target, **dict.fromkeys((forces_path, *log_paths))}
     origin = [same, command_line(click.get_current_context())], digests([truth, fitted, *others], files)
-    show, size = write(truth, [fitted, *others], target, frames, logs, origin, out)
+    show, size = write_page(truth, [fitted, *others], target, frames, logs, origin, out)
     show_result(show, size, out, console, show.evaluation.diverged)
     print_json(summary(show, size, out) | motions.readings_summary(readings))
     if show.evaluation.diverged:
@@ -104,18 +104,18 @@ def command(
         raise Diverged(f"{show.evaluation.diverged}; the frames before are shown", len(show.times))
 
 
-def write(
+def write_page(
     truth: Scene, fits: Sequence[Scene], target: Motion | None, frames: int | None, logs: Sequence[Log], origin: Origin,
     out: Output,
-) -> tuple[Shown, int]:
+) -> tuple[View, int]:
     """Make the page of one fit, with others beside it, and write it; tells what it shows, and its size, bytes."""
     from clothfit.report.contents import content
-    from clothfit.report.page import beside, page
-    from clothfit.report.showing import shown
+    from clothfit.report.page import companions, page
+    from clothfit.report.showing import view
 
     fitted, *others = fits
     log, *other_logs = logs
-    show = shown(truth, fitted, target, frames, others=beside(log, others))
+    show = view(truth, fitted, target, frames, others=companions(log, others))
     made = page(content(truth, fitted, show, log, None if target is None else target.name, other_logs), *origin)
     out.write(made)
     return show, len(made)
@@ -139,7 +139,7 @@ def read_logs(paths: Sequence[str], truth: Scene, has_target: bool, count: int) 
     return [replace(first, start=truth if start is None and has_target else start), *rest]
 
 
-def show_result(show: Shown, size: int, out: Output, console: Console, said: str | None = None) -> None:
+def show_result(show: View, size: int, out: Output, console: Console, said: str | None = None) -> None:
     """Tell what was written, and what is to be known of it; not what will be `said` as the command's error."""
     for sentence in show.notes:
         if said is None or not sentence.startswith(said):
@@ -148,7 +148,7 @@ def show_result(show: Shown, size: int, out: Output, console: Console, said: str
     console.say(f"{frames}, RMSE {metres(show.evaluation.fitted.rmse)}, {size / 1e6:.2g} MB → {out.name}")
 
 
-def summary(show: Shown, size: int, out: Output) -> dict[str, Any]:
+def summary(show: View, size: int, out: Output) -> dict[str, Any]:
     """What --json prints."""
     found = show.evaluation
     own = {"shown": len(show.times), "notes": show.notes, "bytes": size, "output": out.path}

@@ -56,7 +56,7 @@ def command(
 
     scene = read_scene(scene_path, console)
     warn_of_steps(scene, scene.frames, console)
-    target = motions.read(target_path, scene, reading, console) if target_path else None
+    target = motions.read_motion(target_path, scene, reading, console) if target_path else None
 
     def ready(server: Server) -> None:
         console.say("open this address in a browser; Ctrl-C ends")

@@ -12,7 +12,7 @@ import clothfit
 from clothfit.cli.common import motions, pictures, running
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, section, setting, standard_command
-from clothfit.cli.common.output import Output, beside, output_for, print_json
+from clothfit.cli.common.output import Output, companion_file, output_for, print_json
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
@@ -68,21 +68,21 @@ def command(
     scene = motions.under_forces(motions.read_scene(scene_path, console), forces_path, feedback)
     frames = motions.frames_of(steps, scene)
     out = output_for(path, scene_path, ".motion.npz", (forces_path,))
-    motions.check(out, convention, (scene_path,), frames)
-    dump = beside("--dump", dump_path, (scene_path, out.path))
+    motions.check_output(out, convention, (scene_path,), frames)
+    dump = companion_file("--dump", dump_path, (scene_path, out.path))
     pictures.check(scene_path, out.path, dump_path)
     motions.warn_of_steps(scene, frames, console)
     console.announce_compilation()
     from clothfit.evaluation.touches import touches
-    from clothfit.kernels.clock import passing
+    from clothfit.kernels.clock import elapsed
 
-    began = passing()
+    began = elapsed()
     motion, error = moved(scene, frames, tolerance)
-    seconds = passing() - began
+    seconds = elapsed() - began
     console.detail("simulated")
     energy = clothfit.energies(scene, motion) if with_energy else None
     kept = {} if energy is None else {f"energy_{name}": array for name, array in energy_columns(energy).items()}
-    motions.write(motion, out, scene, convention, console, kept)
+    motions.write_motion(motion, out, scene, convention, console, kept)
     motions.warn_of_energy(scene, motion, console, energy)
     touching = touches(scene, motion)
     if error is None:

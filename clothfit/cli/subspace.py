@@ -17,7 +17,7 @@ from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import check_there, one_stream, read_scene, with_inputs
 from clothfit.cli.common.options import check_least, length, option, refuse, section, setting, standard_command
-from clothfit.cli.common.output import STREAM, Output, beside, output_for, print_json
+from clothfit.cli.common.output import STREAM, Output, companion_file, output_for, print_json
 from clothfit.formats.axes import Convention, Reading
 from clothfit.many.job import INTERRUPTED
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from clothfit.subspace.build import Options, Report
     from clothfit.subspace.inputs import Ranges
     from clothfit.subspace.model import Model
-    from clothfit.subspace.network.learn import Schooling
+    from clothfit.subspace.network.learn import TrainingOptions
     from clothfit.subspace.network.training import Progress
     from clothfit.subspace.recording import Data
 
@@ -141,7 +141,7 @@ def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -
     """Record motions of a scene to a file, and say what they are; the summary."""
     from clothfit.engine.system import build as build_system
     from clothfit.subspace.inputs import episodes
-    from clothfit.subspace.physics.samples import check
+    from clothfit.subspace.physics.samples import check_reducible
     from clothfit.subspace.recording import record as record_to
 
     many, frames = lengths(scene)
@@ -150,7 +150,7 @@ def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -
     ranges, count = ranges_of(scene, given), given["episodes"] or many
     steps, seed = (given["frames"] or frames) - 1, given["seed"] or 0
     for c in range(len(scene.cloths)):
-        check(build_system(scene, c, steps=1))
+        check_reducible(build_system(scene, c, steps=1))
     console.announce_compilation()
     own = episodes(scene, ranges, count, max(steps, 1) * scene.delta, seed)
     with interrupts.heard():
@@ -187,7 +187,7 @@ def build(given_path: str, path: str | None, given: dict[str, Any], console: Con
     options = options_of(given)
     options.check()
     out = output_for(path, given_path, ".model.npz", ())
-    school = school_of(given, out)
+    school = training_options_of(given, out)
     from clothfit.subspace.recording import Data
 
     if kind == RECORDED:
@@ -223,7 +223,7 @@ def collected(scene: Scene, path: str, given: dict[str, Any], console: Console) 
             if each is not None:
                 check_there(each)
         own = episode(scene, inputs)
-        taken.append((motions.read(name, scene, reading, console), own))
+        taken.append((motions.read_motion(name, scene, reading, console), own))
     found = collect(scene, taken, path)
     console.say(f"{len(taken)} motions: {found.frames} frames are kept")
     if found.left_out:
@@ -249,7 +249,7 @@ def play(model_path: str, path: str | None, given: dict[str, Any], console: Cons
         if given["instances"] is None:
             play_one(model, scene, frames, model_path, path, given, console)
         else:
-            play_many(model, scene, frames, model_path, path, given, console)
+            play_instances(model, scene, frames, model_path, path, given, console)
 
 
 def play_one(
@@ -263,12 +263,12 @@ def play_one(
 
     distance = length(given["push_out"], "--push-out")
     out = output_for(path, model_path, ".played.npz", (given["inputs_path"],))
-    kept = beside("--coordinates", given["coordinates"], (model_path, given["inputs_path"], out.path), ".npz")
-    motions.check(out, Convention(), (model_path,), frames)
+    kept = companion_file("--coordinates", given["coordinates"], (model_path, given["inputs_path"], out.path), ".npz")
+    motions.check_output(out, Convention(), (model_path,), frames)
     console.announce_compilation()
     played = play_model(model, scene, frames, distance)
     console.warn(*played.clamped)
-    motions.write(played.motion, out, scene, Convention(), console)
+    motions.write_motion(played.motion, out, scene, Convention(), console)
     if kept is not None:
         kept.write(npz.archive({f"q{c}": q.astype(np.float32) for c, q in enumerate(played.coordinates)}))
     each = {name.replace(" ", "_"): 1e6 * s / max(frames - 1, 1) for name, s in played.seconds.items()}
@@ -276,7 +276,7 @@ def play_one(
     print_json({"frames": frames, "us_per_frame": each, "clamped": played.clamped, "output": out.path})
 
 
-def play_many(
+def play_instances(
     model: Model, scene: Scene, frames: int, model_path: str, path: str | None, given: dict[str, Any], console: Console,
 ) -> None:  # fmt: skip
     """Play many instances, say how long a frame of one takes, and write their motions where that is asked for."""
@@ -290,13 +290,13 @@ def play_many(
         names = [str(Path(path).with_stem(f"{Path(path).stem}-{i + 1:0{width}d}")) for i in range(count)]
     outs = [output_for(name, model_path, "", (given["inputs_path"],)) for name in names]
     for out in outs:
-        motions.check(out, Convention(), (model_path,), frames)
+        motions.check_output(out, Convention(), (model_path,), frames)
     console.announce_compilation()
     scenes = instances(model, scene, count, frames, given["seed"] or 0)
     found = play_all(model, scenes, frames)
     console.warn(*found.clamped)
     for i, out in enumerate(outs):
-        motions.write(motion_in(model, scenes[i], found, i), out, scenes[i], Convention(), console)
+        motions.write_motion(motion_in(model, scenes[i], found, i), out, scenes[i], Convention(), console)
     parts = ", ".join(f"{name} {value:.0f} µs" for name, value in found.us.items())
     whole = sum(found.us.values())
     console.result(f"{count} instances, {frames} frames: a frame of each takes {whole:.0f} µs: {parts}")
@@ -324,7 +324,7 @@ def options_of(given: dict[str, Any]) -> Options:
     return Options(size, error, cubature, given["modes"], bool(given["normals"]), bool(given["half"]), seed)
 
 
-def school_of(given: dict[str, Any], out: Output) -> Schooling | None:
+def training_options_of(given: dict[str, Any], out: Output) -> TrainingOptions | None:
     """How to train; None for physics. Raises InvalidInput."""
     if given["method"] != "network":
         refuse({f"--{name}": given[name] for name in TRAINING}, "{} goes with --method network")
@@ -332,14 +332,14 @@ def school_of(given: dict[str, Any], out: Output) -> Schooling | None:
     refuse({"--cubature": given["cubature"]}, "{} does not go with --method network")
     if given["minutes"] is not None and given["rounds"] is not None:
         raise click.UsageError("--minutes and --rounds: give one of them", click.get_current_context())
-    from clothfit.subspace.network.learn import Schooling
+    from clothfit.subspace.network.learn import TrainingOptions
     from clothfit.subspace.network.training import MINUTES, Budget
 
     if given["resume"] and out.is_stream:
         raise InvalidInput("--resume needs a file -o; - was given")
     budget = Budget(MINUTES if given["minutes"] is None else given["minutes"], given["rounds"])
     budget.check()
-    return Schooling(budget, given["seed"] or 0, state_of(out) if given["resume"] else None)
+    return TrainingOptions(budget, given["seed"] or 0, state_of(out) if given["resume"] else None)
 
 
 def state_of(out: Output) -> str:
@@ -348,7 +348,7 @@ def state_of(out: Output) -> str:
 
 
 def built(
-    data: Data, options: Options, school: Schooling | None, out: Output, about: dict[str, Any], console: Console,
+    data: Data, options: Options, school: TrainingOptions | None, out: Output, about: dict[str, Any], console: Console,
 ) -> int | None:  # fmt: skip
     """Build a model, write it, and say how good it is."""
     from clothfit.subspace.build import build as build_model
@@ -364,7 +364,7 @@ def built(
         out.write(encoded(model))
     for c, each in enumerate(found):
         show(f"objects[{c}]", each, console)
-        show_worth(data.scene, c, each, model.method, console)
+        show_break_even(data.scene, c, each, model.method, console)
     console.say(f"→ {out.name}")
     more = {"training": model.built["training"]} if school else {}
     objects = [summary(each) for each in found]
@@ -373,12 +373,12 @@ def built(
 
 
 def trained(
-    model: Model, found: list[Report], data: Data, school: Schooling, out: Output, console: Console
+    model: Model, found: list[Report], data: Data, school: TrainingOptions, out: Output, console: Console
 ) -> tuple[Model, bool]:
     """The model with networks, and whether their training came to its end; its state is kept beside."""
-    from clothfit.subspace.network.learn import identity, keep, pupils, teach
+    from clothfit.subspace.network.learn import identity, keep, part_trainings, train
 
-    own = pupils(model, data, school)
+    own = part_trainings(model, data, school)
     interrupts.hold()  # from now on there is a network to keep
     states = [each.training.state for each in own]
     if all(school.budget.done(len(own) * state.seconds, state.rounds) >= 1.0 for state in states):
@@ -392,7 +392,7 @@ def trained(
         looks = own[c].training.state.curve
         (console.say if len(looks) % LINES == 0 or progress.done >= 1.0 else console.detail)(text)
 
-    made, ended = teach(model, found, data, own, school, say)
+    made, ended = train(model, found, data, own, school, say)
     if not out.is_stream:
         keep(state_of(out), own, identity(model, data, school))
         if not ended:
@@ -400,10 +400,10 @@ def trained(
     return made, ended
 
 
-def show_worth(scene: Scene, c: int, found: Report, method: str, console: Console) -> None:
+def show_break_even(scene: Scene, c: int, found: Report, method: str, console: Console) -> None:
     """Say from how many vertices on such a model is faster than full steps."""
-    from clothfit.subspace.judge import whole
-    from clothfit.subspace.worth import pays_from
+    from clothfit.subspace.break_even import pays_from
+    from clothfit.subspace.validation import whole
 
     count = pays_from(scene, c, found.vectors, method, whole(found.us_per_frame), found.full_us_per_step)
     if found.pays:
@@ -415,7 +415,7 @@ def show_worth(scene: Scene, c: int, found: Report, method: str, console: Consol
 
 def show(name: str, found: Report, console: Console) -> None:
     """Say what a model of one object leaves out, evaluates and misses."""
-    from clothfit.subspace.judge import whole
+    from clothfit.subspace.validation import whole
 
     console.result(f"{name}: {found.vectors} vectors")
     console.table([("vectors", "leave out"), *((str(k), metres(v)) for k, v in found.left_out.items())])
@@ -433,6 +433,6 @@ def show(name: str, found: Report, console: Console) -> None:
         console.warn(f"{name}: the subspace does not follow that motion; try more vectors (--basis), more motions "
                      "(--episodes), or weaker inputs (--wind, --pace)")  # fmt: skip
     if found.floor:
-        from clothfit.subspace.judge import at_best
+        from clothfit.subspace.validation import at_best
 
         console.result(at_best(found.floor))

@@ -48,7 +48,7 @@ def command(
     scene = motions.under_forces(motions.read_scene(scene_path, console), forces_path)
     frames = motions.frames_of(steps, scene)
     out = output_for(path, scene_path, ".target.npz", (forces_path,))
-    motions.check(out, convention, (scene_path,), gaps=observed < 1)
+    motions.check_output(out, convention, (scene_path,), gaps=observed < 1)
     from clothfit.fit.estimate import record_target
     from clothfit.motion.degrade import degrade
 
@@ -58,7 +58,7 @@ def command(
     motions.warn_of_stretch(scene, recorded, console)
     motions.warn_of_energy(scene, recorded, console)
     motion = degrade(recorded, noise, observed, every, seed, fps)
-    motions.write(motion, out, scene, convention, console)
+    motions.write_motion(motion, out, scene, convention, console)
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
     spoiled = f"noise {metres(noise)}" if noise else "no noise"
     console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, {spoiled} → {out.name}")

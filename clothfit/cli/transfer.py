@@ -43,15 +43,15 @@ def command(fitted_path: str, scene_path: str, path: str | None, console: Consol
     from clothfit.scene.scene import load
 
     document = json.loads(scene.source.text)
-    told = []
+    records = []
     for index, (source, target) in enumerate(zip(sources, scene.cloths, strict=True)):
         found = transferred(source, target)
         document["objects"][index] |= found.fields
         if found.pushes:
             document["forwardSubSteps"] = max(2, scene.newton_iterations)
-        told.append({"pushes": found.pushes, "local": found.local})
+        records.append({"pushes": found.pushes, "local": found.local})
         where = "with its local differences" if found.local else "the same everywhere"
         console.say(f"{owned(index, 'fabric')}: of {fitted.name}, {where} → {out.name}")
     with uninterrupted():
         write_scene(replace(load(StringIO(text(document)), folder=scene.folder), name=scene.name), out)
-    print_json({"scene": scene.name, "fitted": fitted.name, "objects": told, "output": out.path})
+    print_json({"scene": scene.name, "fitted": fitted.name, "objects": records, "output": out.path})

@@ -40,7 +40,7 @@ def command(scene_paths: tuple[str, ...], tool: str | None, console: Console) ->
     The exit code is 0 if all scenes are valid, else 3.
     """
     one_stream(*scene_paths)
-    verdicts = [judge(path, tool) for path in scene_paths]
+    verdicts = [examine(path, tool) for path in scene_paths]
     for verdict in verdicts:
         show(verdict, len(verdicts) == 1, console)
     wrong = [verdict for verdict in verdicts if verdict.error is not None]
@@ -53,10 +53,10 @@ def command(scene_paths: tuple[str, ...], tool: str | None, console: Console) ->
         raise InvalidInput(f"{len(wrong)} of {len(verdicts)} scenes are not valid: {names}")
 
 
-def judge(path: str, tool: str | None = None) -> Verdict:
+def examine(path: str, tool: str | None = None) -> Verdict:
     """Look at a file, and at what a tool would play otherwise."""
     from clothfit.engine.starts import sentences
-    from clothfit.evaluation.forecast import check
+    from clothfit.evaluation.forecast import check_inputs
     from clothfit.evaluation.overview import beyond_editor, misspelt_fields
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.scene.scene import load
@@ -65,7 +65,7 @@ def judge(path: str, tool: str | None = None) -> Verdict:
         scene = load(sys.stdin.buffer if path == STREAM else path)
         numberings(scene)
         if scene.moves or any(each.body for each in scene.colliders):
-            check(scene)
+            check_inputs(scene)
         starts = sentences(scene)
     except InvalidScene as error:
         return Verdict(path, better(error, path), ())

@@ -33,7 +33,7 @@ STIFF, STIFF_HARD = 1e4, 1e6
 SLOW = 0.5
 """Largest rate of springs over explicit steps, relative to the inverse of a step, so that they are stable."""
 
-TOLERANCE, FINEST = 1e-6, 1e-11
+SOLVE_TOLERANCE, FINEST = 1e-6, 1e-11
 """Of the linear systems, relative: errors of effort and gradient below those that a descent sees, until it comes to its
 last digits.
 """
@@ -100,7 +100,7 @@ class ClosedLoop:
         self.unknown = np.tile(pushed, (self.steps, 1))  # (T, n): where springs hold a key, they alone act
         self.wishes = list(self.held(mass))
         self.system = self.built()
-        self.penalty, self.evaluations, self.tolerance = 0.0, 0, TOLERANCE
+        self.penalty, self.evaluations, self.tolerance = 0.0, 0, SOLVE_TOLERANCE
         self.x, self.u = path, np.zeros_like(self.places)
         self.steepest = 0.0  # `slope` where the search began; 0: not yet
 

@@ -87,7 +87,7 @@ def find_controls(
     finite.
     """
     scene.check_apart("a control")
-    check(scene, keys, controls)
+    check_keys(scene, keys, controls)
     state = checkpoint.begin(identity(scene, keys, controls, costs)) if checkpoint else {}
     began, steps, said = computing(), last_step(keys), report or (lambda *_: None)
     alone = moved(scene, steps)
@@ -137,7 +137,7 @@ def misses(keys: Sequence[Key], x: Array, scene: Scene) -> float:
     return sum(key.weight * miss(key, x, scene) ** 2 for key in keys)
 
 
-def check(scene: Scene, keys: Sequence[Key], controls: Controls) -> None:
+def check_keys(scene: Scene, keys: Sequence[Key], controls: Controls) -> None:
     """Raise InvalidInput where keys cannot be reached by any control."""
     if scene.frame:
         raise InvalidInput(f"{scene.name}: frame: controls need axes that do not move")
@@ -200,7 +200,7 @@ def identity(scene: Scene, keys: Sequence[Key], controls: Controls, costs: Costs
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class ControlledMotion:
     """A controlled motion beside its keys and beside the motion without controls."""
 
     scene: Scene  # with the controls
@@ -220,7 +220,7 @@ class Course:
         return min(int(np.searchsorted(self.due, frame)), len(self.due) - 1)
 
 
-def course(scene: Scene, controlled: Scene, keys: Sequence[Key], motion: Motion) -> Course:
+def controlled_motion(scene: Scene, controlled: Scene, keys: Sequence[Key], motion: Motion) -> ControlledMotion:
     """The course of the motion of a scene with controls; `scene` has none."""
     x, times = motion.positions, motion.times
     due = np.unique([key.step for key in keys]).astype(np.int32)
@@ -235,7 +235,7 @@ def course(scene: Scene, controlled: Scene, keys: Sequence[Key], motion: Motion)
     forces = np.zeros_like(x)
     if controlled.forces is not None:
         forces[:-1] = controlled.forces.at(times[:-1])[0]
-    return Course(
+    return ControlledMotion(
         controlled, times, x, moved(scene, len(x) - 1), keys, poses,
         tuple(np.array(each, float).reshape(-1, 3) for each in means), due,
         np.array([away(key, x[:, scene.vertices(key.cloth)]) for key in keys]),

@@ -25,7 +25,7 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.control.controls import modes_of
 from clothfit.control.keyframes import Key
-from clothfit.derivative.sensitivity import Carried, Columns, Point, Share
+from clothfit.derivative.sensitivity import Columns, Point, Share, TangentSweep
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build
 from clothfit.scene.forces import Forces, Regulator, state
@@ -47,7 +47,7 @@ Part: TypeAlias = tuple[Array, Array, Array, Rollout]
 """What `gains` finds of one cloth."""
 
 
-class Tangent(Carried):
+class Tangent(TangentSweep):
     """The tangent of single steps: columns for changes of position and velocity along modes, and for forces."""
 
     def __init__(self, system: System, modes: Array, push: Array) -> None:
@@ -89,15 +89,15 @@ def with_gains(scene: Scene, plan: Forces, keys: Sequence[Key], bound: float = n
                 parts[cloth] = gains(scene, cloth, plan, own, acting)
     if not parts:
         return plan
-    found = joined(scene, len(plan.times), parts, bound)
+    regulator = joined(scene, len(plan.times), parts, bound)
     if plan.gain is None:
-        return replace(plan, regulator=found)
+        return replace(plan, regulator=regulator)
     springs = plan.gain.copy()
     for cloth in parts:
         springs[:, scene.vertices(cloth)] = 0.0
     if not springs.any():
-        return replace(plan, gain=None, places=None, regulator=found)
-    return replace(plan, gain=springs, regulator=found)
+        return replace(plan, gain=None, places=None, regulator=regulator)
+    return replace(plan, gain=springs, regulator=regulator)
 
 
 def joined(scene: Scene, rows: int, parts: dict[int, Part], bound: float) -> Regulator:
@@ -130,8 +130,8 @@ def gains(scene: Scene, cloth: int, plan: Forces, keys: Sequence[Key], acting: F
     near = NEAR * float(np.linalg.norm(np.ptp(own.positions, axis=0))) or 1.0
     least = float((own.mass * near / (steps * h) ** 2) @ (own.mass * near / (steps * h) ** 2)) * steps
     price = np.eye(3 * push.shape[1]) / max(sum_of_squares, least)
-    tangent, worth = Tangent(system, shapes, push), worths(shapes, free, keys, steps)
-    found = riccati(tangent, motion, [each / near**2 for each in worth], price)
+    tangent, weight = Tangent(system, shapes, push), worths(shapes, free, keys, steps)
+    found = riccati(tangent, motion, [each / near**2 for each in weight], price)
     measure, out = np.zeros((len(own.mass), shapes.shape[1])), np.zeros((len(own.mass), push.shape[1]))
     measure[free], out[free] = weights, push
     return measure, out, found, motion
@@ -178,12 +178,12 @@ def spread(key: Key, free: Indices) -> Array:
     return np.asarray(whole[free])
 
 
-def riccati(tangent: Tangent, motion: Rollout, worth: Sequence[Array], price: Array) -> Array:
+def riccati(tangent: Tangent, motion: Rollout, weight: Sequence[Array], price: Array) -> Array:
     """The gains (T, 3 m, 6 k) for what deviations (k, k) cost after each step, and forces (3 m, 3 m) in each."""
     size, found = 2 * tangent.count, np.zeros((motion.steps, len(price), 2 * tangent.count))
     P = np.zeros((size, size))
     for t in range(motion.steps - 1, -1, -1):
-        P[: size // 2, : size // 2] += np.kron(worth[t], np.eye(3))
+        P[: size // 2, : size // 2] += np.kron(weight[t], np.eye(3))
         A, B = tangent.matrices(motion, t)
         found[t], P = backwards(A, B, P, price)
         interrupts.check()

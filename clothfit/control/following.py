@@ -22,7 +22,7 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.checkpoint import Checkpoint
 from clothfit.base.memory import free
-from clothfit.control.closed_loop import FINEST, HUGE, TOLERANCE, ClosedLoop, Costs, Task
+from clothfit.control.closed_loop import FINEST, HUGE, SOLVE_TOLERANCE, ClosedLoop, Costs, Task
 from clothfit.control.controls import Controls
 from clothfit.control.keyframes import Key, last_step, path, without_fixed
 from clothfit.engine import rollout
@@ -54,7 +54,7 @@ than the second.
 OPTIMAL = 1e-6
 """Slope, relative to that where the search began, at which a descent has converged."""
 
-NEAR, NEAR_HARD = 2e-4, 5e-7
+KEY_ERRORS, NEAR_HARD = 2e-4, 5e-7
 """m: what may be left of a key that is a penalty, an ordinary and a hard one."""
 
 
@@ -164,7 +164,7 @@ class Descent:
     def rounds(self) -> Status:
         """Descend with multipliers until the keys that are penalties are met, or come no nearer."""
         loop = self.loop
-        near = NEAR_HARD if any(wish.key.hard for wish in loop.wishes) else NEAR
+        near = NEAR_HARD if any(wish.key.hard for wish in loop.wishes) else KEY_ERRORS
         while True:
             status = self.round()
             loop.x, loop.u = self.best.x, self.best.u
@@ -291,7 +291,7 @@ class Search:
     multipliers: Array  # (M,), of the keys that are penalties, one after another
     penalty: float
     steepest: float  # slope where it began
-    tolerance: float = TOLERANCE
+    tolerance: float = SOLVE_TOLERANCE
     values: Sequence[float] = ()  # the best so far after each of the last evaluations
     before: float = np.inf
     idle: int = 0

@@ -21,7 +21,7 @@ from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Block, Controls, blocks, flagged
 from clothfit.control.keyframes import Key, left_of
 from clothfit.derivative import adjoint, sensitivity
-from clothfit.derivative.sensitivity import LEADING, Carried, Columns, Point
+from clothfit.derivative.sensitivity import LEADING, Columns, Point, TangentSweep
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build, mobile, with_elements, zeros
 from clothfit.motion.simulate import limited
@@ -272,13 +272,13 @@ def derivatives(
     and change.
     """
     width = 1 + max(column for _, column, _ in directions)
-    carried = Pushed(system, columns(system, directions, width), directions)
-    found = {0: carried.dx.copy()} if 0 in needed else {}
+    sweep = Pushed(system, columns(system, directions, width), directions)
+    found = {0: sweep.dx.copy()} if 0 in needed else {}
     for t in range(max(needed)):
-        carried.through(motion, t)
+        sweep.through(motion, t)
         interrupts.check()
         if t + 1 in needed:
-            found[t + 1] = carried.dx.copy()
+            found[t + 1] = sweep.dx.copy()
     return found
 
 
@@ -291,7 +291,7 @@ def columns(system: System, directions: Sequence[tuple[str, int, Array]], width:
     return Columns(width, *nothing, tuple(wind), tuple(led), tuple(start))
 
 
-class Pushed(Carried):
+class Pushed(TangentSweep):
     """A sensitivity of which some columns are forces."""
 
     def __init__(self, system: System, given: Columns, directions: Sequence[tuple[str, int, Array]]) -> None:

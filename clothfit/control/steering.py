@@ -20,7 +20,7 @@ from clothfit.base.checkpoint import Checkpoint
 from clothfit.base.errors import InvalidInput
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, steered
-from clothfit.control.following import NEAR, NEAR_HARD, Found, Report
+from clothfit.control.following import KEY_ERRORS, NEAR_HARD, Found, Report
 from clothfit.control.keyframes import Key, last_step, left_of, path, without_fixed
 from clothfit.control.shooting import Shooting, Shot
 from clothfit.motion.divergence import Diverged
@@ -167,7 +167,7 @@ class Steering:
             self.again(candidates)
             self.search(self.found.z, FINE, SLOW)
             before, missed = missed, self.misses(self.found)
-            if (problem.missed(self.found) <= NEAR).all() or missed > GAIN * before:
+            if (problem.missed(self.found) <= KEY_ERRORS).all() or missed > GAIN * before:
                 break
             candidates = [self.found.z]
         return self.insisted(self.ended())

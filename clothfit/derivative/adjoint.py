@@ -68,7 +68,7 @@ def gradient(
         for chunk in reversed(segment.parts()):
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
             at_start = by_position[0]
-            if chunk.touches is not None:
+            if chunk.active_pairs is not None:
                 from clothfit.derivative import contact  # which few scenes need
 
                 contact.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
@@ -139,7 +139,7 @@ class Sweep:
         skipped = self.begins - chunk.first
         if skipped >= chunk.steps:
             return change
-        if chunk.touches is not None:
+        if chunk.active_pairs is not None:
             from clothfit.derivative import contact  # which few scenes need
 
             given = self.direction, self.tolerance, self.work
@@ -167,7 +167,7 @@ def first_step(system: System, direction: Elements) -> int:
 
 def alike(chunk: Rollout) -> list[tuple[int, int]]:
     """Split the steps of a chunk, from first to below last, where the system that they were taken with changes."""
-    changes = (np.flatnonzero(np.diff(chunk.clamped) | np.diff(chunk.early)) + 1).tolist()
+    changes = (np.flatnonzero(np.diff(chunk.clamped) | np.diff(chunk.predicted)) + 1).tolist()
     return list(zip([0, *changes], [*changes, chunk.steps], strict=True)) if chunk.steps else []
 
 
@@ -180,9 +180,9 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
     for t in range(end - 1, begin - 1, -1):
         add(1.0, by_position[t + 1], x_bar)
         v, w = velocity(chunk, t), velocities(chunk, t)
-        guess.advance(work.past, before + end - 1 - t, work.solution)
+        guess.next_guess(work.past, before + end - 1 - t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.recall(system.colliders, chunk.met, t)
+        contact.load_active(system.colliders, chunk.active, t)
         implicit.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
         share_gradient(system.inputs, system, t + chunk.first, grad)
 
@@ -195,9 +195,9 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
     x, used, theta = chunk.x, chunk.used, chunk.theta
     for t in range(begin, end):
         v, w = velocity(chunk, t), velocities(chunk, t)
-        guess.advance(work.past, chunk.first + t, work.solution)
+        guess.next_guess(work.past, chunk.first + t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.recall(system.colliders, chunk.met, t)
+        contact.load_active(system.colliders, chunk.active, t)
         set_direction(system.inputs, system, chunk.first + t, direction)
         implicit.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])
@@ -209,7 +209,7 @@ def sweep_explicit_back(system, chunk, by_position, begin, end, tolerance, work,
     for t in range(end - 1, begin - 1, -1):
         add(1.0, by_position[t + 1], x_bar)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.recall(system.colliders, chunk.met, t)
+        contact.load_active(system.colliders, chunk.active, t)
         explicit.pullback(system, chunk.x[t], velocity(chunk, t), chunk.w[t, 0], work, x_bar, v_bar, grad)
         share_gradient(system.inputs, system, t + chunk.first, grad)
 
@@ -219,7 +219,7 @@ def sweep_explicit_forward(system, chunk, begin, end, direction, tolerance, work
     """What `sweep_forward` does, for the explicit methods."""
     for t in range(begin, end):
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.recall(system.colliders, chunk.met, t)
+        contact.load_active(system.colliders, chunk.active, t)
         set_direction(system.inputs, system, chunk.first + t, direction)
         explicit.pushforward(system, chunk.x[t], velocity(chunk, t), chunk.w[t, 0], work, dx, dv, direction)
         copy(dx, change[t])
@@ -236,9 +236,9 @@ def sweep_bdf2_back(
     for t in range(end - 1, begin - 1, -1):
         add(1.0, by_position[t + 1], x_bar)
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
-        guess.advance(work.past, before + end - 1 - t, work.solution)
+        guess.next_guess(work.past, before + end - 1 - t, work.solution)
         set_inputs(euler.inputs, euler, chunk.first + t)
-        contact.recall(euler.colliders, chunk.met, t)
+        contact.load_active(euler.colliders, chunk.active, t)
         if chunk.euler[t]:
             implicit.pullback(euler, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
             for bar, rest in ((x_bar, x_rest), (v_bar, v_rest)):
@@ -258,9 +258,9 @@ def sweep_bdf2_forward(
     x, used, theta = chunk.x, chunk.used, chunk.theta
     for t in range(begin, end):
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
-        guess.advance(work.past, chunk.first + t, work.solution)
+        guess.next_guess(work.past, chunk.first + t, work.solution)
         set_inputs(euler.inputs, euler, chunk.first + t)
-        contact.recall(euler.colliders, chunk.met, t)
+        contact.load_active(euler.colliders, chunk.active, t)
         set_direction(euler.inputs, euler, chunk.first + t, direction)
         if chunk.euler[t]:
             copy(dx, dx_before)

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Indices
-from clothfit.engine import touching
+from clothfit.engine import contact_steps
 from clothfit.engine.forces import contact as contacts
 from clothfit.engine.forces.selfcontact import pairs, zones
 from clothfit.engine.forces.selfcontact.zones import add_row
@@ -30,7 +30,7 @@ class Columns:
     def __init__(self, system: System, place: Indices, row: Elements) -> None:
         """`place` (n,) of each vertex among the free ones, −1 of a fixed one; `row` is scratch."""
         self.place, self.row, self.scratch = place, row, np.zeros((3, len(place), 3))
-        self.without = pairs.none(touching.surface_of(system))
+        self.without = pairs.none(contact_steps.surface_of(system))
 
     def bare(self, system: System) -> System:
         """A system without its pairs."""
@@ -106,7 +106,7 @@ def back(
     """
     nothing = np.zeros((2, *state[0].shape))
     for t in reversed(range(chunk.steps)):
-        own = touching.taken(taken.at(chunk, t), work, chunk, t)
+        own = contact_steps.taken(taken.at(chunk, t), work, chunk, t)
         add(1.0, by_position[t + 1], state[0])
         if own.zones is not None:
             zones.pull(own.zones, own.system.vertex, own.system.h, state[0], state[1], grad)
@@ -119,7 +119,7 @@ def forward(
 ) -> None:  # fmt: skip
     """Carry the change of a state from before a chunk to after it, all dx to `change`; see `adjoint.sweep_forward`."""
     for t in range(chunk.steps):
-        own = touching.taken(taken.at(chunk, t), work, chunk, t)
+        own = contact_steps.taken(taken.at(chunk, t), work, chunk, t)
         sweep(*forms(own.system), own.part, 0, 1, direction, tolerance, own.work, *state, change[t : t + 1])
         if own.zones is not None:
             zones.push(own.zones, own.system.vertex, own.system.h, direction, state[0], state[1])

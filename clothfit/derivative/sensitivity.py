@@ -29,7 +29,7 @@ from clothfit.engine.forces import springs
 from clothfit.engine.inputs.tables import led, moves_of, set_direction, set_inputs, with_constant
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
-from clothfit.engine.solve.joined import is_there
+from clothfit.engine.solve.contact_blocks import is_there
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.step.states import state_before, velocities, velocity
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile, zeros
@@ -165,14 +165,14 @@ def sweep(
 
     `observe` gets each chunk of the motion before dX after its steps is yielded.
     """
-    carried = Carried(system, columns)
+    state = TangentSweep(system, columns)
     for chunk in (chunk for segment in memory.forward() for chunk in segment.parts()):
         if observe:
             observe(chunk)
         for t in range(chunk.steps):
-            carried.through(chunk, t)
+            state.through(chunk, t)
             interrupts.check()
-            yield carried.dx
+            yield state.dx
 
 
 class Point(NamedTuple):
@@ -248,7 +248,7 @@ class Pins:
         add_coupling(system.springs, system.inputs.coupled, system.vertex.free, self.place, system.h, y, dw, right)
 
 
-class Carried:
+class TangentSweep:
     """The change of a state along all columns, (3 f, Q), and what the steps make of it."""
 
     def __init__(self, system: System, columns: Columns) -> None:
@@ -268,29 +268,29 @@ class Carried:
         for column, start in columns.velocity:
             self.dv[:, column] = np.where(system.vertex.free[:, None], start, 0.0)[free].reshape(-1)
         self.pins.start(self.dx, self.dv)
-        self.touching: contact.Columns | None = None
+        self.contact_columns: contact.Columns | None = None
         if meets_itself(system):
             from clothfit.derivative import contact  # which few scenes need
 
-            self.touching = contact.Columns(system, self.place, self.by.row)
+            self.contact_columns = contact.Columns(system, self.place, self.by.row)
 
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
         set_inputs(self.system.inputs, self.system, chunk.first + t)
-        contacts.recall(self.system.colliders, chunk.met, t)
+        contacts.load_active(self.system.colliders, chunk.active, t)
         for _, direction in self.everywhere:
             set_direction(self.system.inputs, self.system, chunk.first + t, direction)
-        if self.touching is not None:
-            self.touched(chunk, t)
+        if self.contact_columns is not None:
+            self.contact_step(chunk, t)
             return
         self.advance(point(self.taken.at(chunk, t), chunk, t, self.work), chunk, t)
 
-    def touched(self, chunk: Rollout, t: int) -> None:
+    def contact_step(self, chunk: Rollout, t: int) -> None:
         """Step t of a cloth that touches itself."""
-        from clothfit.engine import touching
+        from clothfit.engine import contact_steps
         from clothfit.engine.forces.selfcontact import zones
 
-        own = touching.taken(self.taken.at(chunk, t), self.work, chunk, t)
+        own = contact_steps.taken(self.taken.at(chunk, t), self.work, chunk, t)
         self.advance(point(own.system, chunk.bare(), t, own.work), own.part, 0)
         if own.zones is not None:
             vertex, h = own.system.vertex, own.system.h
@@ -337,16 +337,16 @@ class Carried:
     def right(self, at: Point, w: Array, du: Array) -> Array:
         """The right-hand side of an iteration to w, in a later one for dw − du; its matrix is left in the workspace."""
         system, near, place, by = at.system, self.near, self.place, self.by
-        bare = self.touching.bare(system) if self.touching else system
+        bare = self.contact_columns.bare(system) if self.contact_columns else system
         differentiate(bare, at.x, at.v, w, at.u, at.later, self.work, by)
         dy = np.add(self.dx, system.h * du, out=self.dy) if at.later else self.dx
         right = self.mass * (self.dv - du if at.later else self.dv)
         add_product(near, place, by.by_y, dy, right)
         if np.any(by.by_u):
             add_product(near, place, by.by_u, du, right)
-        if self.touching:
+        if self.contact_columns:
             to = w if system.method == IMPLICIT else at.v
-            self.touching.add(system, at.work, (at.u, to, at.later), dy, du, right)
+            self.contact_columns.add(system, at.work, (at.u, to, at.later), dy, du, right)
         add_columns(place, self.vertices, by.by_mass[:, None], self.columns.mass, right)
         add_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
         add_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
@@ -386,7 +386,7 @@ def tangents(
             yield np.stack(each, axis=1) if each else np.zeros((3 * int(free.sum()), 0))
 
 
-def carried(
+def sensitivities(
     system: System, memory: TrajectoryMemory, columns: Columns, tolerance: float, observe: Observer | None = None
 ) -> Iterator[Array]:
     """The same by the faster one of both, or the only way."""
@@ -418,7 +418,7 @@ class Solver:
         """dW for B = `right` (3 f, Q), which stays as it is."""
         if not len(right):  # nothing is free
             return right.copy()
-        if is_there(A.joined):  # whose pattern is another one at each step
+        if is_there(A.contacts):  # whose pattern is another one at each step
             matrix = sparse.to_scipy(*A)
             self.envelope, numbers = envelope(matrix), matrix.data
         else:

@@ -5,7 +5,7 @@ For a cost G(p) with gradient g and a direction d, the remainder of the first-or
     R(t) = max over ± of |G(p ± t d) − G(p) ∓ t g·d| = O(t²),
 
 falls a hundredfold when t falls tenfold, until rounding takes over. With a wrong g, however small the fault, it falls
-only tenfold once t is small enough. The lowest order on a long ladder of t is therefore a sharp test; the mean over a
+only tenfold once t is small enough. The lowest order on a long range of t is therefore a sharp test; the mean over a
 few halvings is not. (Both signs are taken because along one the second and the third order can cancel at a large t,
 which would look like a fault.) For a linear map J and its transpose, w·(J d) = (Jᵀ w)·d to rounding.
 
@@ -26,15 +26,15 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 
-LADDER = tuple(10.0**-k for k in range(1, 8))
+TAYLOR_STEPS = tuple(10.0**-k for k in range(1, 8))
 """Steps of the Taylor test, relative to p."""
 
-FEWEST_RUNGS = 3
+FEWEST_STEPS = 3
 """With fewer steps above the rounding floor an order means nothing."""
 
 NOISE_STEPS = (1e-9, 2e-9, 3e-9)
 """Steps so small that the remainder is the rounding of the cost: a right gradient leaves nothing else, and a wrong one
-too little to lift the floor above the ladder."""
+too little to lift the floor above the steps."""
 
 ABOVE_NOISE = 20.0
 """A remainder this many times above the rounding is known to a few percent, its order to 0.03."""
@@ -76,7 +76,7 @@ class Report(NamedTuple):
 
 
 def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> float:
-    """The lowest order at which the Taylor remainder falls along the ladder; above 1.9 the gradient is right.
+    """The lowest order at which the Taylor remainder falls along the steps; above 1.9 the gradient is right.
 
     `gradient` (P,) is that of `cost` at p (P,), `direction` (P,) of any length. Raises InvalidInput when fewer than 3
     steps stand above the rounding of the cost, or when a cost is not finite; errors of the cost pass through.
@@ -88,13 +88,13 @@ def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> flo
         return max(abs(_finite(cost(p + s * d)) - start - s * rate) for s in (t, -t))
 
     noise = max(np.finfo(float).eps * abs(start), *(remainder(t) for t in NOISE_STEPS))
-    rungs = [(t, r) for t, r in ((t, remainder(t)) for t in LADDER) if r > ABOVE_NOISE * noise]
-    if len(rungs) < FEWEST_RUNGS:
+    steps = [(t, r) for t, r in ((t, remainder(t)) for t in TAYLOR_STEPS) if r > ABOVE_NOISE * noise]
+    if len(steps) < FEWEST_STEPS:
         raise InvalidInput(
-            f"derivative check: only {len(rungs)} of {len(LADDER)} steps stand above rounding, "
-            f"{FEWEST_RUNGS} are needed; try another direction, or a point where the cost curves more"
+            f"derivative check: only {len(steps)} of {len(TAYLOR_STEPS)} steps stand above rounding, "
+            f"{FEWEST_STEPS} are needed; try another direction, or a point where the cost curves more"
         )
-    return min(float(np.log(r / s) / np.log(t / u)) for (t, r), (u, s) in pairwise(rungs))
+    return min(float(np.log(r / s) / np.log(t / u)) for (t, r), (u, s) in pairwise(steps))
 
 
 def central_difference_error(cost: Cost, gradient: Array, p: Array, direction: Array, step: float = 1e-6) -> float:

@@ -47,7 +47,7 @@ UNLOADED = 1e-3
 GROW, SHRINK = 1.4, 0.3
 """Factors of the step after one that lowers the energy, and after one that does not."""
 
-MOST = 2000
+MOST_STEPS = 2000
 """Steps before a search is given up."""
 
 DONE, NEAR = 1e-12, 1e-6
@@ -58,7 +58,7 @@ where Newton's step is so short, in lengths of springs: that of stiff ones leave
 ENOUGH, GOOD = 0.05, 0.8
 """Share of the energy that Newton's model promises which a step needs, and above which the next one is longer."""
 
-KICK, LOOKS = 0.02, 5
+KICK, MODE_SEARCHES = 0.02, 5
 """How far a shape that is no minimum is moved along its lowest mode, in lengths of springs; and how often, at most."""
 
 
@@ -69,14 +69,14 @@ def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:
         search.bear(share)
         search.descend(BORNE)
     search.bear(1.0)
-    for look in range(LOOKS):
+    for attempt in range(MODE_SEARCHES):
         if not search.descend():
             return search.x, False, search.solves
         mode = search.lowest()
         if mode is None:
             return search.x, True, search.solves
         reach = KICK * search.edge / np.abs(mode).max()
-        search.x = search.x + (-1) ** look * reach * mode
+        search.x = search.x + (-1) ** attempt * reach * mode
     return search.x, False, search.solves
 
 
@@ -128,7 +128,7 @@ class _Search:
         """Go to where the forces are 0, but for a part of the weights; whether they are."""
         energy, f = self.energy(self.x), self.force(self.x)
         h, tried = ENDLESS if np.linalg.norm(f) < CLOSE * self.scale else FIRST, False
-        for _ in range(MOST):
+        for _ in range(MOST_STEPS):
             size = float(np.linalg.norm(f))
             if not np.isfinite(size):
                 return False

@@ -24,7 +24,7 @@ class Fallbacks(NamedTuple):
             self.direct_solves + int(part.solves[:, 1].sum()),
             self.clamped_steps + int(part.clamped.sum()),
             self.shortened_steps + int((part.theta < 1.0).sum()),
-            self.early_contacts + int(part.early.sum()),
+            self.early_contacts + int(part.predicted.sum()),
             self.hits + int(part.hit.sum()),
         )
 

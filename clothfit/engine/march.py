@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit.base.limits import FARTHEST
-from clothfit.engine.forces import contact, touch
+from clothfit.engine.forces import collider_rows, contact
 from clothfit.engine.inputs.tables import place_pins, power, set_frame, set_inputs
 from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
@@ -26,7 +26,7 @@ HIT = 0.1
 DONE, REFUSED, FAILED, CONTACTS, GAINS = 0, 1, 2, 3, 4
 """How a run of steps ends: all are good; the next one is to be taken with the clamped system, its first guess is ready;
 it diverged; it is there, but its contacts added energy, and it is to be taken anew (`retake`); the last one has gained
-energy beyond the work of what moves, and is to be mended (`touching.mend`).
+energy beyond the work of what moves, and is to be mended (`contact_steps.mend`).
 """
 
 
@@ -60,16 +60,16 @@ def run(system, tolerance, work, part, start, stop):
         if t > start:
             grant(part, t - 1, system.h * given)
         elif part.first + t == 0:
-            part.carried[0, guard.BUDGET] = now
+            part.guard_state[0, guard.BOUND] = now
         energy = now
         if not safe:
             copy(v, first)
-            guess.advance(work.past, before + t, first)
+            guess.next_guess(work.past, before + t, first)
             solves[t] = 0
         taken, iterations, direct = implicit.step(system, x[t], v, first, tolerance, work, w[t])
         count(part, t, taken, iterations, direct)
-        contact.note(system.colliders, part.met, t)
-        theta[t], capped[t], part.early[t] = 1.0, safe, False
+        contact.save_active(system.colliders, part.active, t)
+        theta[t], capped[t], part.predicted[t] = 1.0, safe, False
         if used[t] == 0:
             return t, REFUSED
         combine(1.0, x[t], system.h, w[t, used[t] - 1], x[t + 1])
@@ -98,8 +98,8 @@ def run_explicit(system, part, start, stop):
         set_inputs(system.inputs, system, part.first + t)
         contact.clear(system.colliders)
         explicit.step(system, part.x[t], velocity(part, t), part.w[t, 0], part.x[t + 1])
-        contact.note(system.colliders, part.met, t)
-        part.used[t], part.theta[t], part.early[t] = 1, 1.0, False
+        contact.save_active(system.colliders, part.active, t)
+        part.used[t], part.theta[t], part.predicted[t] = 1, 1.0, False
         place_pins(system.inputs, system, part.x[t + 1])
         if not finite(part.x[t + 1]):
             return t, FAILED
@@ -114,17 +114,17 @@ def given_in(system, t, v):
 
 @kernel
 def grant(part, t, weight):
-    """Carry the budget over step t, in which the weight did this work, J."""
-    part.carried[t + 1, guard.BUDGET] = part.carried[t, guard.BUDGET] + weight
+    """Carry the bound over step t, in which the weight did this work, J."""
+    part.guard_state[t + 1, guard.BOUND] = part.guard_state[t, guard.BOUND] + weight
 
 
 @kernel(apart=0)
 def shortened(system, part, t, energy):
     """Shorten step t, which began with this energy, J, if springs added energy; returns what did (`guard.fault`)."""
-    x, v, budget = part.x, velocity(part, t + 1), part.carried[t, guard.BUDGET]
-    fault = guard.fault(system, part.first + t, energy, budget, x[t], v, x[t + 1])
+    x, v, bound = part.x, velocity(part, t + 1), part.guard_state[t, guard.BOUND]
+    fault = guard.fault(system, part.first + t, energy, bound, x[t], v, x[t + 1])
     if fault == guard.SPRINGS:
-        part.theta[t] = guard.shorten(system, part.first + t, energy, budget, x[t], v, x[t + 1])
+        part.theta[t] = guard.shorten(system, part.first + t, energy, bound, x[t], v, x[t + 1])
     return fault
 
 
@@ -139,28 +139,28 @@ def finite(x):
 
 
 @kernel(nogil=True)
-def retake(early, tolerance, work, part, t):
+def retake(predictive, tolerance, work, part, t):
     """Take step t anew with a system that knows contacts early, and shorten it if it still adds energy. Returns
     DONE, FAILED or REFUSED, where the clamped system is to be tried.
     """
-    x, v, budget = part.x, velocity(part, t), part.carried[t, guard.BUDGET]
-    energy = guard.energy(early, x[t], v)
-    part.early[t], part.clamped[t] = True, early.springs.cap <= 1.0
-    contact.clear(early.colliders)
-    implicit.prepare(early, x[t], v, work)
-    used, iterations, direct = implicit.step(early, x[t], v, v, tolerance, work, part.w[t, :1])
-    contact.note(early.colliders, part.met, t)
+    x, v, bound = part.x, velocity(part, t), part.guard_state[t, guard.BOUND]
+    energy = guard.energy(predictive, x[t], v)
+    part.predicted[t], part.clamped[t] = True, predictive.springs.cap <= 1.0
+    contact.clear(predictive.colliders)
+    implicit.prepare(predictive, x[t], v, work)
+    used, iterations, direct = implicit.step(predictive, x[t], v, v, tolerance, work, part.w[t, :1])
+    contact.save_active(predictive.colliders, part.active, t)
     count(part, t, used, iterations, direct)
     if used == 0:
         return REFUSED
     w = part.w[t, 0]
-    combine(1.0, x[t], early.h, w, x[t + 1])
+    combine(1.0, x[t], predictive.h, w, x[t + 1])
     if not finite(x[t + 1]):
         return FAILED
-    if guard.fault(early, part.first + t, energy, budget, x[t], w, x[t + 1]) != guard.NONE:
-        part.theta[t] = guard.shorten(early, part.first + t, energy, budget, x[t], w, x[t + 1])
-    weight = early.h * given_in(early, part.first + t, w)
-    part.carried[t + 1, guard.BUDGET] = min(budget + weight, guard.energy(early, x[t + 1], w))
+    if guard.fault(predictive, part.first + t, energy, bound, x[t], w, x[t + 1]) != guard.NONE:
+        part.theta[t] = guard.shorten(predictive, part.first + t, energy, bound, x[t], w, x[t + 1])
+    weight = predictive.h * given_in(predictive, part.first + t, w)
+    part.guard_state[t + 1, guard.BOUND] = min(bound + weight, guard.energy(predictive, x[t + 1], w))
     return DONE
 
 
@@ -172,21 +172,21 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
     set_frame(euler.inputs, euler, part.first + start)
     energy = guard.energy(euler, x[start], velocity(part, start)) if guarded or watched else 0.0
     if part.first + start == 0:
-        part.carried[0, guard.BUDGET] = energy
+        part.guard_state[0, guard.BOUND] = energy
     for t in range(start, stop):
         v = velocity(part, t)
         set_inputs(euler.inputs, euler, part.first + t)
         contact.clear(euler.colliders)
         if not safe:
             copy(v, first)
-            guess.advance(work.past, part.first + t, first)
+            guess.next_guess(work.past, part.first + t, first)
             part.solves[t] = 0
-        part.theta[t], part.clamped[t], part.early[t], part.hit[t] = 1.0, safe, False, False
-        part.carried[t + 1, guard.POWER] = 0.0
-        part.euler[t] = part.theta[t - 1] < 1.0 or part.early[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
+        part.theta[t], part.clamped[t], part.predicted[t], part.hit[t] = 1.0, safe, False, False
+        part.guard_state[t + 1, guard.POWER] = 0.0
+        part.euler[t] = part.theta[t - 1] < 1.0 or part.predicted[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
         if not part.euler[t]:
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded, watched)
-            contact.note(euler.colliders, part.met, t)
+            contact.save_active(euler.colliders, part.active, t)
             if part.used[t] == 0:
                 return t, REFUSED
             if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
@@ -195,7 +195,7 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         contact.clear(euler.colliders)
         implicit.prepare(euler, x[t], v, work)
         used, iterations, direct = implicit.step(euler, x[t], v, first, tolerance, work, part.w[t])
-        contact.note(euler.colliders, part.met, t)
+        contact.save_active(euler.colliders, part.active, t)
         count(part, t, used, iterations, direct)
         if used == 0:
             return t, REFUSED
@@ -223,7 +223,7 @@ def gain(inputs, system, part, t, work):
     where colliders grow, whose work is not known.
     """
     more, before = rise(system, system, part, t, False, velocity(part, t + 1), work)
-    return more if guard.rises(before, before + more, 0.0) and not touch.grows(system.colliders) else 0.0
+    return more if guard.rises(before, before + more, 0.0) and not collider_rows.grows(system.colliders) else 0.0
 
 
 @kernel(empty=False, apart=False)
@@ -236,11 +236,12 @@ def hits(colliders, vertex, x, v, x_new):
         whole += vertex.mass[i] * dot(load3(v, i), load3(v, i))
     for c in range(len(colliders.rows)):
         for i in range(len(vertex.mass)):
-            if touch.most(colliders, x_new, c * len(x_new) + i) < 0.0:
+            if collider_rows.most(colliders, x_new, c * len(x_new) + i) < 0.0:
                 continue
-            depth, _, _, n, _, spot = touch.contact(colliders, x_new, i, c)
-            if vertex.free[i] and depth > 0.0 and touch.contact(colliders, x, i, c)[0] <= 0.0:
-                towards = min(dot(n, sub(load3(v, i), touch.surface_velocity(colliders, x_new, i, c, spot))), 0.0)
+            depth, _, _, n, _, point = collider_rows.contact(colliders, x_new, i, c)
+            if vertex.free[i] and depth > 0.0 and collider_rows.contact(colliders, x, i, c)[0] <= 0.0:
+                V = collider_rows.surface_velocity(colliders, x_new, i, c, point)
+                towards = min(dot(n, sub(load3(v, i), V)), 0.0)
                 stopped += vertex.mass[i] * towards * towards
     return stopped > HIT * whole
 
@@ -249,7 +250,7 @@ def hits(colliders, vertex, x, v, x_new):
 def second_order(euler, inner, tolerance, work, part, t, energy, guarded, watched):
     """Take step t by BDF2; returns the energy after it, if it is taken, else that before, J, and whether it is. Where
     it is to be taken with the clamped systems, 0 iterations are used. As colliders may move what begins in a sphere, no
-    budget is asked where something does.
+    bound is asked where something does.
     """
     x, v, (x_before, v_before) = part.x, velocity(part, t), state_before(part, t)
     used, iterations, direct, kinetic, weight, size = bdf2.step(
@@ -265,9 +266,9 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded, watche
         return energy, True
     if watched:
         weight += moved(euler.inputs, euler, inner, part, t, True, part.w[t, used - 1], work)
-    budget = np.inf if watched else part.carried[t, guard.BUDGET]
-    after, fault = guard.judged(euler, energy, budget, x[t], x[t + 1], kinetic, weight)
-    if fault != guard.NONE and not touch.grows(euler.colliders):
+    bound = np.inf if watched else part.guard_state[t, guard.BOUND]
+    after, fault = guard.judged(euler, energy, bound, x[t], x[t + 1], kinetic, weight)
+    if fault != guard.NONE and not collider_rows.grows(euler.colliders):
         return energy, False
     grant(part, t, weight)
     return after, True

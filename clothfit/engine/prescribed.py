@@ -16,7 +16,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.engine import march, rollout
-from clothfit.engine.rollout import Rollout, Taken, advance, stretches
+from clothfit.engine.rollout import Rollout, Taken, run_steps, stretches
 from clothfit.engine.solve import guess, linear
 from clothfit.engine.step import implicit
 from clothfit.engine.system import BDF2, IMPLICIT, System
@@ -27,18 +27,18 @@ class Forms(NamedTuple):
 
     clamped: Flags  # (T,)
     euler: Flags  # (T,)
-    early: Flags  # (T,)
+    predicted: Flags  # (T,)
     theta: Array  # (T,)
 
     @property
     def plain(self) -> Flags:
         """Which steps (T,) are whole and those of their method, but for the first one."""
-        return np.asarray(~(self.clamped | self.early | self.euler) & (self.theta == 1.0))
+        return np.asarray(~(self.clamped | self.predicted | self.euler) & (self.theta == 1.0))
 
     def part(self, begin: int, end: int) -> Forms:
         """Those of the steps from `begin` to below `end`."""
         at = slice(begin, end)
-        return Forms(self.clamped[at], self.euler[at], self.early[at], self.theta[at])
+        return Forms(self.clamped[at], self.euler[at], self.predicted[at], self.theta[at])
 
     def equals(self, other: Forms) -> bool:
         """Whether all steps have the same forms."""
@@ -47,7 +47,7 @@ class Forms(NamedTuple):
 
 def forms_of(parts: Iterable[Rollout]) -> Forms:
     """The forms of the steps of a motion, in order."""
-    own = [(part.clamped.copy(), part.euler.copy(), part.early.copy(), part.theta.copy()) for part in parts]
+    own = [(part.clamped.copy(), part.euler.copy(), part.predicted.copy(), part.theta.copy()) for part in parts]
     return Forms(*(np.concatenate(each) for each in zip(*own, strict=True)))
 
 
@@ -97,7 +97,7 @@ def single_steps(system: System, x: Array, seen: Flags, tolerance: float) -> Sin
 
 def fill(
     system: System, forms: Forms, tolerance: float, work: implicit.Workspace, part: Rollout,
-    look: Callable[[], None] = interrupts.check,
+    check: Callable[[], None] = interrupts.check,
 ) -> int:  # fmt: skip
     """What `rollout.fill` does, each step in the form that is given for it; of a cloth that does not touch itself."""
     taken = Taken(system._replace(guarded=False))
@@ -109,10 +109,10 @@ def fill(
             while t < end:
                 stop = next((step for step in range(t, end) if not plain[step]), end)
                 if stop > t:
-                    t, ended = advance(taken.own, tolerance, work, part, t, stop)
+                    t, ended = run_steps(taken.own, tolerance, work, part, t, stop)
                 else:
                     t, ended = one(taken, given, tolerance, work, part, t)
-                look()
+                check()
                 if ended != march.DONE:
                     return int(t)
     return part.steps
@@ -122,18 +122,18 @@ def one(
     taken: Taken, given: Forms, tolerance: float, work: implicit.Workspace, part: Rollout, t: int
 ) -> tuple[int, int]:
     """Take step t of a part in its form; returns what `march.run` does."""
-    early, safe = bool(given.early[t]), bool(given.clamped[t])
-    form = taken.form(early, safe)
+    predicted, safe = bool(given.predicted[t]), bool(given.clamped[t])
+    form = taken.form(predicted, safe)
     if safe:  # as for a step that was refused
         work.solution[:] = part.velocity(t)
-        guess.advance(work.past, part.first + t, work.solution)
+        guess.next_guess(work.past, part.first + t, work.solution)
         part.solves[t] = 0
     if form.method == BDF2 and given.euler[t]:
         done, ended = march.run(form._replace(method=IMPLICIT), tolerance, work, part, t, t + 1)
         part.euler[t] = True
     else:
-        done, ended = advance(form, tolerance, work, part, t, t + 1)
-    part.early[t] = early
+        done, ended = run_steps(form, tolerance, work, part, t, t + 1)
+    part.predicted[t] = predicted
     if ended == march.DONE and given.theta[t] < 1.0:
         part.theta[t] = given.theta[t]
         part.w[t, part.used[t] - 1] *= given.theta[t]

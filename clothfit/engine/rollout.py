@@ -19,7 +19,7 @@ from clothfit.engine import equilibrium, march
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.solve import linear
 from clothfit.engine.step import bdf2, guard, implicit
-from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, early, meets_itself, rests
+from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, meets_itself, predictive, rests
 from clothfit.kernels.kernel import record
 
 STRETCH = 20_000
@@ -30,7 +30,7 @@ STEP_WORK, DIRECT_WORK = 7, 500
 """Work of a step beside its solves, and of a direct solve, in iterations of conjugate gradients."""
 
 
-OF_STEPS = ("w", "used", "solves", "clamped", "theta", "euler", "early", "hit", "met", "touches")
+OF_STEPS = ("w", "used", "solves", "clamped", "theta", "euler", "predicted", "hit", "active", "active_pairs")
 """Fields of a `Rollout` with an item for each step, or None."""
 
 
@@ -45,16 +45,16 @@ class Rollout(NamedTuple):
     clamped: Flags  # (T,), steps taken with the clamped system, as their matrix was not positive definite
     theta: Array  # (T,), part of each step that was taken, 1 unless it was shortened (`step.guard`)
     euler: Flags  # (T,), steps of a BDF2 motion that are implicit Euler steps (`step.bdf2`)
-    early: Flags  # (T,), steps that knew the contacts they begin, as they would have added energy (`step.guard`)
+    predicted: Flags  # (T,), steps that knew the contacts they begin, as they would have added energy (`step.guard`)
     hit: Flags  # (T,), implicit Euler steps of a BDF2 motion in which the cloth hits something (`march.hits`)
-    carried: Array  # (T + 1, 2), of each state: the BUDGET and the mean POWER that led to it (`step.guard`)
+    guard_state: Array  # (T + 1, 2), of each state: the BOUND and the mean POWER that led to it (`step.guard`)
     v: Array  # (n, 3), velocity before the first of the steps, m/s
     x_before: Array  # (n, 3), position one step before that, m; any, where nothing was before
     v_before: Array  # (n, 3), the velocity there, m/s
     ready: bool = False  # whether the first of the steps can be a BDF2 step
     first: int = 0  # steps of the motion before it
-    met: Flags | None = None  # (T, N, C n), contacts that the steps only ended in (`forces.contact`); None without any
-    touches: Any = None  # (T,) of `touching.Touch`, of a cloth that touches itself; kernels get a `bare` part
+    active: Flags | None = None  # (T, N, C n), contacts that steps only ended in (`forces.contact`); None without any
+    active_pairs: Any = None  # (T,) of `contact_steps.ActivePairs`, with self-contact; kernels get a `bare` part
 
     @property
     def steps(self) -> int:
@@ -64,7 +64,7 @@ class Rollout(NamedTuple):
     def part(self, begin: int, end: int) -> Rollout:
         """The steps from `begin` to below `end`, counted here; not a copy."""
         x_before, v_before = (self.x[begin - 1], self.velocity(begin - 1)) if begin else (self.x_before, self.v_before)
-        cut: dict[str, Any] = {name: getattr(self, name)[begin : end + 1] for name in ("x", "carried")}
+        cut: dict[str, Any] = {name: getattr(self, name)[begin : end + 1] for name in ("x", "guard_state")}
         cut |= {name: None if (own := getattr(self, name)) is None else own[begin:end] for name in OF_STEPS}
         ready = self.smooth(begin - 1) if begin else self.ready
         return Rollout(
@@ -73,11 +73,11 @@ class Rollout(NamedTuple):
 
     def smooth(self, t: int) -> bool:
         """Whether a BDF2 step may follow step t."""
-        return bool(self.theta[t] == 1.0 and not self.early[t] and not self.hit[t])
+        return bool(self.theta[t] == 1.0 and not self.predicted[t] and not self.hit[t])
 
     def bare(self) -> Rollout:
         """The same as kernels take it."""
-        return self._replace(touches=None)
+        return self._replace(active_pairs=None)
 
     def velocity(self, t: int) -> Array:
         """Velocity (n, 3) before step t, m/s."""
@@ -113,13 +113,13 @@ class Taken:
     def form(self, knows: bool, safe: bool) -> System:
         """That of steps that know contacts early, and whose matrix is clamped."""
         if (knows, safe) not in self.made:
-            form = early(self.own) if knows else self.own
+            form = predictive(self.own) if knows else self.own
             self.made[knows, safe] = clamped(form) if safe else form
         return self.made[knows, safe]
 
     def at(self, part: Rollout, t: int) -> System:
         """That of step t of a part."""
-        return self.form(bool(part.early[t]), bool(part.clamped[t]))
+        return self.form(bool(part.predicted[t]), bool(part.clamped[t]))
 
 
 def forms(system: System) -> tuple[System, ...]:
@@ -133,12 +133,12 @@ def empty(system: System, steps: int) -> Rollout:
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
     used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
-    flags, carried = np.zeros((4, steps), bool), np.tile(guard.NOTHING, (steps + 1, 1))
+    flags, guard_state = np.zeros((4, steps), bool), np.tile(guard.START, (steps + 1, 1))
     start = system.v0, system.x0, system.v0
-    made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], flags[3], carried, *start)
+    made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], flags[3], guard_state, *start)
     if system.colliders is not None:
-        made = made._replace(met=np.zeros((steps, *system.colliders.on.shape), bool))
-    return made._replace(touches=np.empty(steps, object)) if meets_itself(system) else made
+        made = made._replace(active=np.zeros((steps, *system.colliders.on.shape), bool))
+    return made._replace(active_pairs=np.empty(steps, object)) if meets_itself(system) else made
 
 
 def iterations_of(system: System) -> int:
@@ -167,33 +167,33 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
 
 def fill(
     system: System, tolerance: float, work: implicit.Workspace, part: Rollout,
-    look: Callable[[], None] = interrupts.check,
+    check: Callable[[], None] = interrupts.check,
 ) -> int:  # fmt: skip
-    """Compute the steps of a part whose x[0], v and first are set; returns how many are good. `look` is called now and
+    """Compute the steps of a part whose x[0], v and first are set; returns how many are good. `check` is called now and
     then, and may raise.
     """
     if rests(system):
         return fill_at_rest(system, part)
     taken = Taken(system)
     if meets_itself(system):
-        from clothfit.engine import touching  # which few scenes need
+        from clothfit.engine import contact_steps  # which few scenes need
 
-        return touching.fill(taken, tolerance, work, part, look)
+        return contact_steps.fill(taken, tolerance, work, part, check)
     with linear.served(work.A, work.solver):
         for begin, end in stretches(part.steps, len(system.x0)):
             done, ended = begin, march.DONE
             while done < end:
                 if ended == march.REFUSED:
-                    done, ended = advance(taken.form(False, True), tolerance, work, part, done, done + 1)
+                    done, ended = run_steps(taken.form(False, True), tolerance, work, part, done, done + 1)
                 else:
-                    done, ended = advance(system, tolerance, work, part, done, end)
+                    done, ended = run_steps(system, tolerance, work, part, done, end)
                 if ended == march.CONTACTS:
                     done, ended = retake(taken, tolerance, work, part, done)
                 if ended == march.GAINS:
-                    from clothfit.engine import touching  # which few scenes need
+                    from clothfit.engine import contact_steps  # which few scenes need
 
-                    touching.mend(taken, tolerance, work, part, done - 1)
-                look()
+                    contact_steps.mend(taken, tolerance, work, part, done - 1)
+                check()
                 if ended == march.FAILED:
                     return int(done)
     return part.steps
@@ -204,12 +204,12 @@ def fill_at_rest(system: System, part: Rollout) -> int:
     part.x[:], found, solves = equilibrium.shape_from(system, part.x[0])
     part.w[:] = 0.0
     part.used[:], part.solves[:], part.theta[:] = 1, [DIRECT_WORK * solves, 0], 1.0
-    for flags in (part.clamped, part.euler, part.early, part.hit):
+    for flags in (part.clamped, part.euler, part.predicted, part.hit):
         flags[:] = False
     return part.steps if found else 0
 
 
-def advance(
+def run_steps(
     system: System, tolerance: float, work: implicit.Workspace, part: Rollout, start: int, stop: int
 ) -> tuple[int, int]:
     """Run steps of a part with the method of the system; see `march.run`."""

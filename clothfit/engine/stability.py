@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.engine.forces import touch
+from clothfit.engine.forces import collider_rows
 from clothfit.engine.forces.air import SHARE
 from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
@@ -180,7 +180,7 @@ def touched(system: System) -> tuple[Array, Array, Array]:
         normal = np.where(there > 0.0, away[i] / np.where(there > 0.0, there, 1.0), up)
         found.append((i, normal, np.full(len(i), STIFFNESS)))
     if system.colliders is not None:
-        depth, normal = touch.depths(system.colliders, system.x0)
+        depth, normal = collider_rows.depths(system.colliders, system.x0)
         for c, kappa in enumerate(system.colliders.stiffness):
             i = np.flatnonzero(depth[c] > 0.0)
             found.append((i, normal[c, i], np.full(len(i), kappa)))

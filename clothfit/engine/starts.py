@@ -8,7 +8,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres
-from clothfit.engine.forces import touch
+from clothfit.engine.forces import collider_rows
 from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.system import System, build
 from clothfit.scene.scene import Scene
@@ -44,7 +44,7 @@ def depths(scene: Scene, system: System) -> Iterator[tuple[str, Array, float]]:
         depth = ball.radius - np.linalg.norm(system.x0 - ball.centre, axis=1)
         yield f"the sphere at ({', '.join(f'{x:.4g}' for x in ball.centre)}) m", depth, 0.0
     if system.colliders is not None:
-        below, _ = touch.depths(system.colliders._replace(begin=touch.NOBODY), system.x0)
+        below, _ = collider_rows.depths(system.colliders._replace(begin=collider_rows.NOBODY), system.x0)
         begin = system.colliders.begin
         for c, (each, depth) in enumerate(zip(scene.colliders, below, strict=True)):
             if not each.release or (len(begin) and begin[c].any()):

@@ -13,7 +13,7 @@ import numpy as np
 
 from clothfit.base.arrays import NO_TABLE, Array, Elements, Flags, Indices
 from clothfit.base.errors import InvalidScene
-from clothfit.engine.forces import applied, bodies, faces, spheres, springs, surfaces, touch, vertex
+from clothfit.engine.forces import applied, bodies, collider_rows, faces, spheres, springs, surfaces, vertex
 from clothfit.engine.forces.law import ENDLESS
 from clothfit.engine.forces.selfcontact import pairs, rows
 from clothfit.engine.inputs import fitted_paths, sampling, tables
@@ -46,7 +46,7 @@ class System(NamedTuple):
     springs: springs.Springs
     faces: faces.Faces
     spheres: spheres.Spheres
-    colliders: touch.Colliders | None  # None where there are none and nothing changes over time
+    colliders: collider_rows.Colliders | None  # None where there are none and nothing changes over time
     pattern: sparse.Pattern  # of the step's matrix
     inputs: tables.Inputs | None  # what changes over time; None where nothing does and there are no colliders
     surface: pairs.Surface | None = None  # what of the cloth can touch itself, nothing where the scene does not ask
@@ -84,7 +84,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None,
             air or cloth.mode("drag") != "n" or scene.method == REST, cloth.drag_law == AIR, own.face
         ),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
-        colliders=touched and touch.released(touched, points, x0),
+        colliders=touched and collider_rows.released(touched, points, x0),
         pattern=pattern,
         inputs=inputs,
         surface=surface,
@@ -159,7 +159,7 @@ def surface_of(scene: Scene, index: int) -> pairs.Surface:
 
 def of_the_world(
     scene: Scene, cloth: Cloth, steps: int, whole: bool
-) -> tuple[tables.Inputs | None, touch.Colliders | None]:
+) -> tuple[tables.Inputs | None, collider_rows.Colliders | None]:
     """The inputs over time and the colliders. A scene with any of what moves or touches gets all of it, and what is
     empty does nothing: code is compiled for scenes with none of it and for all others, not for each combination.
     `whole`: all of it for any scene.
@@ -169,13 +169,13 @@ def of_the_world(
     return sampling.build(scene, cloth, steps), at_rest(scene, len(cloth.mass))
 
 
-def at_rest(scene: Scene, count: int) -> touch.Colliders:
+def at_rest(scene: Scene, count: int) -> collider_rows.Colliders:
     """The colliders of a scene, where they are at the start, for a cloth of so many vertices. Raises InvalidScene for a
     mesh that cannot be read or is not closed.
     """
     own = scene.colliders
     more = MORE * any(each.body and each.thickness > 0 for each in own)  # convex surfaces do not turn inward
-    return touch.build(
+    return collider_rows.build(
         [shape_of(each) for each in own],
         [(each.thickness, each.stiffness, each.friction) for each in own],
         sampling.states(own, np.zeros(1), scene.delta, 0)[0],
@@ -273,12 +273,12 @@ def with_contacts(system: System, values: Elements) -> System:
     own, ball, inputs, offset = system.colliders, system.spheres, system.inputs, values.offset
     if own is not None and (len(values.friction) or len(values.contact) or len(offset)):
         own = own._replace(rows=own.rows.copy())
-        for column, numbers in ((touch.FRICTION, values.friction), (touch.STIFFNESS, values.contact)):
+        for column, numbers in ((collider_rows.FRICTION, values.friction), (collider_rows.STIFFNESS, values.contact)):
             if len(numbers):
-                own.rows[:, touch.LAW, column] = numbers[: len(own.rows)]
+                own.rows[:, collider_rows.LAW, column] = numbers[: len(own.rows)]
         if len(offset):
-            own.rows[:, touch.PLACE] += offset
-            own = touch.released(own, system.vertex, system.x0)
+            own.rows[:, collider_rows.PLACE] += offset
+            own = collider_rows.released(own, system.vertex, system.x0)
     if len(offset):
         ball = ball._replace(centre=ball.centre + offset)
         inputs = tables.with_offset(inputs, len(ball.centre), offset)
@@ -312,7 +312,7 @@ def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> Syste
         vertex=system.vertex._replace(gravity=gravity.copy()),
         faces=system.faces._replace(wind=wind.copy()),
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
-        colliders=own and touch.copied(own),
+        colliders=own and collider_rows.copied(own),
         applied=given and applied.Applied(*(each.copy() for each in given)),
         inputs=inputs._replace(
             wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy(),
@@ -326,9 +326,9 @@ def clamped(system: System) -> System:
     return system._replace(springs=system.springs._replace(cap=1.0))
 
 
-def early(system: System) -> System:
-    """The same system whose steps also know the contacts that they begin; see `spheres.begins`."""
-    return system._replace(spheres=system.spheres._replace(early=True))
+def predictive(system: System) -> System:
+    """The same system whose steps also know the contacts that they begin; see `spheres.enters`."""
+    return system._replace(spheres=system.spheres._replace(predictive=True))
 
 
 def all_elements(system: System) -> Elements:

@@ -52,7 +52,7 @@ class Snapshot(NamedTuple):
     x_before: Array  # (n, 3), m, one step before; any, at the start
     v_before: Array  # (n, 3), m/s
     ready: bool  # whether the next step can be a BDF2 step
-    carried: Array  # (2,), of `Rollout.carried`
+    guard_state: Array  # (2,), of `Rollout.guard_state`
     past: guess.Past  # solutions of the last steps, for the first guesses
 
 
@@ -94,7 +94,7 @@ class Tape:
         self._room: Rollout | None = None
         self._held: Held | None = None
         x, v = system.x0, system.v0
-        self._kept = {0: Snapshot(0, x, v, x, v, False, guard.NOTHING, guess.past(len(x)))}
+        self._kept = {0: Snapshot(0, x, v, x, v, False, guard.START, guess.past(len(x)))}
 
     @property
     def shape(self) -> Array:
@@ -156,7 +156,7 @@ class Tape:
             self._room = empty(self.system, self.plan.length)
         part = self._room.part(0, end - at.step)._replace(v=at.v, x_before=at.x_before, v_before=at.v_before)
         part = part._replace(ready=at.ready, first=at.step)
-        part.x[0], part.carried[0] = at.x, at.carried
+        part.x[0], part.guard_state[0] = at.x, at.guard_state
         self._held = None  # an interrupt may come
         work = self.work._replace(past=guess.Past(*(kept.copy() for kept in at.past)))
         if self.forms is None:
@@ -172,7 +172,7 @@ class Tape:
         x, v = last.x[0].copy(), last.v.copy()
         two = self.system.method == BDF2
         x_before, v_before = (last.x_before.copy(), last.v_before.copy()) if two else (x, v)
-        after = Snapshot(end, x, v, x_before, v_before, last.ready, last.carried[0].copy(), work.past)
+        after = Snapshot(end, x, v, x_before, v_before, last.ready, last.guard_state[0].copy(), work.past)
         return Held(at.step, end, part, after)
 
 

@@ -34,7 +34,7 @@ from clothfit.kernels.vectors import combine, dot
 def power(euler, inner, part, t, second, work):
     """What moves does at the end of step t of a part, W; a `second` order step is one of BDF2."""
     set_inputs(euler.inputs, euler, part.first + t)
-    contact.recall(euler.colliders, part.met, t)
+    contact.load_active(euler.colliders, part.active, t)
     x, v, w, last = part.x[t], velocity(part, t), velocities(part, t), part.used[t] - 1
     contact.turn_to(euler.colliders, last)
     if second:
@@ -68,15 +68,15 @@ def moved(inputs, euler, inner, part, t, second, w, work):
     noted, of which that of a next step of `second` order has a third.
     """
     now = power(euler, inner, part, t, second, work) + wind.powers(euler.faces, work.y, w, w)[0]
-    part.carried[t + 1, guard.POWER] = (2.0 * now + part.carried[t, guard.POWER]) / 3.0 if second else now
-    return euler.h * part.carried[t + 1, guard.POWER]
+    part.guard_state[t + 1, guard.POWER] = (2.0 * now + part.guard_state[t, guard.POWER]) / 3.0 if second else now
+    return euler.h * part.guard_state[t + 1, guard.POWER]
 
 
 @kernel
 def explicit_power(system, part, t, work):
     """The same for explicit methods, whose forces are those before the step."""
     set_inputs(system.inputs, system, part.first + t)
-    contact.recall(system.colliders, part.met, t)
+    contact.load_active(system.colliders, part.active, t)
     v = velocity(part, t)
     combine(1.0, part.x[t], 0.0, v, work.y)
     work.s[:] = 0.0

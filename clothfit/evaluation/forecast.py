@@ -96,7 +96,7 @@ class Input(NamedTuple):
 
 def inputs_of(scene: Scene) -> list[Input]:
     """All of them, in the order of the file. Raises InvalidScene for a file that cannot be read or does not fit."""
-    check(scene)
+    check_inputs(scene)
     found = []
     for keys, vertices in keyed(scene):
         own = interpolation.resolved(keys)
@@ -109,7 +109,7 @@ def inputs_of(scene: Scene) -> list[Input]:
     return found
 
 
-def check(scene: Scene) -> None:
+def check_inputs(scene: Scene) -> None:
     """Raise InvalidScene for an input whose file cannot be read or does not fit."""
     for cloth in scene.cloths:
         sampling.build(scene, cloth, 1)

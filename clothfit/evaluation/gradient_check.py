@@ -34,12 +34,12 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
-from clothfit.derivative.verify import ABOVE_NOISE, DIFFERENCE, FEWEST_RUNGS, NOISE_STEPS, ORDER, PRODUCT, direction_of
-from clothfit.engine.forces import touch
+from clothfit.derivative.verify import ABOVE_NOISE, DIFFERENCE, FEWEST_STEPS, NOISE_STEPS, ORDER, PRODUCT, direction_of
+from clothfit.engine.forces import collider_rows
+from clothfit.engine.forces.collider_rows import AXES, PLACE, SHAPE, SIZE
 from clothfit.engine.forces.selfcontact import pairs, rows
 from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.engine.forces.surfaces import BOX, CONE
-from clothfit.engine.forces.touch import AXES, PLACE, SHAPE, SIZE
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.stability import drags
@@ -49,7 +49,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.objective import Objective
-from clothfit.objective.run import Run, check
+from clothfit.objective.run import Run, check_complete
 from clothfit.objective.running_cost import running_cost
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import fitted_cloths, parameters, with_parameters
@@ -88,7 +88,7 @@ class Known(NamedTuple):
     blur: float
 
 
-class Rung(NamedTuple):
+class TaylorStep(NamedTuple):
     """The cost on both sides of p, at a distance t."""
 
     t: float
@@ -97,7 +97,7 @@ class Rung(NamedTuple):
     switch: str  # the first contact that differs from p, as text; empty: none
 
 
-def look(objective: Objective, p: Array) -> tuple[float, list[Parts]]:
+def cost_and_contacts(objective: Objective, p: Array) -> tuple[float, list[Parts]]:
     """G(p), m², and the contacts of each run. Raises Diverged."""
     total, switches = 0.0, []
     for run in objective.runs:
@@ -106,29 +106,29 @@ def look(objective: Objective, p: Array) -> tuple[float, list[Parts]]:
         for part in tape.forward():
             cost.update(part)
             seen.append(contacts(system, part))
-        check(run, tape.good)
+        check_complete(run, tape.good)
         total += cost.value
         switches.append(np.concatenate(seen))
     return total, switches
 
 
-def ladder(objective: Objective, p: Array, d: Array, least: float) -> tuple[list[Rung], float]:
-    """All rungs, from short to long steps, and the rounding error of the cost, m², at the `least` so much."""
-    start, own = look(objective, p)
+def taylor_steps(objective: Objective, p: Array, d: Array, least: float) -> tuple[list[TaylorStep], float]:
+    """All steps, from short to long, and the rounding error of the cost, m², at the `least` so much."""
+    start, own = cost_and_contacts(objective, p)
 
-    def rung(t: float) -> Rung:
+    def step(t: float) -> TaylorStep:
         costs, switch = [], ""
         for sign in (1.0, -1.0):
             try:
-                cost, switches = look(objective, p + sign * t * d)
+                cost, switches = cost_and_contacts(objective, p + sign * t * d)
             except Diverged as error:
-                return Rung(t, np.inf, np.inf, str(error))
+                return TaylorStep(t, np.inf, np.inf, str(error))
             costs.append(cost)
             switch = switch or difference_of(objective.runs, own, switches)
-        return Rung(t, costs[0] + costs[1] - 2.0 * start, 0.5 * (costs[0] - costs[1]), switch)
+        return TaylorStep(t, costs[0] + costs[1] - 2.0 * start, 0.5 * (costs[0] - costs[1]), switch)
 
-    noise = max(least, np.finfo(float).eps * abs(start), *(abs(rung(t).even) for t in NOISE_STEPS))
-    return [rung(t) for t in RELATIVE_STEPS], float(noise)
+    noise = max(least, np.finfo(float).eps * abs(start), *(abs(step(t).even) for t in NOISE_STEPS))
+    return [step(t) for t in RELATIVE_STEPS], float(noise)
 
 
 def difference_of(runs: tuple[Run, ...], a: list[Parts], b: list[Parts]) -> str:
@@ -142,48 +142,48 @@ def difference_of(runs: tuple[Run, ...], a: list[Parts], b: list[Parts]) -> str:
     return ""
 
 
-def calm(rungs: list[Rung], noise: float) -> list[Rung]:
-    """The rungs, from the shortest, before a contact switches or S, above rounding, does not fall as t²."""
+def calm(steps: list[TaylorStep], noise: float) -> list[TaylorStep]:
+    """The steps, from the shortest, before a contact switches or S, above rounding, does not fall as t²."""
     floor = max(ABOVE_NOISE * noise, SMALLEST_FLOAT)
-    found: list[Rung] = []
-    for rung in rungs:
-        if rung.switch or not np.isfinite(rung.even):
+    found: list[TaylorStep] = []
+    for step in steps:
+        if step.switch or not np.isfinite(step.even):
             break
-        if found and abs(rung.even) > floor:
+        if found and abs(step.even) > floor:
             before = abs(found[-1].even)
-            order = np.log(abs(rung.even) / max(before, floor)) / np.log(rung.t / found[-1].t)
+            order = np.log(abs(step.even) / max(before, floor)) / np.log(step.t / found[-1].t)
             if order > 2.0 + ORDER_SLACK or (before > floor and order < 2.0 - ORDER_SLACK):
                 break
-        found.append(rung)
+        found.append(step)
     return found
 
 
-def taylor(rungs: list[Rung], derivative: Known, noise: float) -> Finding:
+def taylor(steps: list[TaylorStep], derivative: Known, noise: float) -> Finding:
     """Measure the lowest order at which the remainder of the first-order expansion falls."""
     known = []
-    for rung in rungs:
-        remainder = 0.5 * abs(rung.even) + abs(rung.odd - rung.t * derivative.value)
-        if remainder > ABOVE_NOISE * (noise + rung.t * derivative.blur):
-            known.append((rung.t, remainder))
-    if len(known) < FEWEST_RUNGS:
+    for step in steps:
+        remainder = 0.5 * abs(step.even) + abs(step.odd - step.t * derivative.value)
+        if remainder > ABOVE_NOISE * (noise + step.t * derivative.blur):
+            known.append((step.t, remainder))
+    if len(known) < FEWEST_STEPS:
         usable = f"{len(known)} of {len(RELATIVE_STEPS)} steps"
-        why = f"{usable} are short enough and above rounding, {FEWEST_RUNGS} are needed"
+        why = f"{usable} are short enough and above rounding, {FEWEST_STEPS} are needed"
         return Finding("Taylor", None, ORDER, UNCLEAR, why)
     order = min(float(np.log(s / r) / np.log(u / t)) for (t, r), (u, s) in pairwise(known))
     return Finding("Taylor", order, ORDER, PASSED if order > ORDER else FAILED)
 
 
-def difference(rungs: list[Rung], derivative: Known, noise: float) -> Finding:
+def difference(steps: list[TaylorStep], derivative: Known, noise: float) -> Finding:
     """Measure the relative difference between the derivative and D, at the step where D is most accurate."""
     known = []
-    for shorter, longer in pairwise(rungs):
+    for shorter, longer in pairwise(steps):
         D = longer.odd / longer.t
         size = max(abs(D), abs(derivative.value), SMALLEST_FLOAT)
         blur = noise / longer.t + abs(D - shorter.odd / shorter.t) + derivative.blur
         known.append((blur / size, abs(D - derivative.value) / size))
     if not known:
         return Finding("difference", None, DIFFERENCE, UNCLEAR, "no two steps are short enough")
-    if derivative.value == 0.0 and not any(rung.odd for rung in rungs):
+    if derivative.value == 0.0 and not any(step.odd for step in steps):
         return Finding("difference", None, DIFFERENCE, UNCLEAR, "nothing that is checked changes the cost")
     return judged("difference", *min(known), DIFFERENCE)
 
@@ -204,7 +204,7 @@ TRUTH_SPREAD = 0.1
 CHECKED_VERTEX_STEPS = 30_000
 """Vertices × steps of a check by default: forty simulations of that size take seconds."""
 
-LOOSER_TOLERANCE = 10.0  # times the tolerance of the linear systems, to estimate rounding
+LOOSE_TOLERANCE = 10.0  # times the tolerance of the linear systems, to estimate rounding
 
 NUDGES = (2.0, -2.0, 5.0)  # last digits by which values are changed to see what rounding does
 
@@ -283,15 +283,15 @@ def check_scene(
         )
     cost, gradient = objective.cost_and_gradient(p)
     d = direction_of(p, gradient, rng)
-    other = objective.until(count, LOOSER_TOLERANCE * objective.tolerance)
+    other = objective.until(count, LOOSE_TOLERANCE * objective.tolerance)
     rounding, placed, value = solved_to(objective), placed_to(objective, cost), float(gradient @ d)
-    apart = abs(float(other.cost_and_gradient(nudged(p))[1] @ d) - value)
+    apart = abs(float(other.cost_and_gradient(shifted(p))[1] @ d) - value)
     derivative = Known(value, apart + (rounding + placed) * abs(value))
     # what a cost is not known to: positions are rounded, systems solved to a tolerance, squares too small for numbers
-    solved = abs(other.cost(p) - cost) / LOOSER_TOLERANCE
-    rungs, noise = ladder(objective, p, d, float(max(LEAST_SQUARED, 2.0 * placed * cost, solved)))
-    short = calm(rungs, noise)
-    beyond = next((rung.switch for rung in rungs[len(short) :]), "")
+    solved = abs(other.cost(p) - cost) / LOOSE_TOLERANCE
+    steps, noise = taylor_steps(objective, p, d, float(max(LEAST_SQUARED, 2.0 * placed * cost, solved)))
+    short = calm(steps, noise)
+    beyond = next((step.switch for step in steps[len(short) :]), "")
     tests = (
         taylor(short, derivative, noise),
         difference(short, derivative, noise),
@@ -306,12 +306,12 @@ def touches_itself(objective: Objective, p: Array) -> bool:
     """Whether any cloth touches itself in a step of its motion at p (P,)."""
     found: list[bool] = []
 
-    def look(chunk: Rollout) -> None:
-        if chunk.touches is not None:
-            found.extend(len(touch.numbers) > 0 or touch.zones is not None for touch in chunk.touches)
+    def observe(chunk: Rollout) -> None:
+        if chunk.active_pairs is not None:
+            found.extend(len(active.numbers) > 0 or active.zones is not None for active in chunk.active_pairs)
 
     for run in objective.runs:
-        objective.simulate(run, p, look)
+        objective.simulate(run, p, observe)
     return any(found)
 
 
@@ -368,7 +368,7 @@ def product(
         return np.array([forward, objective.pullback(p, weights) @ d])
 
     found = both(objective, p, changes)
-    varied = [both(other, near, other.tangent(near, d)) for near in (nudged(p, by) for by in NUDGES)]
+    varied = [both(other, near, other.tangent(near, d)) for near in (shifted(p, by) for by in NUDGES)]
     size = max(float(np.abs(found).max()), SMALLEST_FLOAT)
     farthest = max((float(np.abs(change).max(initial=0.0)) for change in changes), default=0.0)
     lost = LEAST_SQUARED / max(farthest, SMALLEST_FLOAT)  # solvers sum squares
@@ -377,7 +377,7 @@ def product(
     return judged("dot product", blur, float(abs(found[1] - found[0])) / size, PRODUCT)
 
 
-def nudged(p: Array, by: float = 2.0) -> Array:
+def shifted(p: Array, by: float = 2.0) -> Array:
     """p, changed in its last digits, `by` so many."""
     return np.asarray(p * (1.0 + by * np.finfo(float).eps))
 
@@ -431,10 +431,10 @@ def contacts(system: System, part: Rollout) -> Parts:
         set_inputs(system.inputs, system, part.first + t)
         for k in range(int(part.used[t])):
             y = linearised_at(system, part, t, k)
-            others = touched(system, y, None if part.met is None else part.met[t, k])
+            others = touched(system, y, None if part.active is None else part.active[t, k])
             found[t, k, : len(others)] = others
             if system.surface and meets_itself(system):
-                own = part.touches[t]
+                own = part.active_pairs[t]
                 numbers = own.numbers if own.on is None else own.numbers[own.on[k]]
                 found[t, k, -1] = touched_by_itself(system.surface, part.x[t], numbers, y)
     return found
@@ -452,19 +452,19 @@ def linearised_at(system: System, part: Rollout, t: int, k: int) -> Array:
     return np.asarray(x if k == 0 else x + h * part.w[t, k - 1])
 
 
-def touched(system: System, y: Array, met: Flags | None) -> Parts:
-    """At which parts of C obstacles points y (n, 3) are, (C, n), where the obstacles are now, those that are `met`
+def touched(system: System, y: Array, active: Flags | None) -> Parts:
+    """At which parts of C obstacles points y (n, 3) are, (C, n), where the obstacles are now, those that are `active`
     outside of them included.
     """
     gaps = np.linalg.norm(y - system.spheres.centre[:, None], axis=2) - system.spheres.radius[:, None]
     plain: Parts = (gaps < 0).astype(np.int32)
-    if system.colliders is None or met is None:
+    if system.colliders is None or active is None:
         return plain
-    deep = touch.depths(system.colliders, y)[0]
-    inside = met.reshape(deep.shape) | (deep > 0)
+    deep = collider_rows.depths(system.colliders, y)[0]
+    inside = active.reshape(deep.shape) | (deep > 0)
     places = np.array([part_of(row, y) for row in system.colliders.rows], np.int32).reshape(-1, len(y))
-    spots = touch.spots(system.colliders, y)
-    places = np.where(spots < 0, places, 1 + spots)
+    points = collider_rows.contact_points(system.colliders, y)
+    places = np.where(points < 0, places, 1 + points)
     return np.concatenate([plain, np.where(inside, places, 0)], dtype=np.int32)
 
 

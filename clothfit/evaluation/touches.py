@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.messages import counted
-from clothfit.engine.forces import touch
+from clothfit.engine.forces import collider_rows
 from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.system import System, build, meets_itself
@@ -82,10 +82,10 @@ def at_once(scene: Scene, system: System, x: Array, of_vertex: Indices) -> Itera
         near = np.linalg.norm(x - system.spheres.centre[c], axis=1) < system.spheres.radius[c]
         yield f"the sphere at ({', '.join(f'{v:.4g}' for v in scene.spheres[c].centre)}) m", np.flatnonzero(near)
     if system.colliders is not None:
-        for each, depth in zip(scene.colliders, touch.depths(system.colliders, x)[0], strict=True):
+        for each, depth in zip(scene.colliders, collider_rows.depths(system.colliders, x)[0], strict=True):
             yield f"colliders[{each.place}]", np.flatnonzero(depth > 0.0)
     if system.surface and meets_itself(system):
-        vertices = pairs.touching(system.surface, x).vertices
+        vertices = pairs.contact_at(system.surface, x).vertices
         first, second = of_vertex[vertices[:, 0]], of_vertex[vertices[:, 3]]
         for i in np.unique(of_vertex).tolist():
             across = np.unique(vertices[(first != second) & ((first == i) | (second == i))])

@@ -128,7 +128,7 @@ def run(scene: Scene, setting: Setting, steps: int) -> tuple[float, list[Rollout
     return seconds, [motion for motion, _ in found] if all(end == steps for _, end in found) else None
 
 
-def judge(scene: Scene, trial: Trial, reference: Array) -> None:
+def measured(scene: Scene, trial: Trial, reference: Array) -> None:
     """Run a trial once and compare it with the reference (F, vertices, 3)."""
     seconds, found = run(scene, trial.setting, trial.steps)
     trial.status = "diverged" if found is None else "done"
@@ -284,7 +284,7 @@ def work_precision(
         spent = announce(f"setting {done + 1} of {len(trials)}")
         fits = spent + expected(trial, cheap_first[:done]) <= limit or trial.setting == own(scene)
         if fits and trial.needs(scene) <= MOST_STATE_BYTES:
-            judge(scene, trial, reference.positions)
+            measured(scene, trial, reference.positions)
     for number in rerun(scene, [trial for trial in cheap_first if trial.status == "done"], began + seconds):
         announce(f"repetition {number - 1}")
     return table(scene, trials, reference)
@@ -305,16 +305,16 @@ def known_frames(trials: Sequence[Trial], reference: Reference) -> int:
     Raises InvalidInput when it is less than two.
     """
     floor = EXTENT_ROUNDING * extent(reference.positions)
-    errors = [so_far(t.squares) for t in trials if t.squares is not None]
+    errors = [rmse_until(t.squares) for t in trials if t.squares is not None]
     nearest = np.min(errors, axis=0) if errors else np.full(len(reference.errors), np.inf)
-    unknown = so_far(reference.errors**2) > np.maximum(nearest / REFERENCE_MARGIN, floor)
+    unknown = rmse_until(reference.errors**2) > np.maximum(nearest / REFERENCE_MARGIN, floor)
     frames = int(np.argmax(unknown)) if unknown.any() else len(unknown)
     if frames < 2:
         raise InvalidInput("the reference motion is not known well enough to judge by; allow more time (--budget)")
     return frames
 
 
-def so_far(squares: Array) -> Array:
+def rmse_until(squares: Array) -> Array:
     """Root mean square over all frames up to each one (F,), from the squares (F,) of each."""
     size: Array = np.sqrt(np.cumsum(squares) / np.arange(1, len(squares) + 1))
     return size

@@ -49,7 +49,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.export.tools import json_text
-from clothfit.export.topology import Roles, carried, roles
+from clothfit.export.topology import Roles, edge_stiffness, roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.scene.scene import Scene
@@ -106,7 +106,7 @@ def steps_of(scene: Scene) -> tuple[float, int]:
 def parts_of(cloth: Cloth, step: float) -> int:
     """In how many parts Blender must take a step, s, so that its solver's accuracy does not decide."""
     role = roles(cloth)
-    stiffness = carried(cloth, role)[~role.bending]
+    stiffness = edge_stiffness(cloth, role)[~role.bending]
     if not len(stiffness):
         return 1
     found = len(cloth.mass) ** 0.5 * step**2 * float(stiffness.mean()) / float(cloth.mass.mean())
@@ -119,7 +119,7 @@ def one(number: int, cloth: Cloth, step: float, parts: int = 1) -> dict[str, Any
     edges = ~role.bending
     length = float(cloth.rest[edges].mean()) if edges.any() else 0.0
     count, mass = len(cloth.mass), float(cloth.mass.mean())
-    stiffness = carried(cloth, role)[edges]
+    stiffness = edge_stiffness(cloth, role)[edges]
     traction = painted(count, cloth.springs[edges], TIME_UNIT**2 * length * stiffness)
     bending = painted(count, role.hinges[role.bending], bending_of(cloth, role, step))
     along = TIME_UNIT * damping_of(cloth, stiffness, step, parts)

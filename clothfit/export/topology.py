@@ -54,7 +54,7 @@ def roles(cloth: Cloth) -> Roles:
     return Roles(traction, bending, hinges)
 
 
-def carried(cloth: Cloth, role: Roles) -> Array:
+def edge_stiffness(cloth: Cloth, role: Roles) -> Array:
     """Stiffnesses (S,), N/m, of the springs along edges, with what the bending springs carry; of these their own."""
     found: Array = np.array(cloth.stiffness)
     across, hinge = cloth.springs[role.bending], role.hinges[role.bending]

@@ -56,10 +56,10 @@ def _file() -> dict[str, Any]:
 
 def presets() -> tuple[Preset, ...]:
     """All fabrics, in the order of the file."""
-    told = _file()["sources"]
+    parts = _file()["sources"]
     return tuple(
         Preset(**{**each, "stretch": tuple(each["stretch"]), "bending": tuple(each["bending"]),
-                  "source": {what: told[key] for what, key in each["source"].items()}})
+                  "source": {what: parts[key] for what, key in each["source"].items()}})
         for each in _file()["fabrics"]
     )  # fmt: skip
 
@@ -82,33 +82,33 @@ def standing(own: Fabric, bends: bool = True, stretches: bool = True, sure: floa
     """Where a cloth stands among real fabrics: parts of a sentence, of those properties that are to be told. Of a
     stretch whose stiffness is only known to be more than the share `sure` of what it is, only that it is so little.
     """
-    usual, told = _file()["usual"], []
+    usual, parts = _file()["usual"], []
     low, high = usual["density"]
     if not low <= own.density <= high:
-        told.append(f"{'lighter' if own.density < low else 'heavier'} than 95 % of real fabrics")
+        parts.append(f"{'lighter' if own.density < low else 'heavier'} than 95 % of real fabrics")
     bending, stretch = mean(own.bending), mean(own.stretch)
     if bends and own.bends and bending is not None:
         low, high = usual["bending"]
         if low <= bending <= high:
-            told.append(f"bends like {_nearest('bending', bending).name}")
+            parts.append(f"bends like {_nearest('bending', bending).name}")
         else:
-            told.append(f"{'limper' if bending < low else 'stiffer'} in bending than 95 % of real fabrics")
+            parts.append(f"{'limper' if bending < low else 'stiffer'} in bending than 95 % of real fabrics")
     if stretches and stretch is not None:
         known = [(each.kind, mean(each.stretch)) for each in presets()]
         woven = [value for kind, value in known if kind == WOVEN and value]
         every = [value for _, value in known if value]
         near = _nearest("stretch", stretch)
         if sure is not None:
-            told += ["stretches at most as woven cloth does"] * (sure * stretch >= min(woven) / LIKE)
+            parts += ["stretches at most as woven cloth does"] * (sure * stretch >= min(woven) / LIKE)
         elif stretch < min(every) / LIKE:
-            told.append("stretches more than any fabric that is listed")
+            parts.append("stretches more than any fabric that is listed")
         elif stretch > max(every) * LIKE:
-            told.append("stretches less than any fabric that is listed")
+            parts.append("stretches less than any fabric that is listed")
         elif stretch < min(woven) / LIKE:
-            told.append(f"stretches more than any woven cloth that is listed, like {near.name}")
+            parts.append(f"stretches more than any woven cloth that is listed, like {near.name}")
         else:
-            told.append(f"stretches like {near.name}")
-    return told
+            parts.append(f"stretches like {near.name}")
+    return parts
 
 
 def _nearest(name: str, value: float) -> Preset:
@@ -119,10 +119,10 @@ def _nearest(name: str, value: float) -> Preset:
 
 def sentence(own: Fabric, bends: bool = True, stretches: bool = True, sure: float | None = None) -> str | None:
     """The same as a sentence; None where there is nothing to tell."""
-    told = standing(own, bends, stretches, sure)
-    return f"as a fabric it {_joined(told)}" if told else None
+    parts = standing(own, bends, stretches, sure)
+    return f"as a fabric it {_joined(parts)}" if parts else None
 
 
 def _joined(parts: list[str]) -> str:
-    told = [f"is {each}" if each.split()[0] in ("lighter", "heavier", "limper", "stiffer") else each for each in parts]
-    return told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
+    terms = [f"is {each}" if each.split()[0] in ("lighter", "heavier", "limper", "stiffer") else each for each in parts]
+    return terms[0] if len(terms) == 1 else f"{', '.join(terms[:-1])} and {terms[-1]}"

@@ -119,7 +119,7 @@ class Alternatives:
         S = unit[np.ix_(at, at)] + unit[np.ix_(at, own)] @ across
         return (S + S.T) / 2.0, by[at] * self.g[at] + across.T @ (by[own] * self.g[own]), across
 
-    def shown(self, sigma2: float) -> list[Found]:
+    def improbable(self, sigma2: float) -> list[Found]:
         """What speaks against the model, the most improbable first; `sigma2`, m², is the variance of a residual."""
         from scipy.special import gammaincc  # of χ²
 
@@ -167,9 +167,9 @@ def alternatives(search: Search) -> Alternatives | None:
     free = freed(with_parameters(objective.scene, search.best.p))
     problem, start = Trajectory(search, objective), parameters(free)
     more = (len(start) + THETA) / max(problem.size, 1)
-    dear = more * problem.operations() > PART * trajectory.LARGEST or not problem.fits()
-    dear = dear or any(block.name in OVER_TIME for block in objective.blocks)
-    if dear or list(objective.weights) != ["position"] or any(each.scene.frame for each in given):
+    expensive = more * problem.operations() > PART * trajectory.LARGEST or not problem.fits()
+    expensive = expensive or any(block.name in OVER_TIME for block in objective.blocks)
+    if expensive or list(objective.weights) != ["position"] or any(each.scene.frame for each in given):
         return None
     pairs = [Experiment(compared(objective, k), free if each.scene is objective.scene else flagged_as(each.scene, free))
              for k, each in enumerate(given)]  # fmt: skip

@@ -57,7 +57,7 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Kept, Trajectory
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, of_kinds
 
-HIDDEN_SHARE = 1e-4
+NULL_SHARE = 1e-4
 """Part of a parameter in the directions that are not shown, from which on it counts as not determined."""
 
 SAME_COST = 1e-2
@@ -84,12 +84,12 @@ SAMPLES = 16
 PRODUCTS_TOLERANCE = 1e-6
 """Of the linear systems of products."""
 
-SETTLED, ROUGHLY = 0.05, 0.2
+CONVERGED, ROUGHLY = 0.05, 0.2
 """Change of the samples in a round, in standard deviations, at which they are done; and up to which they are of use
 where the time is up.
 """
 
-SHARE, LEAST = 1.0, 30.0
+SHARE, LEAST_SECONDS = 1.0, 30.0
 """Seconds that they may take, relative to those of the fit; and at least."""
 
 ROUNDS = 60
@@ -116,7 +116,7 @@ class Confidence:
     cost: float  # there
     low: Array  # of the intervals; NaN where there is none
     high: Array
-    hidden: Flags  # fitted parameters that the motion does not determine
+    undetermined: Flags  # fitted parameters that the motion does not determine
     rank: int | None  # directions that it shows; None where that cannot be known
     sigma: float  # standard deviation of a residual; m where positions are compared
     warning: str | None = None  # why there are no intervals
@@ -126,7 +126,7 @@ class Confidence:
 
 
 @dataclass(frozen=True)
-class Hidden:
+class NullSpace:
     """What the motion does not show of the F free parameters."""
 
     flags: Flags  # (F,): parameters that are not determined
@@ -170,16 +170,16 @@ def found_with(
     known = replace(known, blocks=blocks_of(kept, known.local.scale) if wrong else None)
     width, reach = reaches(known, quick is not None, None if wrong else others)
     stiff = np.zeros(problem.size, bool) if wrong or quick else unlimited(known, reach)
-    hidden = not_shown(known, not wrong, stiff)
-    p, cost = set_back(known, hidden, noise, search.start)
-    rank, spread = problem.size - hidden.directions.shape[1], float(np.sqrt(noise))
-    low, high = intervals(known, hidden, reach)
-    found = Confidence(p, cost, low, high, known.whole(hidden.flags), rank, spread)
+    null_space = null_space_of(known, not wrong, stiff)
+    p, cost = set_back(known, null_space, noise, search.start)
+    rank, spread = problem.size - null_space.directions.shape[1], float(np.sqrt(noise))
+    low, high = intervals(known, null_space, reach)
+    found = Confidence(p, cost, low, high, known.whole(null_space.flags), rank, spread)
     found = from_below(found, problem, known, stiff, width) if stiff.any() else found
     if wrong and known.blocks is None:
         nothing = np.full(len(p), np.nan)
         return replace(found, low=nothing, high=nothing, warning=UNTRUSTED)
-    found = replace(found, correlations=correlated(known, hidden))
+    found = replace(found, correlations=correlated(known, null_space))
     return replace(found, warning=DISAGREEING) if wrong and np.isnan(low).all() else found
 
 
@@ -200,11 +200,11 @@ def found_by_samples(search: Search) -> Confidence | None:
     weight, log = coordinates.weight[fitted][stuck], coordinates.log[fitted][stuck]
     reach = np.where(log, weight * np.log1p(reach / weight), reach)
     down[stuck], up[stuck] = inwards(search, stuck, reach)
-    hidden = np.zeros(len(fitted), bool)
-    hidden[fitted] = lost
+    null_space = np.zeros(len(fitted), bool)
+    null_space[fitted] = lost
     samples = Samples(SAMPLES, float(1.0 / np.sqrt(2.0 * SAMPLES)))
     best, spread, (low, high) = search.best, float(np.sqrt(noise)), ends_of(search, down, up)
-    return Confidence(best.p, best.cost, low, high, hidden, None, spread, samples=samples)
+    return Confidence(best.p, best.cost, low, high, null_space, None, spread, samples=samples)
 
 
 def sampled(search: Search, squares: float, count: int) -> Sampling | None:
@@ -215,7 +215,7 @@ def sampled(search: Search, squares: float, count: int) -> Sampling | None:
     fits = 8 * COPIES * part.size * (SAMPLES + 1) * ROUNDS <= part.objective.room  # all directions
     if prior is None or not prior.groups or not np.isfinite(prior.tau).all() or not fits:
         return None
-    y, until = search.y, time.monotonic() + max(SHARE * search.progress.seconds, LEAST)
+    y, until = search.y, time.monotonic() + max(SHARE * search.progress.seconds, LEAST_SECONDS)
     products, generator = Products(part, y, PRODUCTS_TOLERANCE), np.random.default_rng(SEED)
     search.enter("intervals")
     if products.growth(generator.standard_normal(len(y))) > CHAOS:
@@ -228,14 +228,14 @@ def sampled(search: Search, squares: float, count: int) -> Sampling | None:
         change = sampling.round()
         search.report()
         interrupts.check()
-        if change <= SETTLED or time.monotonic() > until:
+        if change <= CONVERGED or time.monotonic() > until:
             break
     return sampling if change <= ROUGHLY else None
 
 
-def correlated(known: Posterior, hidden: Hidden) -> tuple[Correlation, ...]:
+def correlated(known: Posterior, null_space: NullSpace) -> tuple[Correlation, ...]:
     """The parameters that are hard to tell apart, of those that are determined."""
-    search, own = known.local.search, np.flatnonzero(~hidden.flags)
+    search, own = known.local.search, np.flatnonzero(~null_space.flags)
     places = np.flatnonzero(search.fitted)[known.free[own]]
     return strongest(known.covariance[np.ix_(own, own)], places, search.objective.blocks)
 
@@ -264,12 +264,12 @@ def balances(search: Search) -> tuple[Model, float, int] | None:
     return Model(y, squares, H, g), squares, count
 
 
-def not_shown(known: Posterior, is_noise: bool, stiff: Flags | None = None) -> Hidden:
+def null_space_of(known: Posterior, is_noise: bool, stiff: Flags | None = None) -> NullSpace:
     """The free parameters that are not determined, and the directions that the motion does not show; what a wrong model
     leaves, not `is_noise`, does not hide a parameter, nor are those (Q,) hidden of which it shows a lower bound.
     """
     width = known.local.width[known.free]
-    flags = np.linalg.norm(known.null, axis=1) > HIDDEN_SHARE
+    flags = np.linalg.norm(known.null, axis=1) > NULL_SHARE
     bounded = False if stiff is None else stiff[known.free]
     wide = np.flatnonzero((known.deviation > width) & known.at_minimum & ~flags & is_noise & ~bounded)
     found = eigen(known.sigma2 * known.K[np.ix_(wide, wide)] / np.outer(width[wide], width[wide]))
@@ -277,7 +277,7 @@ def not_shown(known: Posterior, is_noise: bool, stiff: Flags | None = None) -> H
     more = np.zeros((len(known.free), int((values > 1.0).sum())))
     more[wide] = width[wide, None] * vectors[:, values > 1.0]
     flags[wide] = True
-    return Hidden(flags, np.linalg.qr(np.concatenate([known.null, more], axis=1))[0])
+    return NullSpace(flags, np.linalg.qr(np.concatenate([known.null, more], axis=1))[0])
 
 
 def reaches(known: Posterior, exact: bool, others: Alternatives | None = None) -> tuple[Array, Array]:
@@ -299,11 +299,11 @@ def reaches(known: Posterior, exact: bool, others: Alternatives | None = None) -
     return width, reach
 
 
-def intervals(known: Posterior, hidden: Hidden, reach: Array) -> tuple[Array, Array]:
+def intervals(known: Posterior, null_space: NullSpace, reach: Array) -> tuple[Array, Array]:
     """Both ends (P,) of the intervals that reach so far (Q,) in z; NaN where there is none."""
     local, search = known.local, known.local.search
     down = np.zeros(len(local.scale))
-    down[known.free] = np.where(hidden.flags, np.nan, reach[known.free])
+    down[known.free] = np.where(null_space.flags, np.nan, reach[known.free])
     up = down.copy()
     held = np.setdiff1d(np.arange(len(down)), known.free)
     # the effect of a mass or stiffness at its lower bound grows in proportion to it; at the upper bound, to 1 / p
@@ -324,7 +324,7 @@ def unlimited(known: Posterior, reach: Array) -> Flags:
     search, found = known.local.search, np.zeros(len(reach), bool)
     if not known.at_minimum:
         return found
-    shown = np.linalg.norm(known.null, axis=1) <= HIDDEN_SHARE
+    shown = np.linalg.norm(known.null, axis=1) <= NULL_SHARE
     found[known.free] = (reach[known.free] >= 1.0) & shown
     held = np.setdiff1d(np.arange(len(found)), known.free)
     step = known.local.derivative(known.sigma2)[held] / np.maximum(np.diag(known.local.information)[held], 1e-300)
@@ -372,16 +372,16 @@ def inwards(search: Search, held: NDArray[np.intp], reach: Array) -> tuple[Array
     return np.where(low, 0.0, reach), np.where(low, reach, 0.0)
 
 
-def set_back(known: Posterior, hidden: Hidden, noise: float, start: Array) -> tuple[Array, float]:
+def set_back(known: Posterior, null_space: NullSpace, noise: float, start: Array) -> tuple[Array, float]:
     """The best point (P,) without its way from the start along what is not shown, and its cost; the point as it is
     where that costs more, measured by the variance of a residual, `noise`. Raises Diverged.
     """
     search = known.local.search
     cost = search.best.cost
-    for directions in (hidden.directions, known.null):
+    for directions in (null_space.directions, known.null):
         if not directions.shape[1]:
             continue
-        p = without(known, hidden.flags, directions, start)
+        p = without(known, null_space.flags, directions, start)
         value = search.objective.cost_or_infinity(p)
         if value <= cost + SAME_COST * noise or (is_exact(search, value) and is_exact(search, cost)):
             return p, value
@@ -394,7 +394,7 @@ def without(known: Posterior, lost: Flags, directions: Array, start: Array) -> A
     y, scale = search.y, known.local.scale[free]
     way = (y - search.coordinates.y(start)[search.fitted])[free] / scale
     y[free] -= scale * (directions @ (directions.T @ way))
-    alone = known.whole(np.linalg.norm(directions, axis=1) > 1.0 - HIDDEN_SHARE)
+    alone = known.whole(np.linalg.norm(directions, axis=1) > 1.0 - NULL_SHARE)
     return np.where(alone, start, np.where(known.whole(lost), search.parameters(y), search.best.p))
 
 

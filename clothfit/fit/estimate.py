@@ -24,13 +24,13 @@ from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
 from clothfit.fit.flags import reflagged
-from clothfit.fit.hints import Hint, early_hints
+from clothfit.fit.hints import Hint, hints_before_fit
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.observer import Observer, bar
-from clothfit.fit.options import AUTO, FitOptions, Request, requested, settled
+from clothfit.fit.options import AUTO, FitOptions, Request, requested, resolved
 from clothfit.fit.preparation import flagged, followed, in_time, in_windows, with_start_velocity, with_whole
-from clothfit.fit.registered_fit import SAME_FALL, Look, begun, put_right
-from clothfit.fit.residual_hints import with_own_motion, with_residual_hints, with_stall_hint, with_start, with_still
+from clothfit.fit.registered_fit import SAME_FALL, Refinement, begun, put_right
+from clothfit.fit.residual_hints import with_own_motion, with_picture, with_residual_hints, with_stall_hint, with_start
 from clothfit.fit.result import (
     UNKNOWN,
     Fit,
@@ -121,12 +121,12 @@ def estimate(
 
 def by_request(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: Request) -> Fit:
     """Do what `estimate` says, with all that it is asked for as one object."""
-    target, options = settled(scene, target, options.checked())
-    hidden, began = target is None, interrupts.now()
-    if hidden and (options.substeps is not None or options.model == AUTO):
+    target, options = resolved(scene, target, options.checked())
+    twin, began = target is None, interrupts.now()
+    if twin and (options.substeps is not None or options.model == AUTO):
         what = "substeps" if options.substeps is not None else "model auto"
         raise InvalidInput(f"{what}: a target is needed; without one, the model and the step are the scene's")
-    if hidden and options.windows is not None:
+    if twin and options.windows is not None:
         raise InvalidInput("windows: a target is needed, in whose states they begin")
     options = replace(options, fit=options.fit or ((AUTO,) if scene.auto else ()))
     scene = reflagged(scene.with_bounds(from_user(options.bounds or {})), options)
@@ -157,53 +157,53 @@ def by_request(scene: Scene, target: Targets | None, start: float | Array | Scen
     if options.registers:
         if options.objective == "position":  # turned positions show no rounding
             options = options.within(max(rounding(each.motion) for each in given))
-        found = registered_fit(Look.first(scene, given, options), start, options, began)
+        fit = registered_fit(Refinement.first(scene, given, options), start, options, began)
     else:
         given, starts, late = begun(given)
         say(late, options)
-        found = one_fit(scene, given, start, options, began)
-        if places and not (starts or ended(found) or leaves_more(found.scene, clouds[0].motion)):
-            found = one_fit(scene, clouds, found.scene, options, began, found)
-        found = replace(found, registration=starts)
+        fit = one_fit(scene, given, start, options, began)
+        if places and not (starts or ended(fit) or leaves_more(fit.scene, clouds[0].motion)):
+            fit = one_fit(scene, clouds, fit.scene, options, began, fit)
+        fit = replace(fit, registration=starts)
         hints = [*hints, *late]
     corresponds = Correspondence(*given[0].motion.correspondence[:2])
-    hints = [*hints, Hint("untracked", short, early=False)] if short else hints
-    found = replace(
-        found, seconds=found.seconds + tracking, hints=[*hints, *found.hints], markers=markers,
+    hints = [*hints, Hint("untracked", short, before_fit=False)] if short else hints
+    fit = replace(
+        fit, seconds=fit.seconds + tracking, hints=[*hints, *fit.hints], markers=markers,
         correspondence=corresponds, tracks=tracks,
     )  # fmt: skip
     if tracks is None or raw[0].scene is not scene:
-        return found
-    known = found.registration[0] if found.registration else Registration()
+        return fit
+    known = fit.registration[0] if fit.registration else Registration()
     shown = (known.applied(each, scene.delta) for each in (raw[0].motion, tracks[0]))
-    return looked_at(found, with_figures, *shown, options=options)
+    return looked_at(fit, with_figures, *shown, options=options)
 
 
-def registered_fit(look: Look, start: float | Array | Scene | None, options: Request, began: float) -> Fit:
+def registered_fit(refinement: Refinement, start: float | Array | Scene | None, options: Request, began: float) -> Fit:
     """The fit to targets whose clock or place is found with its values; done again with what a look after it promises,
     and kept unless its error is larger. With all values clocks have the rate 1 where the data show no other.
     """
-    found = one_fit(look.scene, look.registered(), start, options, began)
+    found = one_fit(refinement.scene, refinement.registered(), start, options, began)
     for _ in range(ROUNDS):
-        other = None if ended(found) else look.another(found, left(options, began))
+        other = None if ended(found) else refinement.another(found, left(options, began))
         if other is None:
             break
         again = replace(options, observer=Again(options.observer, found), checkpoint=None, resume=False)
-        fit = one_fit(look.scene, other.registered(), start, again, began, found)
+        fit = one_fit(refinement.scene, other.registered(), start, again, began, found)
         if not fit.rmse < ALIKE_ERROR * found.rmse:
             found = replace(found, evaluations=fit.evaluations, seconds=fit.seconds)
             break
-        look, found = other, replace(fit, hints=[*(hint for hint in found.hints if hint.early), *fit.hints])
+        refinement, found = other, replace(fit, hints=[*(hint for hint in found.hints if hint.before_fit), *fit.hints])
     if options.intervals and not ended(found):
-        look = look.with_intervals(found, left(options, began))
-    if options.fit_time and look.scene.mode("gravity") != "n":
+        refinement = refinement.with_intervals(found, left(options, began))
+    if options.fit_time and refinement.scene.mode("gravity") != "n":
         found = replace(found, warnings=[*found.warnings, SAME_FALL])
-    return replace(found, registration=list(look.known))
+    return replace(found, registration=list(refinement.known))
 
 
-def ended(found: Fit) -> bool:
+def ended(fit: Fit) -> bool:
     """Whether a fit has ended so that nothing more is looked at."""
-    return found.status in (Status.INTERRUPTED, Status.DIVERGED)
+    return fit.status in (Status.INTERRUPTED, Status.DIVERGED)
 
 
 class Again(Observer):
@@ -235,7 +235,7 @@ def one_fit(
     """The fit to targets as they are: pins, objectives, what it settles before it begins, search, and what its motion
     says; with the time and the evaluations of one `before` it.
     """
-    hidden, pinned, speed = target is None, 0, 0.0
+    twin, pinned, speed = target is None, 0, 0.0
     if target is not None and options.auto:
         scene, speed = with_start_velocity(scene, target)
     if target is not None and not (options.hold or options.windows or callable(options.objective)):
@@ -243,11 +243,11 @@ def one_fit(
     scene = flagged(scene, options.model)
     objective, kept_out = objectives(scene, target, options)
     options = options.within(objective.rounding)
-    timeless = hidden or objective.own or scene.method == REST
-    hints = [] if timeless else early_hints(objective.experiments)
+    timeless = twin or objective.own or scene.method == REST
+    hints = [] if timeless else hints_before_fit(objective.experiments)
     same = {}
     if options.checkpoint:  # digests of all arrays
-        same = identity(scene, None if hidden else objective.experiments, start, **options.identity)
+        same = identity(scene, None if twin else objective.experiments, start, **options.identity)
     whole = None if options.windows is None else objective
     objective = objective if options.windows is None else in_windows(objective, options.windows)
     options.observer.memory(objective.needs)
@@ -255,13 +255,13 @@ def one_fit(
     say(hints, options)
     with interrupts.deferred():
         with interrupts.limited(left(options, began)):
-            fit = Fitting.of(objective, start, options, hidden, kept_out, checkpoint, state)
+            fit = Fitting.of(objective, start, options, twin, kept_out, checkpoint, state)
             if before:
-                fit.search.budget.beside += before.evaluations
+                fit.search.budget.extra += before.evaluations
                 fit.search.progress.began -= before.seconds
             found = searched(fit)
             notes = (*beginning(speed), *fit.notes, *(each.text for each in fit.kinds))
-            chosen = [Hint("auto", text, early=False) for text in notes]
+            chosen = [Hint("auto", text, before_fit=False) for text in notes]
             found = replace(found, hints=[*hints, *chosen, *found.hints])
         found = assessed(found, fit, whole)
         return replace(looked_at(found, with_start, whole or objective, options=options), followed=pinned)
@@ -281,17 +281,17 @@ def assessed(found: Fit, fit: Fitting, whole: Objective | None) -> Fit:
         return found
     options, objective = fit.options, fit.search.objective
     kept_out, whole = fit.like(fit.kept_out), fit.like(whole)
-    found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
-    found = looked_at(found, with_verdict, objective, options.enough, fit.hidden, options=options)
+    found = looked_at(replace(found, travel=objective.rms_displacement), with_fallbacks, objective, options=options)
+    found = looked_at(found, with_verdict, objective, options.rmse_tolerance, fit.twin, options=options)
     if options.intervals:
         found = looked_at(found, with_lower_bounds, objective, options=options)
-    found = with_still(replace(found, windows=options.windows), whole or objective)
+    found = with_picture(replace(found, windows=options.windows), whole or objective)
     found = with_own_motion(found, fit.search)
     found = looked_at(found, with_residual_hints, objective, options=options)
     if whole is not None:
         found = looked_at(found, with_whole, whole, options=options)
     found = looked_at(found, with_stall_hint, objective, options=options)
-    if options.method == AUTO and not (fit.hidden or fit.tried or options.resume):
+    if options.method == AUTO and not (fit.twin or fit.tried or options.resume):
         found = looked_at(found, with_step_hint, objective, options=options)
     if kept_out is None:
         return found
@@ -303,7 +303,7 @@ def assessed(found: Fit, fit: Fitting, whole: Objective | None) -> Fit:
 
 def searched(fit: Fitting) -> Fit:
     """The result of a search."""
-    options, hidden, given = fit.options, fit.hidden, fit.start is not None
+    options, twin, given = fit.options, fit.twin, fit.start is not None
     status = by_routes(fit)
     search = fit.search
     flattened = status != Status.DIVERGED and fit.as_it_is < search.best.cost
@@ -312,14 +312,14 @@ def searched(fit: Fitting) -> Fit:
     seconds, warnings = search.progress.seconds, [*search.warnings]
     if fit.checkpoint and fit.checkpoint.fault:
         warnings.append(fit.checkpoint.fault)
-    known = assess(search, status, warnings, hidden) if options.intervals else UNKNOWN
+    known = assess(search, status, warnings, twin) if options.intervals else UNKNOWN
     found = result(search, status, options.method, warnings, given, known, seconds)
     if flattened:
         found = unflattened(found, search.objective, fit.as_it_is)
-    models = judged(search.rungs, fit.like(fit.kept_out)) if fit.judged is None else fit.judged
+    models = judged(search.levels, fit.like(fit.kept_out)) if fit.judged is None else fit.judged
     if fit.judged is not None and (hint := nearer(fit.judged, fit.model)) is not None:
         found = replace(found, hints=[*found.hints, hint])
-    asked = options.substeps if isinstance(options.substeps, int) and not hidden else None
+    asked = options.substeps if isinstance(options.substeps, int) and not twin else None
     return replace(found, ladder=models, steps=list(fit.tried), substeps=fit.step[0] if fit.step else asked)
 
 
@@ -330,36 +330,36 @@ def unflattened(found: Fit, objective: Objective, cost: float) -> Fit:
         f"{metres(objective.rmse(cost))}, than equal ones (G), to {metres(found.rmse)}, and are kept; --model F keeps "
         "their pattern"
     )
-    hints = [*found.hints, Hint("pattern", text, early=False)]
+    hints = [*found.hints, Hint("pattern", text, before_fit=False)]
     found = replace(without_intervals(found), hints=hints, verdict=None)
     return replace(found, scene=objective.scene, cost=cost, rmse=objective.rmse(cost))
 
 
-def with_step_hint(found: Fit, objective: Objective) -> Fit:
+def with_step_hint(fit: Fit, objective: Objective) -> Fit:
     """The fit with a hint where its model differs and a finer step would come nearer."""
-    if found.verdict is None or not found.verdict.differs:
-        return found
-    nearer = step_choice.finer(objective, parameters(found.scene, objective.scene))
+    if fit.verdict is None or not fit.verdict.differs:
+        return fit
+    nearer = step_choice.finer(objective, parameters(fit.scene, objective.scene))
     if nearer is None:
-        return found
+        return fit
     text = (
-        f"with {step_choice.LOOK} steps of BDF2 to a frame, one factor alone would bring the error from "
-        f"{metres(found.rmse)} to {metres(nearer)}; --substeps auto fits so, and changes the scene's step"
+        f"with {step_choice.FINE_SUBSTEPS} steps of BDF2 to a frame, one factor alone would bring the error from "
+        f"{metres(fit.rmse)} to {metres(nearer)}; --substeps auto fits so, and changes the scene's step"
     )
-    return replace(found, hints=[*found.hints, Hint("time_step", text, early=False)])
+    return replace(fit, hints=[*fit.hints, Hint("time_step", text, before_fit=False)])
 
 
-def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: Request) -> Fit:
-    """What `look` makes of a fit and what is `given`, within a moment where the time of the fit is limited; the fit as
-    it is where a request or the time ends it, and with a warning where equations have no solution.
+def looked_at(fit: Fit, refinement: Callable[..., Fit], *given: Any, options: Request) -> Fit:
+    """What `refinement` makes of a fit and what is `given`, within a moment where the time of the fit is limited; the
+    fit as it is where a request or the time ends it, and with a warning where equations have no solution.
     """
-    if found.status == Status.INTERRUPTED or interrupts.requested():
-        return found
+    if fit.status == Status.INTERRUPTED or interrupts.requested():
+        return fit
     try:
         seconds = None if options.time_limit is None else GRACE
-        return in_time(partial(look, found, *given), found, seconds, known=True)
+        return in_time(partial(refinement, fit, *given), fit, seconds, known=True)
     except np.linalg.LinAlgError as error:
-        return replace(found, warnings=[*found.warnings, f"the fit could not be looked at in full: {in_words(error)}"])
+        return replace(fit, warnings=[*fit.warnings, f"the fit could not be looked at in full: {in_words(error)}"])
 
 
 def objectives(scene: Scene, target: Targets | None, options: Request) -> tuple[Objective, Objective | None]:
@@ -393,8 +393,8 @@ def frames_of_one(motion: Motion) -> str:
     return f"; it has one frame: name {name}" if len(motion.times) == 1 else ""
 
 
-def assess(search: Search, status: Status, warnings: list[str], hidden: bool) -> Judgement:
-    """The verdict on the result of a search and the confidence in it, or a warning why there is none; `hidden`: the
+def assess(search: Search, status: Status, warnings: list[str], twin: bool) -> Judgement:
+    """The verdict on the result of a search and the confidence in it, or a warning why there is none; `twin`: the
     target is the scene's own motion.
     """
     if status == Status.DIVERGED or not search.fitted.any():
@@ -403,7 +403,7 @@ def assess(search: Search, status: Status, warnings: list[str], hidden: bool) ->
         warnings.append("no intervals, as the fit was interrupted")
         return UNKNOWN
     try:
-        found = in_time(partial(judgement, search, hidden), None, known=True)
+        found = in_time(partial(judgement, search, twin), None, known=True)
     except Diverged:
         return UNKNOWN
     if found is None:
@@ -419,7 +419,7 @@ def assess(search: Search, status: Status, warnings: list[str], hidden: bool) ->
     return found
 
 
-def with_holdout(found: Fit, kept_out: Objective, options: Request) -> Fit:
+def with_holdout(fit: Fit, kept_out: Objective, options: Request) -> Fit:
     """The fit with how far its motion is from what was kept out of it."""
-    rmse = error_of(kept_out, parameters(found.scene, kept_out.scene))
-    return replace(found, holdout=HeldOut(options.holdout_of, options.holdout or 0.0, kept_out.observations, rmse))
+    rmse = error_of(kept_out, parameters(fit.scene, kept_out.scene))
+    return replace(fit, holdout=HeldOut(options.holdout_of, options.holdout or 0.0, kept_out.observations, rmse))

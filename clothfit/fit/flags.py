@@ -31,10 +31,10 @@ def auto_flags(scene: Scene) -> Scene:
     return with_flags(scene, AUTO_MODES | ({"friction": "G"} if scene.laws else {}))
 
 
-def modes_of(asked: Sequence[str]) -> dict[str, str]:
+def modes_of(texts: Sequence[str]) -> dict[str, str]:
     """Modes by names of kinds, from texts such as "wind", "stiffness=R" or two letters as "nR". Raises InvalidInput."""
     found: dict[str, str] = {}
-    for text in asked:
+    for text in texts:
         name, equals, letter = text.partition("=")
         if len(text) == len(LETTERED) and all(each.upper() in SETTINGS.upper() for each in text):
             found |= {kind: "n" if each in "nN" else each.upper() for kind, each in zip(LETTERED, text, strict=True)}

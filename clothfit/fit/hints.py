@@ -18,7 +18,7 @@ from clothfit.base.messages import counted, listed, metres
 from clothfit.motion.motion import Motion, rms
 from clothfit.objective.experiment import Experiment
 from clothfit.registration.free_fall import other_fall
-from clothfit.registration.mistaken import changes
+from clothfit.registration.mislabelled import changes
 from clothfit.registration.record import named, rigid, scale_between
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
@@ -53,10 +53,10 @@ class Hint:
 
     code: str  # "time_scale", "time_offset", "placement", "held_vertices_move", "rest_lengths", "swapped_markers", …
     text: str  # a sentence
-    early: bool = True  # said before the fit
+    before_fit: bool = True  # said before the fit
 
 
-def early_hints(given: list[Experiment]) -> list[Hint]:
+def hints_before_fit(given: list[Experiment]) -> list[Hint]:
     """What the targets show before a fit, each kind once."""
     found: dict[str, Hint] = {}
     for motion, scene in given:

@@ -2,8 +2,8 @@
 
 Model only what a scene needs: of the models from coarse to fine, the smallest that more freedom does not beat.
 
-Each model (`ladder`) is fitted to a part of the targets, the first frames or some vertices, and judged by the rest: a
-finer one always comes nearer to what it is fitted to, but only one that is nearer to what it has not seen has found
+Each model (`hierarchy`) is fitted to a part of the targets, the first frames or some vertices, and judged by the rest:
+a finer one always comes nearer to what it is fitted to, but only one that is nearer to what it has not seen has found
 something of the cloth.
 """
 
@@ -26,11 +26,11 @@ from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
-from clothfit.optimise.status import Rung, Status, Stop
+from clothfit.optimise.status import ModelFit, Status, Stop
 from clothfit.scene.fit_vector import fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import ladder
-from clothfit.strategy.trajectory_fit import is_explained
+from clothfit.strategy import hierarchy
+from clothfit.strategy.trajectory_fit import leaves_noise
 
 SEED = 0
 
@@ -141,7 +141,7 @@ BEATS = 0.05
 
 @dataclass(frozen=True)
 class Judged:
-    """What one model of a ladder has come to."""
+    """What one model of a hierarchy has come to."""
 
     model: str  # a letter: F, R, M or L; G where there is no other
     values: int  # fitted
@@ -159,41 +159,41 @@ class Choice(NamedTuple):
     evaluations: int
 
 
-def judged(rungs: Sequence[Rung], kept_out: Objective | None) -> list[Judged]:
+def judged(levels: Sequence[ModelFit], kept_out: Objective | None) -> list[Judged]:
     """The models of a search with their errors on what is kept out."""
     return [
         Judged(each.model, each.values, each.rmse, None if kept_out is None else error_of(kept_out, each.p),
-               each.seconds) for each in rungs
+               each.seconds) for each in levels
     ]  # fmt: skip
 
 
 def chosen(
-    whole: Objective, kept_out: Objective | None, p: Array, enough: float, of: str, budget: int,
+    whole: Objective, kept_out: Objective | None, p: Array, rmse_tolerance: float, of: str, budget: int,
     longest: float = np.inf, fitted: bool = False,
 ) -> Choice:  # fmt: skip
     """The model for an objective, from values p (P,) and within a `budget` of evaluations; none is begun after the
-    `longest` time, s of computing. An RMSE of `enough`, m, is good enough. Where nothing is `kept_out` of the
+    `longest` time, s of computing. An RMSE of `rmse_tolerance`, m, is good enough. Where nothing is `kept_out` of the
     objective, a part of it judges, the last frames or some vertices, as `of` says. Values that are `fitted`, by the
     coarsest model, go through no windows again.
     """
-    scene = ladder.as_model(with_parameters(whole.scene, p), "L", exactly=True)
+    scene = hierarchy.as_model(with_parameters(whole.scene, p), "L", exactly=True)
     part = whole.flagging(scene)
     if kept_out is None:
         part, kept_out = parted(part, of)
     else:
         kept_out = kept_out.flagging(scene)
-    search = Search(part, parameters(scene), enough, budget)
+    search = Search(part, parameters(scene), rmse_tolerance, budget)
     search.longest = longest
     try:
         with threads.single(), interrupts.heard():
-            climb(search, [] if fitted else [search.start])
-            found = judged(search.rungs, kept_out)
+            fit_models(search, [] if fitted else [search.start])
+            found = judged(search.levels, kept_out)
     except (KeyboardInterrupt, interrupts.OutOfTime, Diverged, MemoryError, np.linalg.LinAlgError):
-        found = judged(search.rungs, None)  # what was fitted until then
+        found = judged(search.levels, None)  # what was fitted until then
     model = smallest(found) if found else "F"
-    at = next((each.p for each in search.rungs if each.model == model), search.best.p)
+    at = next((each.p for each in search.levels if each.model == model), search.best.p)
     return Choice(
-        model, parameters(with_parameters(scene, at), flags=ladder.as_model(whole.scene, model, exactly=True)),
+        model, parameters(with_parameters(scene, at), flags=hierarchy.as_model(whole.scene, model, exactly=True)),
         found, search.budget.evaluations,
     )  # fmt: skip
 
@@ -208,19 +208,19 @@ def parted(objective: Objective, of: str) -> tuple[Objective, Objective | None]:
     return objective.against(objective.scene, given, ends), objective.against(objective.scene, rest, ends)
 
 
-def climb(search: Search, starts: Sequence[Array]) -> None:
+def fit_models(search: Search, starts: Sequence[Array]) -> None:
     """Fit the models from coarse to fine, the first from `starts` (P,), up to one that leaves nothing but noise."""
-    for model in ladder.models(search.objective.scene):
-        if search.rungs and search.is_late:
+    for model in hierarchy.models(search.objective.scene):
+        if search.levels and search.is_late:
             return
         try:
-            ladder.rung(search, model, starts)
+            hierarchy.fit_level(search, model, starts)
         except Stop as stop:
             if stop.status != Status.CONVERGED:
                 return
-            search.rungs.append(ladder.reached(search, model))
+            search.levels.append(hierarchy.level_result(search, model))
             return
-        if is_explained(search):
+        if leaves_noise(search):
             return
         starts = [search.best.p]
 
@@ -237,7 +237,7 @@ def nearer(models: Sequence[Judged], chosen: str) -> Hint | None:
     if best.holdout_rmse is not None and own.holdout_rmse is not None:
         kept = f"{metres(best.holdout_rmse)} against {metres(own.holdout_rmse)}"
         text += f"; on what was kept out it is no better, {kept}, so {chosen} was chosen"
-    return Hint("model", f"{text}; --model {best.model} fits it", early=False)
+    return Hint("model", f"{text}; --model {best.model} fits it", before_fit=False)
 
 
 def smallest(models: Sequence[Judged]) -> str:

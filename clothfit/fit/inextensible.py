@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Flags
 from clothfit.engine.rollout import Rollout
 from clothfit.fit.hints import edges_of
-from clothfit.fit.posterior import Posterior, inverse_beside
+from clothfit.fit.posterior import Posterior, inverse_outside
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.optimise.status import Stop
@@ -40,7 +40,7 @@ LEAST_STRAIN = 0.01
 """RMS strain of edges that hardly stretch, without noise: a metre of woven cloth has 0.01 to 1.6 % by its own weight.
 """
 
-ROUNDS, CLOSE, SETTLED = 12, 0.05, 0.2
+ROUNDS, CLOSE, STATIONARY = 12, 0.05, 0.2
 """Most points on the way to a bound, the change of its logarithm that is small enough, and what the other values may
 still save there of the rise.
 """
@@ -162,7 +162,7 @@ class Profile(NamedTuple):
     def of(cls, H: Array, g: Array, cost: float, j: int, damping: float) -> Profile:
         """By the quadratic model in z, with the prior's part; a change of 1 of one of the others costs `damping`."""
         o = np.arange(len(g)) != j
-        K = inverse_beside(H[np.ix_(o, o)] + damping * np.eye(len(g) - 1), np.zeros((len(g) - 1, 0)))
+        K = inverse_outside(H[np.ix_(o, o)] + damping * np.eye(len(g) - 1), np.zeros((len(g) - 1, 0)))
         away, along = K @ g[o], K @ H[o, j]
         slope, bend = float(g[j] - H[o, j] @ away), float(H[j, j] - H[o, j] @ along)
         return cls(cost - float(g[o] @ away), slope, max(bend, np.finfo(float).tiny), away, along)
@@ -193,7 +193,7 @@ def lower_bound(problem: Trajectory, known: Posterior, j: int, rise: float) -> f
             most = min(most, profile.beyond(rise))
             ends[int(profile.value > most)] = at
             wanted = at + float(np.log(max(1.0 + profile.up_to(most), np.finfo(float).tiny)))
-            if abs(wanted - at) < CLOSE and cost - profile.value < SETTLED * rise:
+            if abs(wanted - at) < CLOSE and cost - profile.value < STATIONARY * rise:
                 return float(np.exp(-at))
             if not ends[0] < wanted < ends[1]:
                 wanted = min(sum(ends) / 2.0, ends[0] + FARTHEST)
@@ -216,7 +216,7 @@ def played(known: Posterior, ratio: Array, p: Array) -> Array:
     y, start = (search.coordinates.y(each)[search.fitted] for each in (p, search.start))
     change = np.maximum(np.log(PLAYED * ratio[open_]), ((start - y) / scale)[open_])
     H = (local.model.H + A) * np.outer(scale, scale)
-    K = inverse_beside(H[np.ix_(o, o)], np.zeros((len(o), 0)))
+    K = inverse_outside(H[np.ix_(o, o)], np.zeros((len(o), 0)))
     y[open_] += scale[open_] * change
     y[o] += scale[o] * (K @ (H[np.ix_(o, np.flatnonzero(open_))] @ np.expm1(-change)))
     return search.parameters(y)

@@ -45,7 +45,7 @@ RESIDUALS_METHOD, OWN_METHOD = "gauss-newton", "l-bfgs-b"
 SHORTEST_WINDOW = 2
 """Frames of a window, of which each shows how the cloth goes on from its start."""
 
-LONGEST, LONGEST_OVER_TIME = 54.0, 150.0
+LONGEST, LONGEST_KEYED = 54.0, 150.0
 """Seconds of a search for a target that no values reproduce, where the user gives no other limit: more of them gain
 little there. Values over time bring a motion much nearer, and there are many of them.
 """
@@ -196,7 +196,7 @@ class Request(FitOptions):
         return self if self.rmse is not None else replace(self, rmse=max(RMSE_TOLERANCE, rounding))
 
     @property
-    def enough(self) -> float:
+    def rmse_tolerance(self) -> float:
         """The error that is good enough, m."""
         return RMSE_TOLERANCE if self.rmse is None else self.rmse
 
@@ -251,7 +251,7 @@ def requested(
     return Request(**own, method=method, model=model, time_limit=seconds, observer=watching)
 
 
-def settled(scene: Scene, target: Targets | None, options: Request) -> tuple[Targets | None, Request]:
+def resolved(scene: Scene, target: Targets | None, options: Request) -> tuple[Targets | None, Request]:
     """The target and the options of a fit; those of one by a cost of one's own (`objective.own_cost`) as the other
     parts of a fit know them. Raises InvalidInput where an option does not go with that.
     """

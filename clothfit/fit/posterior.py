@@ -224,7 +224,7 @@ def posterior(local: Local) -> Posterior:
     determined = float(len(free) - null.shape[1])
     sigma2 = variance(local.squares, local.count, determined)
     if not local.prior.groups:
-        return Posterior(local, free, null, inverse_beside(H, null), determined, sigma2)
+        return Posterior(local, free, null, inverse_outside(H, null), determined, sigma2)
     for _ in range(VARIANCE_ROUNDS):
         A = local.prior.matrix(sigma2)[np.ix_(free, free)] * np.outer(scale, scale)
         K = inverse(H + A)
@@ -245,7 +245,7 @@ def learned_prior(search: Search, model: Model, squares: float, count: int) -> P
     sigma2 = variance(squares, count, len(model.y))
     sums = [float(model.H[np.ix_(group, group)].sum()) for group in prior.groups]
     prior = replace(prior, narrowest=min([NARROWEST, *(0.1 * float(np.sqrt(sigma2 / s)) for s in sums if s > 0)]))
-    return prior.settled(model.H, model.g, model.y, squares, count)[0]
+    return prior.learned_fully(model.H, model.g, model.y, squares, count)[0]
 
 
 def null_space(H: Array) -> Array:
@@ -267,7 +267,7 @@ def is_regular(unit: Array) -> bool:
     return trust_region.factorised(trust_region.with_diagonal(unit, -2.0 * NULL_EIGENVALUE * largest)) is not None
 
 
-def inverse_beside(H: Array, null: Array) -> Array:
+def inverse_outside(H: Array, null: Array) -> Array:
     """The inverse (F, F) of H on the complement of its null space (F, ·)."""
     unit, by = scaled(H)
     if not null.shape[1]:

@@ -51,23 +51,23 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.keys import Keys
 from clothfit.scene.scene import Scene, vectors, with_pins
-from clothfit.strategy import ladder, step_choice
+from clothfit.strategy import hierarchy, step_choice
 
 T = TypeVar("T")
 
 
 def flagged(scene: Scene, model: str | None) -> Scene:
     """The scene with a model in place of its own flags, where one is asked for; "auto" has all values free."""
-    return scene if model is None else ladder.as_model(scene, "L" if model == AUTO else model, exactly=True)
+    return scene if model is None else hierarchy.as_model(scene, "L" if model == AUTO else model, exactly=True)
 
 
-def in_time(look: Callable[[], T], otherwise: T, seconds: float | None = None, known: bool = False) -> T:
-    """What `look` finds within some seconds; `otherwise` where the time ends it, or a request does where a result is
+def in_time(search: Callable[[], T], otherwise: T, seconds: float | None = None, known: bool = False) -> T:
+    """What `search` finds within some seconds; `otherwise` where the time ends it, or a request does where a result is
     `known` already.
     """
     try:
         with threads.single(), interrupts.heard(), interrupts.limited(seconds):
-            return look()
+            return search()
     except KeyboardInterrupt:
         if not known:
             raise
@@ -96,15 +96,15 @@ def in_windows(whole: Objective, frames: int) -> Objective:
     return whole.against(whole.scene, found, [each.scene.frames for each in found])
 
 
-def with_whole(found: Fit, whole: Objective) -> Fit:
+def with_whole(fit: Fit, whole: Objective) -> Fit:
     """The fit with its error over whole motions from their start; infinite where one diverges."""
-    return replace(found, whole=holdout.error_of(whole, parameters(found.scene, whole.scene)))
+    return replace(fit, whole=holdout.error_of(whole, parameters(fit.scene, whole.scene)))
 
 
 def windows_of(given: Experiment, frames: int) -> list[Experiment]:
     """The windows of one target."""
     motion, scene = given
-    check(scene)
+    check_start(scene)
     step, part = frame_places(motion, scene.delta)
     last = int(np.searchsorted(step + part, scene.frames - 1, side="right")) - 1
     starts = starts_of(motion, scene, frames, last)
@@ -120,7 +120,7 @@ def windows_of(given: Experiment, frames: int) -> list[Experiment]:
     return found
 
 
-def check(scene: Scene) -> None:
+def check_start(scene: Scene) -> None:
     """Raise InvalidInput where a scene cannot begin in another state."""
     fitted = [scene.cloths[cloth] for cloth in fitted_cloths(scene)]
     keyed = any(each is not None for each in (scene.wind_keys, scene.gravity_keys, scene.frame))
@@ -135,7 +135,7 @@ def check(scene: Scene) -> None:
 
 def starts_of(motion: Motion, scene: Scene, frames: int, last: int) -> list[int]:
     """Frames at which windows begin after the first one: every so many, or the next that shows a state."""
-    free = np.concatenate([~held for held in still(scene)])
+    free = np.concatenate([~held for held in immobile(scene)])
     whole = np.asarray(motion.seen()[:, free].all(axis=1))
     shows = np.flatnonzero(whole[:-2] & whole[1:-1] & whole[2:]) + 1
     found, at = list[int](), frames
@@ -147,7 +147,7 @@ def starts_of(motion: Motion, scene: Scene, frames: int, last: int) -> list[int]
         at = found[-1] + frames
 
 
-def still(scene: Scene) -> list[Flags]:
+def immobile(scene: Scene) -> list[Flags]:
     """Which vertices (n,) of each cloth keep the state that the scene gives them: held ones, and all of a cloth that is
     not fitted.
     """
@@ -168,7 +168,7 @@ def window(given: Experiment, start: int, end: int) -> Experiment:
     before, after = start - 1, start + 1
     around = (motion.positions[after] - motion.positions[before]) / (motion.times[after] - motion.times[before])
     ends, cloths = np.cumsum(scene.vertex_counts)[:-1], list[Cloth]()
-    states = zip(still(scene), np.split(motion.positions[start], ends), np.split(around, ends), strict=True)
+    states = zip(immobile(scene), np.split(motion.positions[start], ends), np.split(around, ends), strict=True)
     for cloth, (held, x, v) in zip(scene.cloths, states, strict=True):
         x, v = (np.where(held[:, None], *each) for each in ((cloth.positions, x), (cloth.velocity, v)))
         cloths.append(replace(cloth, positions=x, velocity=v))

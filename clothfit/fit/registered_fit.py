@@ -1,6 +1,6 @@
 """Targets whose markers, clock or place are put right: before a fit, and beside its values after it.
 
-Markers that are swapped are exchanged, and what shows no vertex is left out (`registration.mistaken`).
+Markers that are swapped are exchanged, and what shows no vertex is left out (`registration.mislabelled`).
 
 The clock, the place and the scale are sought with few values before the fit (`registration.residuals`), which then
 compares with the registered targets. After it they are looked at again, with one factor for each kind of value or
@@ -35,17 +35,17 @@ from clothfit.objective.experiment import Experiment, flagged_as
 from clothfit.optimise.evidence import inverse, variance
 from clothfit.optimise.prior import WIDEST
 from clothfit.registration.free_fall import late_start
-from clothfit.registration.mistaken import mistaken
+from clothfit.registration.mislabelled import mislabelled
 from clothfit.registration.record import Markers, Registration
-from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns, descended, find, settled, sought
+from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns, descended, find, reweighted, sought
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy.ladder import as_model
+from clothfit.strategy.hierarchy import as_model
 
 BETTER = 0.99
 """Error relative to the one before below which a fit is done again with another registration."""
 
-MOMENT = 5.0
+REFINE_SECONDS = 5.0
 """Seconds, or as long as the fit takes where that is more, that a look at all values may take."""
 
 FEWEST = 12
@@ -64,7 +64,7 @@ NORMAL = 1.96
 STEP = 1e-5
 """Of the derivative by coordinates, whose 1 is a large change."""
 
-SETTLED = 0.5
+SMALL_STEP = 0.5
 """Step relative to the half width of the interval up to which it is not worth another fit."""
 
 STEADY = 0.1
@@ -76,12 +76,12 @@ cameras keep time, and a rate that only noise moves would move the stiffnesses w
 def put_right(
     scene: Scene, given: Sequence[Experiment], options: Request
 ) -> tuple[list[Experiment], list[Markers] | None, list[Hint]]:
-    """The targets with their mistaken markers put right, as far as what is fitted shows them, what was wrong, if
+    """The targets with their mislabelled markers put right, as far as what is fitted shows them, what was wrong, if
     anything, and what is said of it.
     """
     shown = given if options.holdout is None else split(scene, given, options.holdout, options.holdout_of)[0]
     known = [
-        Markers() if len(motion.correspondence.seen) else mistaken(own, motion, late=options.fit_time)
+        Markers() if len(motion.correspondence.seen) else mislabelled(own, motion, late=options.fit_time)
         for motion, own in shown
     ]
     hints = [
@@ -106,7 +106,7 @@ def begun(given: Sequence[Experiment]) -> tuple[list[Experiment], list[Registrat
 
 
 @dataclass(frozen=True)
-class Look:
+class Refinement:
     """A look at the registrations of targets, as they came, whose coordinates (9,) that are `free` are unknown."""
 
     scene: Scene
@@ -116,7 +116,7 @@ class Look:
     known: Sequence[Registration]
 
     @classmethod
-    def first(cls, scene: Scene, given: Sequence[Experiment], options: Request) -> Look:
+    def first(cls, scene: Scene, given: Sequence[Experiment], options: Request) -> Refinement:
         """The look before a fit. Raises InvalidInput where there is nothing to register."""
         if scene.frame:
             what = "where a target's clock or place is to be found"
@@ -130,7 +130,7 @@ class Look:
         search = partial(find, few(scene, cut(given, late, scene, scene), free, begun.loss))
         return begun.after(in_time(search, begun.known, options.time_limit))
 
-    def after(self, known: Sequence[Registration]) -> Look:
+    def after(self, known: Sequence[Registration]) -> Refinement:
         """The same from other registrations."""
         return replace(self, known=known)
 
@@ -139,48 +139,48 @@ class Look:
         pairs = zip(self.given, self.known, strict=True)
         return [Experiment(known.applied(motion, own.delta), own) for (motion, own), known in pairs]
 
-    def another(self, found: Fit, seconds: float | None) -> Look | None:
+    def another(self, fit: Fit, seconds: float | None) -> Refinement | None:
         """With registrations that promise a better fit: by few values, or, where the model is right, by all of them."""
-        moved = self._within(found, seconds, self._better)
-        if moved is None and found.verdict and not found.verdict.differs:
-            moved = self._within(found, seconds, partial(self._beside, intervals=False))
+        moved = self._within(fit, seconds, self._better)
+        if moved is None and fit.verdict and not fit.verdict.differs:
+            moved = self._within(fit, seconds, partial(self._by_all_values, intervals=False))
         return moved
 
-    def with_intervals(self, found: Fit, seconds: float | None) -> Look:
+    def with_intervals(self, fit: Fit, seconds: float | None) -> Refinement:
         """With intervals beside all values of a fit, unless that takes longer than the fit."""
-        return self._within(found, seconds, partial(self._beside, intervals=True)) or self
+        return self._within(fit, seconds, partial(self._by_all_values, intervals=True)) or self
 
-    def _within(self, found: Fit, seconds: float | None, look: Callable[[Fit], Look | None]) -> Look | None:
-        longest = min(np.inf if seconds is None else seconds, max(found.seconds, MOMENT))
+    def _within(self, fit: Fit, seconds: float | None, refine: Callable[[Fit], Refinement | None]) -> Refinement | None:
+        longest = min(np.inf if seconds is None else seconds, max(fit.seconds, REFINE_SECONDS))
         with interrupts.deferred():
-            return in_time(partial(look, found), None, longest, known=True)
+            return in_time(partial(refine, fit), None, longest, known=True)
 
-    def _better(self, found: Fit) -> Look | None:
+    def _better(self, fit: Fit) -> Refinement | None:
         """With registrations with which few of the fitted values cost less; None where there are none such."""
-        begun = few(found.scene, cut(self.given, self.known, self.scene, found.scene), self.free, self.loss)
+        begun = few(fit.scene, cut(self.given, self.known, self.scene, fit.scene), self.free, self.loss)
         before = near = begun.at(begun.p, self.known)
         if self.free[SPACE].any():
-            near = settled(near)
+            near = reweighted(near)
         near = descended(near.only(TIME)) if self.free[TIME].any() else near
         return self.after(near.registrations) if near.cost() < BETTER**2 * before.cost() else None
 
-    def _beside(self, found: Fit, intervals: bool) -> Look | None:
+    def _by_all_values(self, fit: Fit, intervals: bool) -> Refinement | None:
         """With intervals beside all values of a fit, or where it should be then. None where the motion diverges, there
         are too many values, or another place says nothing beside the noise.
         """
-        given, p = cut(self.given, self.known, self.scene, found.scene), parameters(found.scene)
-        near, count = Unknowns(found.scene, given, p, self.known, self.free, self.loss), len(p)
+        given, p = cut(self.given, self.known, self.scene, fit.scene), parameters(fit.scene)
+        near, count = Unknowns(fit.scene, given, p, self.known, self.free, self.loss), len(p)
         if not 0 < count <= MOST:
             return None
         try:
             model = near.model(near.here)
         except Diverged:
             return None
-        sigma = float(np.sqrt(variance(model.cost, near.residuals, 0.0))) if found.sigma is None else found.sigma
+        sigma = float(np.sqrt(variance(model.cost, near.residuals, 0.0))) if fit.sigma is None else fit.sigma
         if not sigma > 0:
             return None
         every = np.ix_(near.chosen, near.chosen)
-        covariance, steps = prior_of(found, sigma, len(near.chosen)), np.zeros(len(near.chosen))
+        covariance, steps = prior_of(fit, sigma, len(near.chosen)), np.zeros(len(near.chosen))
         covariance[every] = C = inverse(model.H + covariance[every])
         steps[near.chosen] = -C[:, count:] @ model.g[count:]  # the values are at their minimum
         known, far = list[Registration](), intervals
@@ -192,7 +192,7 @@ class Look:
             if keeps_time := bool(self.free[RATE] and abs(likely.rate - 1.0) <= width[RATE]):
                 way = -np.log(each.rate) / place.scale[RATE] - step[RATE]  # the most likely one with that rate
                 likely = replace(place.at(step + C[:, RATE] / max(C[RATE, RATE], np.finfo(float).tiny) * way), rate=1.0)
-            far |= bool((np.abs(likely.numbers - each.numbers) > SETTLED * width).any())
+            far |= bool((np.abs(likely.numbers - each.numbers) > SMALL_STEP * width).any())
             far |= keeps_time and abs(each.rate - 1.0) > STEADY * width[RATE]
             known.append(replace(each, within=width + np.abs(J @ step)) if intervals else likely)
         return self.after(known) if far else None

@@ -1,5 +1,5 @@
 """Hints after a fit whose model differs: what of the residuals another clock, another place, or two vertices that are
-mistaken for each other would explain (`explained`). And what to do where a search has stalled: contacts
+mistaken for each other would explain (`attribution`). And what to do where a search has stalled: contacts
 that switch, folds that buckle to another side and steps that the guard shortens let the error jump from one value to
 the next, and no search by gradients comes down there but from near.
 
@@ -40,13 +40,13 @@ from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.measures import Cloud
 from clothfit.objective.objective import Objective
-from clothfit.objective.run import Run, shown
+from clothfit.objective.run import Run, play
 from clothfit.objective.target import Frames, sample
 from clothfit.optimise import trust_region
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
-from clothfit.registration.mistaken import EXCHANGE, MOST
+from clothfit.registration.mislabelled import EXCHANGE, MOST_MISLABELLED
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, descended, weighted
 from clothfit.scene.fit_vector import bounds, parameters
@@ -60,7 +60,7 @@ KINDS = {"offset": slice(OFFSET, OFFSET + 1), "rate": slice(RATE, RATE + 1), "pl
 """The coordinates of each kind of registration."""
 
 
-class Explained(NamedTuple):
+class Attribution(NamedTuple):
     """What one kind of registration explains."""
 
     what: str  # one of `KINDS`
@@ -92,7 +92,7 @@ def saving(model: Model, free: Flags) -> float:
     return -float(2.0 * g @ step + step @ H @ step)
 
 
-def explained(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Explained | None:
+def attribution(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Attribution | None:
     """What one kind of registration explains of the residuals; None where the motion diverges."""
     before = few(scene, given, np.ones(THETA, bool), loss)
     try:
@@ -100,7 +100,7 @@ def explained(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) 
     except Diverged:
         return None
     cost, after = before.cost(), descended(before.only(KINDS[what]), STEPS)
-    return Explained(what, 1.0 - after.cost() / cost, after.registrations[0]) if 0 < cost < np.inf else None
+    return Attribution(what, 1.0 - after.cost() / cost, after.registrations[0]) if 0 < cost < np.inf else None
 
 
 LEAST_CLOCK, LEAST_PLACE = 0.5, 0.3
@@ -125,28 +125,28 @@ CODES = {"offset": "time_offset", "rate": "time_scale", "placement": "placement"
 """Codes of the hints."""
 
 
-def with_residual_hints(found: Fit, objective: Objective) -> Fit:
+def with_residual_hints(fit: Fit, objective: Objective) -> Fit:
     """The fit with hints from its residuals, where its model differs and positions are compared; with those that were
     found where the time for them ends. Windows show no clock and no place.
     """
-    if found.verdict is None or not found.verdict.differs or list(objective.weights) != ["position"]:
-        return found
-    said, more = {hint.code for hint in found.hints}, list[Hint]()
+    if fit.verdict is None or not fit.verdict.differs or list(objective.weights) != ["position"]:
+        return fit
+    said, more = {hint.code for hint in fit.hints}, list[Hint]()
     # the others know axes that stand still, and times
     framed = objective.scene.method == REST or any(each.scene.frame for each in objective.experiments)
     looks: list[Callable[..., Iterable[Hint]]] = [from_exchange]
-    if not framed and found.windows is None:
+    if not framed and fit.windows is None:
         looks.append(from_registration)
     try:
         with interrupts.limited(LONGEST):
             for look in looks:
-                more.extend(look(found, objective, said))
+                more.extend(look(fit, objective, said))
     except (Diverged, interrupts.OutOfTime):
         pass
-    return replace(found, hints=[*found.hints, *more])
+    return replace(fit, hints=[*fit.hints, *more])
 
 
-def from_registration(found: Fit, objective: Objective, said: set[str]) -> Iterator[Hint]:
+def from_registration(fit: Fit, objective: Objective, said: set[str]) -> Iterator[Hint]:
     """Would another clock, or another place, explain what is left? Offset and rate look alike: of both, the better
     one.
     """
@@ -154,26 +154,26 @@ def from_registration(found: Fit, objective: Objective, said: set[str]) -> Itera
     if not (clock or place):
         return
     unmoved, best = [Registration()] * len(objective.experiments), None
-    given = cut(objective.experiments, unmoved, objective.scene, found.scene)
-    shares = promised(found.scene, given, objective.loss)
+    given = cut(objective.experiments, unmoved, objective.scene, fit.scene)
+    shares = promised(fit.scene, given, objective.loss)
     for what in sorted(("offset", "rate") if clock else (), key=lambda each: -shares[each]):
         alike = what == "rate" and objective.scene.mode("gravity") != "n"  # less gravity, a slower clock
         if shares[what] < PROMISED or alike or (best is not None and best.share >= CERTAIN):
             continue
         try:
-            each = explained(found.scene, given, objective.loss, what)
+            each = attribution(fit.scene, given, objective.loss, what)
         except interrupts.OutOfTime:
             break
         best = each if best is None or (each is not None and each.share > best.share) else best
     if best is not None and best.share >= LEAST_CLOCK:
         yield hint_of(best)
     if place and shares["placement"] >= LEAST_PLACE:
-        moved = explained(found.scene, given, objective.loss, "placement")
+        moved = attribution(fit.scene, given, objective.loss, "placement")
         if moved is not None and moved.share >= LEAST_PLACE:
             yield hint_of(moved)
 
 
-def hint_of(each: Explained) -> Hint:
+def hint_of(each: Attribution) -> Hint:
     """The hint on what a registration explains."""
     found, part = each.registration, f"would explain {100 * each.share:.0f} % of what is left (of its squares)"
     if each.what == "offset":
@@ -184,14 +184,14 @@ def hint_of(each: Explained) -> Hint:
     else:
         away = metres(float(np.linalg.norm(found.translation)))
         text = f"a target that is turned, and moved by {away}, {part}; use --fit-placement"
-    return Hint(CODES[each.what], text, early=False)
+    return Hint(CODES[each.what], text, before_fit=False)
 
 
-def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
+def from_exchange(fit: Fit, objective: Objective, said: set[str]) -> list[Hint]:
     """Are two vertices each where the other one should be, all the time?"""
     if "swapped_markers" in said:
         return []
-    p = parameters(found.scene, objective.scene)
+    p = parameters(fit.scene, objective.scene)
     for run in objective.runs:
         if isinstance(run.comparison.surface, Cloud):
             continue
@@ -199,7 +199,7 @@ def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint
         objective.simulate(run, p, every.update)
         squares = every.mean().ravel()
         far = np.flatnonzero(squares > WORSE * np.nanmedian(squares))
-        if not 2 <= len(far) <= MOST:
+        if not 2 <= len(far) <= MOST_MISLABELLED:
             continue
         some = Distances(run, far, crossed=True)
         objective.simulate(run, p, some.update)
@@ -209,7 +209,7 @@ def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint
             text = (
                 f"{which} of the target lie where the other one should; exchange them, or mark them as not observed"
             )
-            return [Hint("swapped_markers", text, early=False)]
+            return [Hint("swapped_markers", text, before_fit=False)]
     return []
 
 
@@ -251,15 +251,15 @@ class Distances:
         return np.asarray(np.where(self.count > 0, self.squares / np.maximum(self.count, 1), np.nan))
 
 
-def with_stall_hint(found: Fit, objective: Objective) -> Fit:
+def with_stall_hint(fit: Fit, objective: Objective) -> Fit:
     """The fit with what to do next where its search has stalled."""
-    known = found.single_steps or (found.verdict and found.verdict.fails)
-    if found.status != Status.STALLED or not found.rmse > 0.0 or known:
-        return found
-    others = [objective.rmse(objective.cost_or_infinity(p)) for p in around(found, objective)]
-    away = max(others, key=lambda rmse: abs(rmse - found.rmse), default=found.rmse)
-    if not abs(away - found.rmse) <= JUMP * found.rmse:
-        share = f"change it by {100 * abs(away / found.rmse - 1):.3g} %" if np.isfinite(away) else "let it diverge"
+    known = fit.single_steps or (fit.verdict and fit.verdict.fails)
+    if fit.status != Status.STALLED or not fit.rmse > 0.0 or known:
+        return fit
+    others = [objective.rmse(objective.cost_or_infinity(p)) for p in around(fit, objective)]
+    away = max(others, key=lambda rmse: abs(rmse - fit.rmse), default=fit.rmse)
+    if not abs(away - fit.rmse) <= JUMP * fit.rmse:
+        share = f"change it by {100 * abs(away / fit.rmse - 1):.3g} %" if np.isfinite(away) else "let it diverge"
         text = (
             f"the search has stalled where the error jumps: values that are a millionth larger or smaller {share}, as "
             "contacts, folds or the guard of the step switch. Fit fewer frames, then all of them from that result "
@@ -270,34 +270,34 @@ def with_stall_hint(found: Fit, objective: Objective) -> Fit:
             "the search has stalled short of a minimum: fit again from its result (--start), by another --method, or "
             "from other starts (--starts 8)"
         )
-    return replace(found, hints=[*found.hints, Hint("stalled", text, early=False)])
+    return replace(fit, hints=[*fit.hints, Hint("stalled", text, before_fit=False)])
 
 
-def with_own_motion(found: Fit, search: Search) -> Fit:
+def with_own_motion(fit: Fit, search: Search) -> Fit:
     """The fit with what is left of a target that is a motion of its model."""
-    each, left = found.single_steps, f"the motion as a whole ends {metres(found.rmse)} from it"
+    each, left = fit.single_steps, f"the motion as a whole ends {metres(fit.rmse)} from it"
     if each is not None:
-        grown = found.rmse > each.steps**2 * each.rmse  # what errors of single steps add up to, if nothing grows
+        grown = fit.rmse > each.steps**2 * each.rmse  # what errors of single steps add up to, if nothing grows
         if not (grown or search.misses_own):
-            return found
+            return fit
         text = (
             f"the values are those of the target: each of its {each.steps} steps, begun where the target begins it, "
-            f"ends within {metres(each.largest)} of it (RMS); {left}, {found.rmse / each.rmse:.0e} times as far: it is "
+            f"ends within {metres(each.largest)} of it (RMS); {left}, {fit.rmse / each.rmse:.0e} times as far: it is "
             "chaotic, and no search brings it nearer"
         )
-        return replace(found, hints=[*found.hints, Hint("chaotic", text, early=False)])
-    if not search.misses_own or found.status not in (Status.CONVERGED, Status.STALLED):
-        return found
+        return replace(fit, hints=[*fit.hints, Hint("chaotic", text, before_fit=False)])
+    if not search.misses_own or fit.status not in (Status.CONVERGED, Status.STALLED):
+        return fit
     text = (
         f"the target is a motion of this model, as steps of it show; {left}, so other values explain it, which the "
         "search has not found: fit the first frames, then all of them from that result (--start)"
     )
-    return replace(found, hints=[*found.hints, Hint("own_motion", text, early=False)])
+    return replace(fit, hints=[*fit.hints, Hint("own_motion", text, before_fit=False)])
 
 
-def around(found: Fit, objective: Objective) -> list[Array]:
+def around(fit: Fit, objective: Objective) -> list[Array]:
     """Values (P,) on two sides of those that were found, every other one changed the other way."""
-    p = parameters(found.scene, objective.scene)
+    p = parameters(fit.scene, objective.scene)
     scales = np.concatenate([np.zeros(0), *(np.full(block.count, block.kind.scale) for block in objective.blocks)])
     sizes = np.where(objective.identifiable, np.maximum(np.abs(p), SHIFT * scales), 0.0)
     change = SHIFT * sizes * np.where(np.arange(len(p)) % 2 == 0, 1.0, -1.0)
@@ -308,7 +308,7 @@ MOVERS = ("damping", "drag", "wind", "gravity")
 """Kinds whose lack keeps a cloth from moving as its target does."""
 
 
-def still(objective: Objective) -> float:
+def picture_error(objective: Objective) -> float:
     """Root mean square distance, m, of the compared positions from the mean of each vertex over its frames."""
     squares = 0.0
     for run in objective.runs:
@@ -319,7 +319,7 @@ def still(objective: Objective) -> float:
             x = np.where(np.isfinite(x), x, run.system.x0)  # there was no time to track it
             squares += run.comparison.cost_of(np.broadcast_to(x.mean(axis=0), x.shape))
             continue
-        x, seen = run.comparison.shown(x), run.comparison.observed[..., None]
+        x, seen = run.comparison.points_of(x), run.comparison.observed[..., None]
         mean = x.sum(axis=0, where=seen) / np.maximum(seen.sum(axis=0), 1)
         squares += sum(float(((each - mean) ** 2).sum(where=here)) for each, here in zip(x, seen, strict=True))
     return float(np.sqrt(squares / max(objective.observations, 1)))
@@ -331,7 +331,7 @@ def as_it_came(objective: Objective) -> float | None:
     """
 
     def show(run: Run, observe: Observer) -> None:
-        shown(run, Tape(run.system, run.steps, objective.tolerance, None, run.forms), [observe])
+        play(run, Tape(run.system, run.steps, objective.tolerance, None, run.forms), [observe])
 
     try:
         found = objective.distance(show)
@@ -340,40 +340,40 @@ def as_it_came(objective: Objective) -> float | None:
     return found if np.isfinite(found) else None
 
 
-def with_still(found: Fit, objective: Objective) -> Fit:
+def with_picture(found: Fit, objective: Objective) -> Fit:
     """The fit beside the best still picture, where positions are compared. Over whole motions, where the model differs,
     a fit that is not nearer fails.
     """
     own = objective.own or objective.scene.method == REST
     if own or not objective.observations or "position" not in objective.weights:
         return found
-    found = replace(found, baselines=Baselines(still(objective)))
-    nearer = not found.rmse >= still_of(found)
+    found = replace(found, baselines=Baselines(picture_error(objective)))
+    nearer = not found.rmse >= picture_error_of(found)
     if found.windows is not None or found.verdict is None or not found.verdict.differs or nearer:
         return found
     text = (
-        f"the best still picture of the target comes to {metres(still_of(found))}, the fitted motion only to "
+        f"the best still picture of the target comes to {metres(picture_error_of(found))}, the fitted motion only to "
         f"{metres(found.rmse)}: what moves the cloth is missing from the model, or the search, which ended in its "
         f"stage “{found.stage}”, has not found it. {way_out(objective.scene)}"
     )
     status = Status.STALLED if found.status == Status.CONVERGED else found.status
-    verdict, first = replace(found.verdict, model=FAILS), Hint(FAILS, text, early=False)
+    verdict, first = replace(found.verdict, model=FAILS), Hint(FAILS, text, before_fit=False)
     warnings = [each for each in found.warnings if not each.startswith("no intervals")]
     warnings.append("no intervals: the fit fails, so its values say nothing of the cloth")
     found = replace(without_intervals(found), status=status, verdict=verdict)
     return replace(found, hints=[first, *found.hints], warnings=warnings)
 
 
-def still_of(found: Fit) -> float:
+def picture_error_of(fit: Fit) -> float:
     """The error of the still picture, m; infinite where it is not known."""
-    return np.inf if found.baselines is None else found.baselines.still
+    return np.inf if fit.baselines is None else fit.baselines.still
 
 
-def with_start(found: Fit, objective: Objective) -> Fit:
+def with_start(fit: Fit, objective: Objective) -> Fit:
     """The fit beside the scene as it came; `objective` has that scene, in its own step."""
-    if found.baselines is None:
-        return found
-    return replace(found, baselines=replace(found.baselines, start=as_it_came(objective)))
+    if fit.baselines is None:
+        return fit
+    return replace(fit, baselines=replace(fit.baselines, start=as_it_came(objective)))
 
 
 def way_out(scene: Scene) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres, owned
-from clothfit.base.notebook import shown
+from clothfit.base.notebook import html_of
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.alternatives import Alternatives, alternatives, in_words
 from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence, residual_variance
@@ -48,7 +48,7 @@ ADEQUATE, DIFFERS, FAILS = "adequate", "differs", "fails"
 NEGLIGIBLE = 1e-4
 """Unexplained fraction of the motion that nobody sees: 0.1 mm in a metre."""
 
-MOMENT = 0.5
+ERROR_SECONDS = 0.5
 """Seconds for the error of positions where the fit was asked to end."""
 
 WIDE = float(np.exp(2.0))
@@ -163,7 +163,7 @@ class Fit:
         return f"<Fit of {self.scene.name}: {self.status}, {error} over {sizes}, {used}>"
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return html_of(self)
 
     @property
     def relative_rmse(self) -> float | None:
@@ -221,13 +221,13 @@ def result(
     )
 
 
-def with_lower_bounds(found: Fit, objective: Objective) -> Fit:
+def with_lower_bounds(fit: Fit, objective: Objective) -> Fit:
     """The fit with lower bounds, by the strains, of stiffnesses of edges that hardly stretch where the model differs or
     nothing else is known of them: they have no interval, or one that 1/k = 0 is as near to as their best value.
     """
-    blocks, p = list(found.parameters), parameters(found.scene, objective.scene)
-    if found.verdict is None or found.verdict.fails or not any(block.name == "stiffness" for block in blocks):
-        return found
+    blocks, p = list(fit.parameters), parameters(fit.scene, objective.scene)
+    if fit.verdict is None or fit.verdict.fails or not any(block.name == "stiffness" for block in blocks):
+        return fit
     stiff = hardly_stretching(objective)
     for i, (block, own) in enumerate(zip(objective.blocks, blocks, strict=True)):
         lost = {*own.unidentifiable, *(j for j, ends in enumerate(own.interval) if ends and ends[1] < WIDE * ends[0])}
@@ -235,7 +235,7 @@ def with_lower_bounds(found: Fit, objective: Objective) -> Fit:
         if open_.any() and not own.at_least:
             low = p[block.part] * by_strains(objective, block, p)
             blocks[i] = at_least(own, block, np.where(open_, low, np.nan))
-    return replace(found, parameters=blocks)
+    return replace(fit, parameters=blocks)
 
 
 def at_least(found: FittedBlock, block: Block, low: Array) -> FittedBlock:
@@ -257,12 +257,12 @@ def fitted_scene(search: Search, p: Array, started: bool) -> Scene:
     return with_parameters(scene, p, [] if started else lost)  # the scene's values, which may differ, not their mean
 
 
-def with_fallbacks(found: Fit, objective: Objective) -> Fit:
+def with_fallbacks(fit: Fit, objective: Objective) -> Fit:
     """The fit with the fallbacks that the steps of its motion needed, and their warnings."""
-    fallbacks = objective.remedies(parameters(found.scene, objective.scene))
+    fallbacks = objective.remedies(parameters(fit.scene, objective.scene))
     texts = fallbacks.sentences(sum(run.steps for run in objective.runs))
-    warnings = [*found.warnings, *(f"the fitted motion: {text}" for text in texts)]
-    return replace(found, remedies=fallbacks, warnings=warnings)
+    warnings = [*fit.warnings, *(f"the fitted motion: {text}" for text in texts)]
+    return replace(fit, remedies=fallbacks, warnings=warnings)
 
 
 def verdict(objective: Objective, p: Array, relative: float) -> Verdict | None:
@@ -287,7 +287,7 @@ def judgement(search: Search, trial: bool) -> Judgement:
     are compared.
     """
     objective, p, cost = search.objective, search.best.p, search.best.cost
-    rmse, travel = position_rmse(search, p, cost), objective.travel
+    rmse, travel = position_rmse(search, p, cost), objective.rms_displacement
     if not (travel > 0 and np.isfinite(rmse)):
         return UNKNOWN
     exact = bool(search.proven) or objective.rmse(cost) <= min(search.rmse_tolerance, EXACT)
@@ -295,23 +295,23 @@ def judgement(search: Search, trial: bool) -> Judgement:
     left = Verdict(ADEQUATE, shown / travel) if exact else verdict(objective, p, rmse / travel)
     if left is None:
         return UNKNOWN
-    enough = reproduced(objective, cost, search.rmse_tolerance, trial)
+    suffices = reproduced(objective, cost, search.rmse_tolerance, trial)
     others, hints = None, list[Hint]()
     if not (left.differs or trial or search.objective.own):
         others = alternatives(search)
-        left, hints = beside(search, left, None if enough or exact else others)
+        left, hints = with_alternatives(search, left, None if suffices or exact else others)
     known = confidence(search, left.differs, others)
-    return Judgement(Verdict(ADEQUATE, rmse / travel) if enough else left, known, tuple(hints))
+    return Judgement(Verdict(ADEQUATE, rmse / travel) if suffices else left, known, tuple(hints))
 
 
-def beside(search: Search, left: Verdict, others: Alternatives | None) -> tuple[Verdict, list[Hint]]:
+def with_alternatives(search: Search, left: Verdict, others: Alternatives | None) -> tuple[Verdict, list[Hint]]:
     """A verdict by residuals as noise, and what other values of what is not fitted say against it."""
-    objective, found = search.objective, [] if others is None else others.shown(residual_variance(search))
+    objective, found = search.objective, [] if others is None else others.improbable(residual_variance(search))
     if not found:
         return left, []
-    hint = Hint("hidden", in_words(found, objective.scene), early=False)
+    hint = Hint("hidden", in_words(found, objective.scene), before_fit=False)
     apart = float(np.sqrt(found[0].squares / max(objective.observations, 1)))
-    unexplained = max(apart / objective.travel, left.unexplained)
+    unexplained = max(apart / objective.rms_displacement, left.unexplained)
     return Verdict(ADEQUATE if unexplained <= NEGLIGIBLE else DIFFERS, unexplained), [hint]
 
 
@@ -330,9 +330,9 @@ def position_rmse(search: Search, p: Array, cost: float) -> float:
     unseen = not (search.objective.own or search.objective.observations)
     if search.objective.plain or unseen or not np.isfinite(cost):
         return search.objective.rmse(cost)
-    moment = MOMENT if interrupts.requested() else None
+    limit = ERROR_SECONDS if interrupts.requested() else None
     try:
-        with interrupts.heard(), interrupts.grace(MOMENT), interrupts.limited(moment):
+        with interrupts.heard(), interrupts.grace(ERROR_SECONDS), interrupts.limited(limit):
             return search.objective.position_rmse(p)
     except Diverged:  # the cost saw only what is finite
         return np.inf
@@ -340,27 +340,27 @@ def position_rmse(search: Search, p: Array, cost: float) -> float:
         return np.nan
 
 
-def with_verdict(found: Fit, objective: Objective, tolerance: float, trial: bool) -> Fit:
+def with_verdict(fit: Fit, objective: Objective, tolerance: float, trial: bool) -> Fit:
     """The fit with the verdict on its model where it has none yet, without one where nothing moves. `tolerance`, m, is
     the error that is good enough; `trial`: the target is the scene's own motion.
     """
-    if found.verdict is not None or found.relative_rmse is None:
-        return found
-    if found.single_steps and found.travel:
-        return replace(found, verdict=Verdict(ADEQUATE, found.single_steps.rmse / found.travel))
-    if reproduced(objective, found.cost, tolerance, trial):
-        return replace(found, verdict=Verdict(ADEQUATE, found.relative_rmse))
+    if fit.verdict is not None or fit.relative_rmse is None:
+        return fit
+    if fit.single_steps and fit.travel:
+        return replace(fit, verdict=Verdict(ADEQUATE, fit.single_steps.rmse / fit.travel))
+    if reproduced(objective, fit.cost, tolerance, trial):
+        return replace(fit, verdict=Verdict(ADEQUATE, fit.relative_rmse))
     try:
-        p = parameters(found.scene, objective.scene)
-        return replace(found, verdict=verdict(objective, p, found.relative_rmse))
+        p = parameters(fit.scene, objective.scene)
+        return replace(fit, verdict=verdict(objective, p, fit.relative_rmse))
     except Diverged:
-        return found
+        return fit
 
 
-def without_intervals(found: Fit) -> Fit:
+def without_intervals(fit: Fit) -> Fit:
     """The fit without what its values' intervals say."""
-    blocks = [replace(block, interval=[None] * block.count, at_least=False, least=[]) for block in found.parameters]
-    return replace(found, parameters=blocks, rank=None, sigma=None, correlations=(), samples=None)
+    blocks = [replace(block, interval=[None] * block.count, at_least=False, least=[]) for block in fit.parameters]
+    return replace(fit, parameters=blocks, rank=None, sigma=None, correlations=(), samples=None)
 
 
 def fitted_block(search: Search, block: Block, p: Array, known: Confidence | None) -> FittedBlock:
@@ -370,17 +370,17 @@ def fitted_block(search: Search, block: Block, p: Array, known: Confidence | Non
     lost = ~search.fitted[part]
     interval: list[tuple[float, float] | None] = [None] * block.count
     if known is not None:
-        lost |= known.hidden[part]
+        lost |= known.undetermined[part]
         ends = zip(known.low[part].tolist(), known.high[part].tolist(), strict=True)
         interval = [None if np.isnan(low) else (low, high) for low, high in ends]
     bound = (at_lower(p[part], lower) | at_upper(p[part], upper)) & ~lost
     start = search.origin
     still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
     reached = np.where(at_lower(p[part], lower), lower, upper)[bound]
-    at_bound, hidden, unmoved = (np.flatnonzero(each).tolist() for each in (bound, lost, still[part] & ~lost))
+    at_bound, undetermined, unmoved = (np.flatnonzero(each).tolist() for each in (bound, lost, still[part] & ~lost))
     began = start[part].tolist()
     found = FittedBlock(
-        block.cloth, block.name, block.mode, block.count, at_bound, hidden, unmoved, interval,
+        block.cloth, block.name, block.mode, block.count, at_bound, undetermined, unmoved, interval,
         bounds=reached.tolist(), start=began[0] if len(set(began)) == 1 else began,
     )  # fmt: skip
     if known is not None and known.least is not None:
@@ -399,7 +399,7 @@ def bound_hints(search: Search, p: Array) -> list[Hint]:
         own = block.part
         ends = [(at & search.fitted)[own] for at in (at_lower(p, lower), at_upper(p, upper))]
         if any(end.any() for end in ends):
-            found.append(Hint("bounds", beyond(block, bool(ends[0].any()), bool(ends[1].any())), early=False))
+            found.append(Hint("bounds", beyond(block, bool(ends[0].any()), bool(ends[1].any())), before_fit=False))
     return found
 
 

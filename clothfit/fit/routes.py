@@ -10,8 +10,8 @@ them.
 3. Otherwise the trajectory fit (`trajectory_fit`), from the best of the start, a uniform fabric and equal values; or
    from a momentum fit that is exact but for the rounding of a file. One that is not is no such start: its motion may be
    near, but noise has scattered its values.
-4. From coarse to fine (`ladder`), where a choice of the step, or the first windows of 3, show that no values reproduce
-   the target. `WITH_TIME_LEFT` then goes on.
+4. From coarse to fine (`hierarchy`), where a choice of the step, or the first windows of 3, show that no values
+   reproduce the target. `WITH_TIME_LEFT` then goes on.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.fit import holdout
 from clothfit.fit.holdout import Judged
-from clothfit.fit.options import AUTO, LONGEST, LONGEST_OVER_TIME, Request
+from clothfit.fit.options import AUTO, LONGEST, LONGEST_KEYED, Request
 from clothfit.fit.preparation import counts_of
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
@@ -44,7 +44,7 @@ from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import of_kinds, parameters, with_parameters
 from clothfit.scene.kinds import KIND, REST
 from clothfit.scene.scene import Scene
-from clothfit.strategy import auto, continuation, few_values, frame_blocks, ladder, step_choice
+from clothfit.strategy import auto, continuation, few_values, frame_blocks, hierarchy, step_choice
 from clothfit.strategy.continuation import with_substeps
 from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by
@@ -95,7 +95,7 @@ reproduces the first frames.
 ALIKE_MOTION = 1e-4
 """Error relative to how far the target moves that the rounding of files may leave."""
 
-MOMENT = 0.5
+COST_SECONDS = 0.5
 """Seconds for the costs of the values that were found, where the time is up."""
 
 ALIKE = "some values change the motion too alike to be told apart; fit fewer of them (--model F), or give a --prior"
@@ -115,7 +115,7 @@ class Fitting:
     search: Search  # by what was chosen so far, with the best values
     options: Request
     start: float | Array | Scene | None  # that the user gives
-    hidden: bool = False  # whether the scene's own values are the truth, which the fit may not know
+    twin: bool = False  # whether the scene's own values are the truth, which the fit may not know
     kept_out: Objective | None = None
     checkpoint: Checkpoint | None = None
     state: State | None = None  # that it goes on from
@@ -139,23 +139,23 @@ class Fitting:
 
     @classmethod
     def of(
-        cls, objective: Objective, start: float | Array | Scene | None, options: Request, hidden: bool,
+        cls, objective: Objective, start: float | Array | Scene | None, options: Request, twin: bool,
         kept_out: Objective | None = None, checkpoint: Checkpoint | None = None, state: State | None = None,
     ) -> Fitting:  # fmt: skip
         """The fit of an objective, with its time. Raises InvalidInput where a start is none."""
-        first = parameters(objective.scene) if hidden else choose_start(objective, start, hidden)
-        search = Search(objective, first, options.enough, options.max_evaluations, options.observer.progress)
-        search.own = hidden
+        first = parameters(objective.scene) if twin else choose_start(objective, start, twin)
+        search = Search(objective, first, options.rmse_tolerance, options.max_evaluations, options.observer.progress)
+        search.own = twin
         if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
-            search.looser = objective.scene.tolerance
-        longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_OVER_TIME
+            search.loose_tolerance = objective.scene.tolerance
+        longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_KEYED
         search.longest = longest if options.time_limit is None else np.inf
-        return cls(search, options, start, hidden, kept_out, checkpoint, state)
+        return cls(search, options, start, twin, kept_out, checkpoint, state)
 
     @property
     def counts(self) -> Sequence[int]:
         """Numbers of BDF2 steps to a frame that are to be tried."""
-        return [] if self.hidden or self.state else counts_of(self.options, self.own.scene)
+        return [] if self.twin or self.state else counts_of(self.options, self.own.scene)
 
     def like(self, other: Objective | None) -> Objective | None:
         """Another objective with all that was chosen, the tolerance as well."""
@@ -168,7 +168,7 @@ class Fitting:
         if self.left_out:
             other = other.flagging(frame_blocks.without(other.scene, self.first, self.left_out))
         if self.model:
-            other = other.flagging(ladder.as_model(other.scene, self.model, exactly=True))
+            other = other.flagging(hierarchy.as_model(other.scene, self.model, exactly=True))
         tolerance = self.search.objective.tolerance
         return other if other.tolerance == tolerance else other.until(other.steps + 1, tolerance)
 
@@ -176,15 +176,15 @@ class Fitting:
         """Go on with another objective, from values p (P,) of that cost."""
         before = self.search
         origin = values_by(with_parameters(before.objective.scene, before.origin), flags=objective.scene)
-        self.search = before.beside(objective, p, cost)
-        self.search.origin, self.search.looser = origin, before.looser
+        self.search = before.subsearch(objective, p, cost)
+        self.search.origin, self.search.loose_tolerance = origin, before.loose_tolerance
 
     def keep(self) -> None:
         """Let the search keep its state from now on."""
         search = self.search
         search.checkpoint, search.model, search.left_out = self.checkpoint, self.model, self.left_out
         search.substeps, search.integrator = self.step or (0, 0)
-        search.origin = search.start if self.hidden else search.origin
+        search.origin = search.start if self.twin else search.origin
         search.progress.p = search.best.p  # choices have other parameters
 
 
@@ -244,7 +244,7 @@ def in_words(error: Exception) -> str:
 # --- what is fitted
 
 
-def with_asked_step(fit: Fitting) -> None:
+def with_given_step(fit: Fitting) -> None:
     """As many steps to a frame as the user asks for."""
     assert isinstance(fit.options.substeps, int)
     fit.adopt(with_substeps(fit.own, fit.options.substeps, None), fit.first)
@@ -303,39 +303,40 @@ def by_few_kinds(fit: Fitting) -> None:
 def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     """What few values come to, the rest as in the `start` (P,)."""
     whole, gone = fit.search.objective, tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in others)
-    fewer = whole.flagging(ladder.as_model(frame_blocks.without(whole.scene, start, gone), FEWEST, exactly=True))
-    search = fit.search.beside(fewer, parameters(fewer.scene), np.inf)
+    fewer = whole.flagging(hierarchy.as_model(frame_blocks.without(whole.scene, start, gone), FEWEST, exactly=True))
+    search = fit.search.subsearch(fewer, parameters(fewer.scene), np.inf)
     search.longest = PART * (LONGEST if fit.options.time_limit is None else fit.options.time_limit)
     trial, exact = Trial(search), list[tuple[Objective, Array]]()
     trial.run(lambda own: step_choice.by_exact_windows(own, exact))
-    near = search.best.cost <= ALIKE_MOTION**2 * whole.still
+    near = search.best.cost <= ALIKE_MOTION**2 * whole.cost_at_rest
     there = np.isfinite(search.best.cost) and not trial.ended
     if near or (there and step_choice.leaves_noise(search)):
         return Few(fewer, search.best.p, start, others, True)
-    return Few(fewer, exact[-1][1] if exact else search.best.p, start, others, False, few_values.begins(fewer, exact))
+    p, chaotic = exact[-1][1] if exact else search.best.p, few_values.steps_before_chaos(fewer, exact)
+    return Few(fewer, p, start, others, False, chaotic)
 
 
 def with_best_step(fit: Fitting) -> None:
     """The step that gains most."""
-    root = fit.search.beside(fit.search.objective, fit.search.start, np.inf)
+    root = fit.search.subsearch(fit.search.objective, fit.search.start, np.inf)
     root.budget = Budget(step_choice.EVALUATIONS)
-    found = step_choice.chosen(root, fit.counts, fit.own, fit.options.model != AUTO)
-    fit.search.budget.beside += root.budget.evaluations
+    stepped = step_choice.chosen(root, fit.counts, fit.own, fit.options.model != AUTO)
+    fit.search.budget.extra += root.budget.evaluations
     fit.search.own, fit.search.single = root.own, root.single
-    fit.step, fit.tried, fit.known = found.step, found.tried, True
-    fit.adopt(found.objective, found.p, found.cost)
-    fit.wanted = None if found.explained else ladder.left(found.objective.scene)
+    fit.step, fit.tried, fit.known = stepped.step, stepped.tried, True
+    fit.adopt(stepped.objective, stepped.p, stepped.cost)
+    fit.wanted = None if stepped.leaves_noise else hierarchy.remaining_models(stepped.objective.scene)
 
 
 def without_kinds(fit: Fitting) -> None:
     """No kinds that take the fit farther from frames kept out."""
     trial, known = Trial(fit.search), list[tuple[list[frame_blocks.Choice], Array]]()
-    part = ladder.part_of(fit.search, ladder.models(fit.search.objective.scene)[0], fit.search.best.p)
+    part = hierarchy.subproblem(fit.search, hierarchy.models(fit.search.objective.scene)[0], fit.search.best.p)
     trial.run(lambda _: known.append(frame_blocks.needed(part)))
     fit.kinds, values = known[0] if known else ([], part.best.p)
     if gone := frame_blocks.left_out(fit.kinds):
         fewer = frame_blocks.without(fit.search.objective.scene, fit.first, gone)
-        p = ladder.as_whole(part, values, fewer)
+        p = hierarchy.as_whole(part, values, fewer)
         fit.adopt(fit.search.objective.flagging(fewer), p)
         fit.left_out = gone
         Trial(fit.search).run(lambda search: search.visit(p))
@@ -346,29 +347,29 @@ def with_best_model(fit: Fitting) -> None:
     search, options = fit.search, fit.options
     longest = np.inf if options.time_limit is not None else CHOICE * LONGEST - search.progress.computing
     found = holdout.chosen(
-        search.objective, fit.like(fit.kept_out), search.best.p, options.enough, options.holdout_of,
+        search.objective, fit.like(fit.kept_out), search.best.p, options.rmse_tolerance, options.holdout_of,
         options.max_evaluations, longest, fitted=bool(fit.tried),
     )  # fmt: skip
     before, cost = with_parameters(search.objective.scene, search.best.p), search.best.cost
-    scene = ladder.as_model(search.objective.scene, found.model, exactly=True)
+    scene = hierarchy.as_model(search.objective.scene, found.model, exactly=True)
     objective = search.objective.flagging(scene)
     candidates, costs = [parameters(before, flags=scene), found.p], [cost, np.inf]
-    with suppress(interrupts.OutOfTime), interrupts.grace(MOMENT):
+    with suppress(interrupts.OutOfTime), interrupts.grace(COST_SECONDS):
         costs = [min(cost, objective.cost_or_infinity(each)) for cost, each in zip(costs, candidates, strict=True)]
     best = int(np.argmin(costs))
-    search.budget.beside += found.evaluations
+    search.budget.extra += found.evaluations
     fit.adopt(objective, candidates[best], costs[best])
     fit.model, fit.judged, fit.wanted, fit.known = found.model, found.judged, [found.model], True
 
 
 def from_first_point(fit: Fitting) -> None:
     """The first point of the method, where nothing better is known."""
-    p, cost, warnings = first_point(fit.search.objective, fit.start, fit.hidden, fit.options.method)
+    p, cost, warnings = first_point(fit.search.objective, fit.start, fit.twin, fit.options.method)
     fit.adopt(fit.search.objective, p, cost)
     fit.search.warn(*warnings)
 
 
-def beside_the_pattern(fit: Fitting) -> None:
+def cost_of_the_pattern(fit: Fitting) -> None:
     """The cost of the scene as it is where one value for all (G) flattens its pattern."""
     scene = fit.search.objective.scene
     flat = any(
@@ -377,26 +378,26 @@ def beside_the_pattern(fit: Fitting) -> None:
         for block in scene.blocks
     )  # fmt: skip
     if flat:
-        kept = fit.search.objective.flagging(ladder.as_model(scene, "F", exactly=True))
+        kept = fit.search.objective.flagging(hierarchy.as_model(scene, "F", exactly=True))
         fit.as_it_is = kept.cost_or_infinity(parameters(kept.scene))
 
 
 CHOICES = (
     Route("as before", lambda fit: fit.state is not None, as_before),
-    Route("asked step", lambda fit: not (fit.hidden or fit.state) and isinstance(fit.options.substeps, int),
-          with_asked_step),
+    Route("asked step", lambda fit: not (fit.twin or fit.state) and isinstance(fit.options.substeps, int),
+          with_given_step),
     Route("few kinds",
-          lambda fit: fit.options.auto and not (fit.hidden or fit.state or fit.options.windows)
+          lambda fit: fit.options.auto and not (fit.twin or fit.state or fit.options.windows)
           and fit.options.model in (None, AUTO) and fit.options.method == AUTO,
           by_few_kinds),
     Route("time step", lambda fit: bool(fit.counts) and not fit.model, with_best_step),
     Route("kinds", lambda fit: fit.options.auto and fit.wanted is not None, without_kinds),
-    Route("model", lambda fit: fit.options.model == AUTO and not (fit.hidden or fit.state or fit.model),
+    Route("model", lambda fit: fit.options.model == AUTO and not (fit.twin or fit.state or fit.model),
           with_best_model),
     Route("start", lambda fit: not (fit.known or fit.state), from_first_point),
     Route("known start", lambda fit: fit.known,
           lambda fit: fit.search.warn(*start_warnings(fit.search.objective, fit.search.start))),
-    Route("pattern", lambda fit: fit.start is None and not fit.hidden, beside_the_pattern),
+    Route("pattern", lambda fit: fit.start is None and not fit.twin, cost_of_the_pattern),
 )  # fmt: skip
 """What a fit settles before, one after the other."""
 
@@ -432,22 +433,22 @@ def going_on(fit: Fitting) -> Status | None:
         return go_on(fit.search, fit.state, fit.tau, watched=fit.options.method != "gauss-newton")
     except ModelDiffers:
         fit.wanted = models_left(fit.search, fit.state) if fit.state.rungs else None
-        return auto.by_ladder(fit.search, fit.tau, [fit.search.start], fit.wanted)
+        return auto.by_hierarchy(fit.search, fit.tau, [fit.search.start], fit.wanted)
 
 
 def models_left(search: Search, state: State) -> list[str]:
-    """The models of a ladder that a fit has not finished which goes on from a `state`; it has one alone where that was
-    chosen.
+    """The models of a hierarchy that a fit has not finished which goes on from a `state`; it has one alone where that
+    was chosen.
     """
-    done = {rung.model for rung in state.rungs}
-    every = [state.model] if state.model else ladder.models(search.objective.scene)
+    done = {level.model for level in state.rungs}
+    every = [state.model] if state.model else hierarchy.models(search.objective.scene)
     return [model for model in every if model not in done]
 
 
 def by_models_left(fit: Fitting) -> Status:
     """From coarse to fine, from the best values."""
     wanted = fit.wanted if fit.wanted is not None or fit.state is None else models_left(fit.search, fit.state)
-    return auto.by_ladder(fit.search, fit.tau, [], wanted)
+    return auto.by_hierarchy(fit.search, fit.tau, [], wanted)
 
 
 def by_balances(fit: Fitting) -> None:
@@ -463,11 +464,11 @@ def by_balances(fit: Fitting) -> None:
     anchored = [momentum.ANCHORED] if momentum.anchors(search.objective, search.fitted) else []
     try:
         fit.exact = auto.by_momentum(search, start, [first, *anchored, *others], early, balances)
-    except auto.SolvedLooser as looser:
-        fit.adopt(search.objective.until(search.objective.steps + 1, looser.tolerance), looser.p)
+    except auto.SolvedLoosely as loose:
+        fit.adopt(search.objective.until(search.objective.steps + 1, loose.tolerance), loose.p)
         fit.keep()
-        fit.search.looser, fit.known = None, True
-        fit.search.warn(SOLVED_AS.format(looser.tolerance))
+        fit.search.loose_tolerance, fit.known = None, True
+        fit.search.warn(SOLVED_AS.format(loose.tolerance))
         by_balances(fit)
 
 
@@ -487,7 +488,7 @@ def around_the_best_guess(fit: Fitting) -> None:
     search.enter("starts")
     guesses = [search.start]
     if not (fit.known or is_near(search, search.visit(search.start))):
-        others = other_starts(search.objective, search.start, fit.hidden, fit.start is not None)
+        others = other_starts(search.objective, search.start, fit.twin, fit.start is not None)
         guesses += [np.where(search.fitted, p, search.start) for p in others]
     fit.centre = min(guesses, key=partial(search.measure, objective=first_frames(search.objective)))
 
@@ -495,7 +496,7 @@ def around_the_best_guess(fit: Fitting) -> None:
 def by_few_values(fit: Fitting) -> Status:
     """From coarse to fine, from the start and the centre."""
     start = fit.search.start
-    return auto.by_ladder(fit.search, fit.tau, [start] if fit.centre is start else [start, fit.centre])
+    return auto.by_hierarchy(fit.search, fit.tau, [start] if fit.centre is start else [start, fit.centre])
 
 
 def has_few(fit: Fitting) -> bool:
@@ -519,7 +520,7 @@ def from_the_best(fit: Fitting) -> Status:
 
 def from_coarse_to_fine(fit: Fitting) -> Status:
     """All models, from the start."""
-    return auto.by_ladder(fit.search, fit.tau, [fit.search.start])
+    return auto.by_hierarchy(fit.search, fit.tau, [fit.search.start])
 
 
 # --- with the time that is left
@@ -528,30 +529,30 @@ def from_coarse_to_fine(fit: Fitting) -> Status:
 def is_unlike(fit: Fitting) -> bool:
     """Whether models from coarse to fine have left much, and time."""
     search = fit.search
-    return bool(search.rungs) and not search.is_late and search.best.cost > UNLIKE**2 * search.objective.still
+    return bool(search.levels) and not search.is_late and search.best.cost > UNLIKE**2 * search.objective.cost_at_rest
 
 
 def by_shorter_steps(fit: Fitting) -> Status | None:
     """The finest model by shorter steps, as long as that pays."""
     status = None
     while is_unlike(fit):
-        before = fit.search.rungs
+        before = fit.search.levels
         model = before[-1].model
         trial = step_choice.shorter(fit.search, model, fit.tried, fit.counts, partial(fit.by, other=fit.own))
         if trial is None:
             break
         fit.step, fit.tried = trial.chosen, (*fit.tried, trial.step)
         fit.adopt(trial.search.objective, trial.search.best.p, trial.search.best.cost)
-        fit.search.rungs = before[:-1]
+        fit.search.levels = before[:-1]
         fit.keep()
-        status = auto.by_ladder(fit.search, fit.tau, [], [model])
+        status = auto.by_hierarchy(fit.search, fit.tau, [], [model])
     return status
 
 
 def from_other_points(fit: Fitting) -> Status:
     """The finest model from points around its end."""
-    last = fit.search.rungs[-1]
-    ladder.hop(fit.search, last.model, last.seconds)
+    last = fit.search.levels[-1]
+    hierarchy.hop(fit.search, last.model, last.seconds)
     return auto.ended(fit.search)
 
 
@@ -580,15 +581,15 @@ def by_shadow(fit: Fitting) -> Status:
     return status
 
 
-def best_bendings(measure: Callable[[float], float], enough: float = 0.0) -> list[float]:
+def best_bendings(measure: Callable[[float], float], accepted: float = 0.0) -> list[float]:
     """Factors on the bending stiffness, the one with the least measure first, and others apart from it, of those that
-    are tried before one is `enough`, or the time is up.
+    are tried before one is `accepted`, or the time is up.
     """
     found = dict[float, float]()
     with suppress(interrupts.OutOfTime):
         for stage in (lambda: BENDINGS, lambda: [min(found, key=found.__getitem__) * each for each in CLOSER]):
             for factor in stage():
-                if min(found.values(), default=np.inf) > enough:
+                if min(found.values(), default=np.inf) > accepted:
                     found[factor] = measure(factor)
     chosen = list[float]()
     for factor in sorted(found, key=found.__getitem__):

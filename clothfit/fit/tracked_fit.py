@@ -37,7 +37,7 @@ from clothfit.registration.tracking import FINE, median_edge, tracked
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
-from clothfit.strategy import ladder
+from clothfit.strategy import hierarchy
 from clothfit.strategy.continuation import Even, some_steps
 from clothfit.strategy.start import start_of
 from clothfit.strategy.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
@@ -99,7 +99,7 @@ def tracked_by_values(
 ) -> Tracks:
     """The same, however long it takes; the `best` of cloths at rest so far is kept."""
     first = with_parameters(scene, start_of(scene, start))
-    few = ladder.as_model(first, ladder.models(first)[0])
+    few = hierarchy.as_model(first, hierarchy.models(first)[0])
     if scene.method == REST:
         few, found = by_folds(first if len(parameters(first)) <= FEW else few, scene, given, options, best)
     else:
@@ -222,7 +222,7 @@ def by_folds(
         if cost < least:
             least, best = cost, (trial, found)
             kept.append(Tracks(own_scenes(found, given), trial, HURRIED))
-        if whole.rmse(cost) <= SAME * SAME * whole.travel:
+        if whole.rmse(cost) <= SAME * SAME * whole.rms_displacement:
             break
     return best
 
@@ -257,18 +257,18 @@ def objective_of(scene: Scene, given: Sequence[Experiment], options: Request) ->
     )  # fmt: skip
 
 
-def with_figures(found: Fit, raw: Motion, given: Motion) -> Fit:
+def with_figures(fit: Fit, raw: Motion, given: Motion) -> Fit:
     """The fit with what it has come to of its first target, where that is a scan, `raw` as it came and `given` as it
     was tracked: how far its points are from the cloth, all of them, and the cloth from the points, and what was never
     seen.
     """
     scan, share = raw.correspondence, given.correspondence.share
-    if scan.mesh is None or found.status == Status.DIVERGED:
-        return found
+    if scan.mesh is None or fit.status == Status.DIVERGED:
+        return fit
     try:
-        x = at_times(found.scene, raw)
+        x = at_times(fit.scene, raw)
     except Diverged:
-        return found
+        return fit
     from scipy.spatial import KDTree
 
     there, back = list[Array](), list[Array]()
@@ -281,7 +281,7 @@ def with_figures(found: Fit, raw: Motion, given: Motion) -> Fit:
     figures: dict[str, Any] = {
         name: {"median": float(np.median(away)), "most": float(np.quantile(away, MOST))} for name, away in sides.items()
     }
-    free = ~np.concatenate([cloth.fixed for cloth in found.scene.cloths])
+    free = ~np.concatenate([cloth.fixed for cloth in fit.scene.cloths])
     figures["unseen"] = float(1.0 - given.seen()[:, free].any(axis=0).mean()) if free.any() else 0.0
     one, other = (f"{metres(each['median'])} ({metres(each['most'])})" for each in list(figures.values())[:2])
     text = (
@@ -289,7 +289,7 @@ def with_figures(found: Fit, raw: Motion, given: Motion) -> Fit:
         f"vertices {other} from the points; {percent(figures['unseen'])} of the free vertices were never seen"
     )
     bound = Correspondence(SCANNED, share, figures=figures)
-    return replace(found, correspondence=bound, hints=[*found.hints, Hint("scan", text, early=False)])
+    return replace(fit, correspondence=bound, hints=[*fit.hints, Hint("scan", text, before_fit=False)])
 
 
 def by(

@@ -1,8 +1,8 @@
 """Motions in glTF 2.0 files (.glb, .gltf): a base shape, and morph targets that are added to it by animated weights.
 
 glTF is y up, right-handed and in metres; numbers are float32. A target for each frame would be large and slow, so a
-motion is written with the fewest targets (`reduced`) that keep every vertex within `TOLERANCE`, in the file's unit, or
-within that share of the cloth's size where that is less. The `extras` of the mesh hold their number and the largest
+motion is written with the fewest targets (`reduced`) that keep every vertex within `LARGEST_ERROR`, in the file's unit,
+or within that share of the cloth's size where that is less. The `extras` of the mesh hold their number and the largest
 error. For reading, the frames are the keys of the animation; of several meshes those with animated weights are the
 cloth. Skeletons are not followed.
 
@@ -55,7 +55,7 @@ from clothfit.formats.gltf import (
 )
 from clothfit.formats.joints import baked
 
-TOLERANCE = 1e-5
+LARGEST_ERROR = 1e-5
 """The largest error of a position: in m, and as a share of the diagonal of the box around the motion."""
 
 DATA_URI = "data:application/octet-stream;base64,"
@@ -113,7 +113,7 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
     positions = animation.positions
     check_room(4 * positions.nbytes, path)
     size = float(np.linalg.norm(np.ptp(positions.reshape(-1, 3), axis=0)))
-    morphs = reduced(positions, TOLERANCE * min(size, 1 / animation.axes.scale))
+    morphs = reduced(positions, LARGEST_ERROR * min(size, 1 / animation.axes.scale))
     parts = Parts()
     document = _document(parts, morphs, animation)
     if os.fspath(path).lower().endswith(".gltf"):

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.messages import named, shown
+from clothfit.base.messages import named, spelt
 from clothfit.formats.animation import Faces, Pins, check_times, is_pin
 from clothfit.formats.files import check_room, content, name_of
 
@@ -102,7 +102,7 @@ class Document:
     def insist(self, right: bool, value: Any, what: str, place: str) -> None:
         """Raise InvalidMotion, with the value at a place and `what` it must be, unless it is right."""
         if not right:
-            raise InvalidMotion(f"{self.name}: {place}: {shown(value)} is not {what}")
+            raise InvalidMotion(f"{self.name}: {place}: {spelt(value)} is not {what}")
 
     def typed(self, value: Any, kind: type, what: str, place: str) -> Any:
         """A value of the document, which must have a type; true and false are not numbers."""
@@ -122,7 +122,7 @@ class Document:
         """An object in the list under a key."""
         there = self.items(owner, key)
         if type(index) is not int or not 0 <= index < len(there):
-            raise InvalidMotion(f"{self.name}: {place}[{shown(index)}] does not exist")
+            raise InvalidMotion(f"{self.name}: {place}[{spelt(index)}] does not exist")
         found: dict[str, Any] = self.typed(there[index], dict, "an object", f"{place}[{index}]")
         return found
 
@@ -141,7 +141,7 @@ class Document:
 
     def accessor(self, index: Any, kind: str) -> Array:
         """The numbers (count, width) of an accessor of a type such as VEC3."""
-        described, place = self.item("accessors", index), f"accessors[{shown(index)}]"
+        described, place = self.item("accessors", index), f"accessors[{spelt(index)}]"
         self.insist(described.get("type") == kind, described.get("type"), f"the type {kind}", place)
         count, width = self.whole(described, "count", None), COMPONENT_COUNTS[kind]
         self.insist("bufferView" in described or count <= self._size, count, "a count of what can be in a file", place)
@@ -198,10 +198,10 @@ class Document:
                 except (ValueError, binascii.Error):
                     raise InvalidMotion(f"{self.name}: it is cut off or damaged; export it again") from None
             else:
-                self._buffers[index] = self._beside(uri)
+                self._buffers[index] = self._sibling(uri)
         return self._buffers[index]
 
-    def _beside(self, uri: Any) -> bytes:
+    def _sibling(self, uri: Any) -> bytes:
         """The bytes of a file in the folder of this one or below. No other file is opened, and no network."""
         folder = Path(os.fsdecode(self.path)).resolve().parent
         part = unquote(uri) if isinstance(uri, str) else ""
@@ -210,7 +210,7 @@ class Document:
             own = bool(part) and ":" not in part and "\\" not in part and place.is_relative_to(folder)
         except (OSError, ValueError, RuntimeError):  # a name that no file can have, or a circle of links
             own = False
-        where = f"{self.name}: its numbers are in {shown(part if own else uri)}, which is not"
+        where = f"{self.name}: its numbers are in {spelt(part if own else uri)}, which is not"
         if not own:
             raise InvalidMotion(f"{where} a file in its folder; export as .glb")
         if not place.is_file():

@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.messages import shown
+from clothfit.base.messages import spelt
 from clothfit.base.reading import MOST_TEXT
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation, check_times, rate_of, times_of, unused, with_gaps
@@ -141,10 +141,10 @@ def _columns(table: Table, others: tuple[int | None, ...]) -> tuple[dict[str, di
         if i in others or not each:
             continue
         if match is not None and match[2].lower() in columns.get(match[1], {}):
-            raise InvalidMotion(f"{table.name}: column {i + 1}, {shown(each)}, is there twice")
+            raise InvalidMotion(f"{table.name}: column {i + 1}, {spelt(each)}, is there twice")
         if match is None:
             raise InvalidMotion(
-                f"{table.name}: column {i + 1}, {shown(each)}, is not time, frame or a coordinate such as hem_x"
+                f"{table.name}: column {i + 1}, {spelt(each)}, is not time, frame or a coordinate such as hem_x"
             )
         columns.setdefault(match[1], {})[match[2].lower()] = i
         if (match[3] or "").lower() in METRES_PER_UNIT:
@@ -153,7 +153,7 @@ def _columns(table: Table, others: tuple[int | None, ...]) -> tuple[dict[str, di
         raise InvalidMotion(f"{table.name}: its first line names no markers, as in time,hem_x,hem_y,hem_z")
     for marker, axes in columns.items():
         if len(axes) < 3:
-            raise InvalidMotion(f"{table.name}: the marker {shown(marker)} needs columns for x, y and z")
+            raise InvalidMotion(f"{table.name}: the marker {spelt(marker)} needs columns for x, y and z")
     return columns, unit
 
 
@@ -173,7 +173,7 @@ def _long(table: Table, key: int, timed: bool, marker: int, coordinates: list[in
     again = np.flatnonzero(np.diff(places[order]) == 0)
     if len(again):
         line, label = lines[int(order[again[0] + 1])], list(names)[which[int(order[again[0] + 1])]]
-        raise InvalidMotion(f"{table.name}: line {line}: {shown(label)} is there twice in one frame; keep one")
+        raise InvalidMotion(f"{table.name}: line {line}: {spelt(label)} is there twice in one frame; keep one")
     positions = np.full((len(frames), len(names), 3), np.nan)
     positions.reshape(-1, 3)[places] = np.frombuffer(values, np.float64).reshape(-1, 3)
     return animation_of(table, frames if timed else None, None if timed else frames, positions, list(names))
@@ -301,7 +301,7 @@ def _vicon(text: str, name: str) -> Animation:
             if not any(cells):
                 return
             if cells[0].strip().lower() in EMPTY:
-                raise InvalidMotion(f"{name}: line {line}: {shown(cells[0])} is no frame number")
+                raise InvalidMotion(f"{name}: line {line}: {spelt(cells[0])} is no frame number")
             yield line, cells
 
     table = number_table(_wanted(section(), wanted, separator != ",", name), len(wanted))
@@ -446,7 +446,7 @@ def _axes(table: Table, unit: str | None, notes: list[str]) -> Axes:
         notes.append(f"it does not say, so these are assumed: {missing}")
     for key, (default, known) in choices.items():
         if given.get(key, default) not in (*known, *(METRES_PER_UNIT if key == "unit" else ())):
-            raise InvalidMotion(f"{table.name}: {key}: {shown(given[key])} is not one of {', '.join(known)}")
+            raise InvalidMotion(f"{table.name}: {key}: {spelt(given[key])} is not one of {', '.join(known)}")
     return Axes(given.get("up", "y"), given.get("handedness", "right"), METRES_PER_UNIT[given.get("unit", "m")])
 
 
@@ -492,7 +492,7 @@ def number(cell: str, place: str) -> float:
         pass
     if cell.strip().lower() in EMPTY:
         return math.nan
-    raise InvalidMotion(f"{place}: {shown(cell)} is not a number")
+    raise InvalidMotion(f"{place}: {spelt(cell)} is not a number")
 
 
 def number_table(rows: Iterable[Iterable[float]], width: int) -> Array:
@@ -528,7 +528,7 @@ def scale_of(unit: str, notes: list[str], default: str = "mm") -> float:
     """m per unit, by the name that a file gives; where that is missing or unknown, `default` and a note on it."""
     if unit.lower() in METRES_PER_UNIT:
         return METRES_PER_UNIT[unit.lower()]
-    strange = f"its unit is {shown(unit)}, taken for {default}"
+    strange = f"its unit is {spelt(unit)}, taken for {default}"
     notes.append(strange if unit else f"it does not name its unit, so it is {default}")
     return METRES_PER_UNIT[default]
 

@@ -67,10 +67,10 @@ def read(path: str | os.PathLike[str]) -> Animation:
     files = frames_of(path)
     if len(files) == 1:
         return _mesh(files[0])
-    found = scan(path)
-    if np.isnan(found.positions).any():
+    animation = scan(path)
+    if np.isnan(animation.positions).any():
         raise OtherPoints(f"{name_of(path)}: its frames have different numbers of vertices, or one is missing")
-    return replace(found, normals=None, triangles=_mesh(files[0]).triangles)
+    return replace(animation, normals=None, triangles=_mesh(files[0]).triangles)
 
 
 def scan(path: str | os.PathLike[str]) -> Animation:
@@ -83,11 +83,11 @@ def _mesh(path: str | os.PathLike[str]) -> Animation:
     check_room(PLY_COPIES * len(data), path)
     try:
         elements, order, begin = _header(data)
-        found = _animation(_body(data[begin:], elements, order))
+        animation = _animation(_body(data[begin:], elements, order))
     except (ValueError, OverflowError) as error:
         raise InvalidMotion(f"{name_of(path)}: cannot be read as .ply: {error}; export it again") from None
-    check_finite(name_of(path), found.positions)
-    return found
+    check_finite(name_of(path), animation.positions)
+    return animation
 
 
 def _header(data: bytes) -> tuple[list[Element], str, int]:

@@ -160,7 +160,7 @@ def format_of(path: str | os.PathLike[str], writing: bool = False) -> Format | N
     found = foreign(path)
     if found is not None or suffix_of(path) in NATIVE:
         return found
-    what = None if writing else mistaken(path, suffix_of(path))
+    what = None if writing else wrong_kind(path, suffix_of(path))
     if what is not None:
         raise InvalidInput(f"{os.fspath(path)}: {what}")
     known = [NATIVE[0], *(suffix for each in FORMATS if each.writes or not writing for suffix in each.suffixes)]
@@ -170,15 +170,15 @@ def format_of(path: str | os.PathLike[str], writing: bool = False) -> Format | N
     )
 
 
-def module_of(found: Format) -> Any:
+def module_of(kind: Format) -> Any:
     """The module that reads and writes a format. Raises InvalidInput when its library is not installed."""
-    if found.library is not None:
+    if kind.library is not None:
         try:
-            import_module(found.library)
+            import_module(kind.library)
         except ImportError:
-            need = f"{found.name} needs {found.library}; install it with: pip install 'clothfit[{found.extra}]'"
+            need = f"{kind.name} needs {kind.library}; install it with: pip install 'clothfit[{kind.extra}]'"
             raise InvalidInput(need) from None
-    return import_module(f"clothfit.formats.{found.module}")
+    return import_module(f"clothfit.formats.{kind.module}")
 
 
 def paths(found: Format | None, path: str | os.PathLike[str]) -> list[str]:
@@ -188,19 +188,19 @@ def paths(found: Format | None, path: str | os.PathLike[str]) -> list[str]:
     return every
 
 
-def read(found: Format, path: str | os.PathLike[str], wanted: str = "", scan: bool = False) -> Animation:
+def read_format(kind: Format, path: str | os.PathLike[str], wanted: str = "", scan: bool = False) -> Animation:
     """Read a file of a format, of several meshes those that are `wanted`, names with commas between, or as a `scan`.
     Raises InvalidMotion, where the content is not that of the suffix with what it is, and InvalidInput when the library
     that reads it is missing.
     """
-    module = module_of(found)
+    module = module_of(kind)
     if wanted and not hasattr(module, "paths"):
-        raise InvalidInput(f"{name_of(path)}: {found.name} has no names of meshes; leave the name out")
+        raise InvalidInput(f"{name_of(path)}: {kind.name} has no names of meshes; leave the name out")
     try:
         way = module.scan if scan and hasattr(module, "scan") else module.read
         content: Animation = way(path, wanted) if wanted else way(path)
     except InvalidMotion as error:
-        what = mistaken(path, suffix_of(path))
+        what = wrong_kind(path, suffix_of(path))
         raise error if what is None else InvalidMotion(f"{name_of(path)}: {what}") from None
     return content
 
@@ -265,7 +265,7 @@ def _is_log(line: bytes) -> bool:
     return False
 
 
-def mistaken(path: str | os.PathLike[str], suffix: str) -> str | None:
+def wrong_kind(path: str | os.PathLike[str], suffix: str) -> str | None:
     """What a file is and what to do, where it is empty or its content is known not to be that of its suffix."""
     first, found = beginning(path) or (b" ", None)
     if not first:
@@ -282,7 +282,7 @@ def no_scene(path: str | os.PathLike[str], suffix: str) -> str | None:
     first, content = beginning(path) or (b"", None)
     if not first or (first.startswith(b"{") and content is None):
         return None
-    what = mistaken(path, suffix)
+    what = wrong_kind(path, suffix)
     if what is None and suffix not in SCENES:
         return f"it is no scene, which is a JSON object, and {suffix} is no format that is read; export it as another"
     return what

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.messages import named, shown
+from clothfit.base.messages import named, spelt
 from clothfit.formats import animation
 from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.files import check_room
@@ -333,7 +333,7 @@ def units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, f
     up, scale = str(UsdGeom.GetStageUpAxis(stage)), UsdGeom.GetStageMetersPerUnit(stage)
     rate = stage.GetTimeCodesPerSecond()
     if up.lower() not in UPS or not 0 < scale < np.inf or not 0 < rate < np.inf:
-        given = f"upAxis {shown(up)}, metersPerUnit {scale:g}, timeCodesPerSecond {rate:g}"
+        given = f"upAxis {spelt(up)}, metersPerUnit {scale:g}, timeCodesPerSecond {rate:g}"
         raise InvalidMotion(f"{name}: {given} cannot be; up is Y or Z, and the others are above 0")
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
         notes.append(f"it does not name its unit, so it is {scale:g} m, as USD says")

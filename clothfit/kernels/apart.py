@@ -75,6 +75,6 @@ def call_with_rows(function: Any, absent: object, context: Any, builder: Any, si
     own = context.make_array(first)(context, builder, builder.extract_value(arguments[0], 0))
     there = cgutils.is_not_null(builder, cgutils.unpack_tuple(builder, own.shape)[0])
     result = cgutils.alloca_once_value(builder, context.get_constant_generic(builder, signature.return_type, absent))
-    with builder.if_then(there), helper.untold():
+    with builder.if_then(there), helper.without_requests():
         builder.store(call(function, context, builder, signature, arguments), result)
     return builder.load(result)

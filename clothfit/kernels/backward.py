@@ -16,7 +16,7 @@ from numba.core.typeinfer import ConstraintNetwork
 
 from clothfit.kernels import once
 from clothfit.kernels.compiling import compiled_lazily
-from clothfit.kernels.linking import Enough, Inferred
+from clothfit.kernels.linking import AllKnown, Inferred
 
 Job: TypeAlias = tuple[str, str, Any, bool]
 """Module and name of a kernel, its types of arguments, and whether to compile it as a whole, or what it calls."""
@@ -41,7 +41,7 @@ def from_the_end() -> None:
 def infer(function: Callable[..., object], signature: Any) -> None:
     """Infer the types of a function that Python calls, and so compile all that it calls, but not itself."""
     made = compiled_lazily(function, "", pipeline_class=Inferred)
-    with suppress(Enough):
+    with suppress(AllKnown):
         made.compile(signature)
 
 
@@ -49,7 +49,7 @@ def compile_whole(kernel: Any, kinds: tuple[Any, ...]) -> None:
     """Compile a kernel that is called apart, unless the program is at it."""
     once.alone = False
     try:
-        with suppress(Enough), event.install_listener("numba:run_pass", _Waiting()):
+        with suppress(AllKnown), event.install_listener("numba:run_pass", _Waiting()):
             kernel.address(kinds)
     finally:
         once.alone = True
@@ -60,7 +60,7 @@ class _Waiting(event.Listener):
 
     def on_start(self, event: Any) -> None:
         if event.data["name"] == "waiting":
-            raise Enough
+            raise AllKnown
 
     def on_end(self, event: object) -> None:
         """Do nothing."""

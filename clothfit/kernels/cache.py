@@ -219,8 +219,8 @@ class KernelCache(FunctionCache):
             warn(f"compiled code cannot be kept, so every start compiles again: {folders()[0]}: {reason}")
 
     @contextmanager
-    def alone(self, sig: Any, codegen: Any, look: Callable[[], None]) -> Iterator[None]:
-        """Keep other processes from compiling for a signature within the block, if it is not kept yet; `look` is called
+    def alone(self, sig: Any, codegen: Any, poll: Callable[[], None]) -> Iterator[None]:
+        """Keep other processes from compiling for a signature within the block, if it is not kept yet; `poll` is called
         while another one compiles (`once`).
         """
         name, path = self._file(self._index_key(sig, codegen)), folders()[0]
@@ -228,7 +228,7 @@ class KernelCache(FunctionCache):
             if self._enabled and not KernelCache.failed and not self.holds(sig, codegen):
                 with suppress(OSError):
                     folder = stack.enter_context(made(path, True, PREFIX, None if config.CACHE_DIR else DAY))
-                    stack.enter_context(once.locked(folder, name, look))
+                    stack.enter_context(once.locked(folder, name, poll))
             yield
 
     def holds(self, sig: Any, codegen: Any) -> bool:

@@ -30,12 +30,12 @@ class Compilation(event.Listener):
 
     def __init__(self) -> None:
         self.seconds, self.depth, self.began = 0.0, 0, 0.0  # of computing
-        self.passed, self.began_passing = 0.0, 0.0
+        self.passed, self.began_elapsed = 0.0, 0.0
 
     def on_start(self, event: event.Event) -> None:
         """Compilation of a function begins, perhaps within that of another one."""
         if self.depth == 0:
-            self.began, self.began_passing = time.process_time(), time.perf_counter()
+            self.began, self.began_elapsed = time.process_time(), time.perf_counter()
         self.depth += 1
 
     def on_end(self, event: event.Event) -> None:
@@ -43,7 +43,7 @@ class Compilation(event.Listener):
         self.depth -= 1
         if self.depth <= 0:
             self.seconds, self.depth = self.seconds + time.process_time() - self.began, 0
-            passed = time.perf_counter() - self.began_passing
+            passed = time.perf_counter() - self.began_elapsed
             self.passed += passed
             interrupts.leave_out(passed)
 
@@ -68,7 +68,7 @@ def clock_of(values: int) -> Callable[[], float]:
     return nominal if values <= FEW else computing
 
 
-def passing() -> float:
+def elapsed() -> float:
     """Seconds since some instant, without compilation."""
     _look()
     return time.perf_counter() - compilation.passed

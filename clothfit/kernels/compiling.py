@@ -156,7 +156,7 @@ def _once(made: Any, compile_now: Callable[[Any], object]) -> Callable[[Any], ob
         with global_compiler_lock, ExitStack() as stack:
             waiting = event.trigger_event("numba:compile", data={"dispatcher": made, "args": (), "return_type": None})
 
-            def look() -> None:
+            def poll() -> None:
                 if not announced:
                     announced.append(stack.enter_context(waiting))
                 with event.trigger_event("numba:run_pass", data={"name": "waiting"}):  # where Ctrl-C is heard
@@ -164,7 +164,7 @@ def _once(made: Any, compile_now: Callable[[Any], object]) -> Callable[[Any], ob
 
             announced: list[object] = []
             if tuple(normalize_signature(signature)[0]) not in made.overloads:
-                stack.enter_context(made._cache.alone(signature, made.targetctx.codegen(), look))
+                stack.enter_context(made._cache.alone(signature, made.targetctx.codegen(), poll))
                 if not made._cache.linked and not made._cache.holds(signature, made.targetctx.codegen()):
                     stack.enter_context(helper.along(made.py_func, signature, not made._cache.variant))
             return compile_now(signature)
@@ -180,7 +180,7 @@ def interruptible(compile_for_args: Callable[..., object]) -> Callable[..., obje
     """The same function, which numba calls to compile or load, where Ctrl-C comes only at the start of a pass."""
 
     def compile_between_requests(*arguments: object, **keywords: object) -> object:
-        with postponed() as look, event.install_listener("numba:run_pass", _Passes(look)):
+        with postponed() as poll, event.install_listener("numba:run_pass", _Passes(poll)):
             return compile_for_args(*arguments, **keywords)
 
     return compile_between_requests

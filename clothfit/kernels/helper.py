@@ -49,8 +49,8 @@ def along(function: Callable[..., object], signature: Any, called_by_python: boo
     if once.alone or os.environ.get(ALONE) or len(reached(function)) < MANY or parallel.processors() < 2:
         yield
         return
-    once.alone = _told(function, signature, False)
-    tell = partial(_told, whole=True) if called_by_python else None
+    once.alone = _requested(function, signature, False)
+    tell = partial(_requested, whole=True) if called_by_python else None
     try:
         yield
     finally:
@@ -58,7 +58,7 @@ def along(function: Callable[..., object], signature: Any, called_by_python: boo
 
 
 @contextmanager
-def untold() -> Iterator[None]:
+def without_requests() -> Iterator[None]:
     """Within the block no helper is told: what is called there may never be needed."""
     global tell
     before, tell = tell, None
@@ -68,7 +68,7 @@ def untold() -> Iterator[None]:
         tell = before
 
 
-def _told(function: Callable[..., object], kinds: Any, whole: bool) -> bool:
+def _requested(function: Callable[..., object], kinds: Any, whole: bool) -> bool:
     """Whether a helper has been told of a function: to compile it as a whole, or what it calls."""
     job = pickle.dumps((function.__module__, function.__qualname__, kinds, whole))
     try:

@@ -188,7 +188,7 @@ class ForPython(_Pipeline):
     kept = Called
 
 
-class Enough(Exception):
+class AllKnown(Exception):
     """All that was wanted is known."""
 
 
@@ -203,7 +203,7 @@ class Stop(FunctionPass):
 
     def run_pass(self, state: Any) -> bool:
         """Raise Enough."""
-        raise Enough
+        raise AllKnown
 
 
 class Inferred(_Pipeline):

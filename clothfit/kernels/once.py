@@ -28,14 +28,14 @@ alone = False
 
 
 @contextmanager
-def locked(folder: Folder, name: str, look: Callable[[], None]) -> Iterator[None]:
-    """Hold the lock of a name in a folder within the block, where that is possible; `look`, which may raise, is called
+def locked(folder: Folder, name: str, poll: Callable[[], None]) -> Iterator[None]:
+    """Hold the lock of a name in a folder within the block, where that is possible; `poll`, which may raise, is called
     again and again while another process holds it.
     """
     own = f".{name}.lock"
     until = time.monotonic() + LONGEST
     while (lock := _tried(folder, own)) is None and not alone and time.monotonic() < until:
-        look()
+        poll()
         time.sleep(PAUSE)
     try:
         yield

@@ -42,7 +42,7 @@ def together(parts: Sequence[Callable[[], T]]) -> list[T]:
     if count < 2:
         return [part() for part in parts]
     shared = Shared(parts)
-    threads = [threading.Thread(target=shared.beside, name="clothfit-part", daemon=True) for _ in range(count - 1)]
+    threads = [threading.Thread(target=shared.in_thread, name="clothfit-part", daemon=True) for _ in range(count - 1)]
     try:
         for thread in threads:
             thread.start()
@@ -78,7 +78,7 @@ class Shared(Generic[T]):
         finally:
             _here.busy = False
 
-    def beside(self) -> None:
+    def in_thread(self) -> None:
         """The same in a thread of its own."""
         with interrupts.abandoned_by(self.over):
             self.work(BaseException)

@@ -17,12 +17,13 @@ EVERY, SOON = 2.5, 0.5  # s between two reports, and of an entry before the firs
 
 
 class Compilations(event.Listener):
-    """Calls `begun` before the first compilation of this process, then `far` with the functions compiled and those that
-    are needed, every few seconds while one goes on, and `over` after each entry. `far` is called in another thread.
+    """Calls `begun` before the first compilation of this process, then `done` with the functions compiled and those
+    that are needed, every few seconds while one goes on, and `over` after each entry. `done` is called in another
+    thread.
     """
 
-    def __init__(self, begun: Callable[[], None], far: Callable[[int, int], None], over: Callable[[], None]) -> None:
-        self.begun, self.far, self.over = begun, far, over
+    def __init__(self, begun: Callable[[], None], done: Callable[[int, int], None], over: Callable[[], None]) -> None:
+        self.begun, self.done, self.over = begun, done, over
         self.depth, self.announced, self.needed, self.due = 0, False, 0, 0.0
         self.ended = threading.Event()
 
@@ -52,7 +53,7 @@ class Compilations(event.Listener):
 
     def _tick(self, ended: threading.Event) -> None:
         while not ended.wait(self.due - time.monotonic()):
-            self.far(min(len(KernelCache.names), self.needed), self.needed)
+            self.done(min(len(KernelCache.names), self.needed), self.needed)
             self.due = time.monotonic() + EVERY
 
 

@@ -170,14 +170,14 @@ def groups_of(scene: Scene, index: int, kind: str) -> Groups:
     return vertex_groups(cloth) if kind == "mass" else spring_groups(cloth)
 
 
-def with_asked(scene: Scene, factors: Factors, asked: Any, index: int | None) -> Factors:
+def with_changes(scene: Scene, factors: Factors, changed: Any, index: int | None) -> Factors:
     """Factors with others of one object or of all, as in {"stiffness": {"all": 2, "edges along": 0.5}}. Raises
     InvalidInput.
     """
-    if not isinstance(asked, Mapping) or not set(asked) <= set(KINDS):
+    if not isinstance(changed, Mapping) or not set(changed) <= set(KINDS):
         raise InvalidInput(f"factors: an object with {' and '.join(KINDS)} is needed")
     made, objects = dict(factors), range(len(scene.cloths)) if index is None else [index]
-    for kind, parts in asked.items():
+    for kind, parts in changed.items():
         given = parts if isinstance(parts, Mapping) else {ALL: parts}
         for name, value in given.items():
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not LEAST <= value <= MOST:
@@ -217,7 +217,7 @@ MOST_BYTES = 64 << 20
 """… fewer where scenes are large: bytes that they may take together, about."""
 
 
-class Moment(NamedTuple):
+class UndoState(NamedTuple):
     """The scene that moves, the base of its factors, and these."""
 
     scene: Scene
@@ -229,21 +229,21 @@ class History:
     """The moments before the last changes, the newest last."""
 
     def __init__(self) -> None:
-        self._moments: list[tuple[str | None, Moment]] = []
+        self._states: list[tuple[str | None, UndoState]] = []
 
     def __len__(self) -> int:
-        return len(self._moments)
+        return len(self._states)
 
-    def note(self, gesture: object, moment: Moment) -> None:
+    def save(self, gesture: object, state: UndoState) -> None:
         """Note what was before a change: of one gesture, such as the drag of a slider, what was before all of it."""
         name = str(gesture)[:100] if gesture is not None else None
-        if name is None or not self._moments or self._moments[-1][0] != name:
-            most = max(min(MOST_BYTES // size(moment.scene), MOST_CHANGES), 1)
-            self._moments = [*self._moments, (name, moment)][-most:]
+        if name is None or not self._states or self._states[-1][0] != name:
+            most = max(min(MOST_BYTES // size(state.scene), MOST_CHANGES), 1)
+            self._states = [*self._states, (name, state)][-most:]
 
-    def last(self) -> Moment:
+    def last(self) -> UndoState:
         """Take the newest moment."""
-        return self._moments.pop()[1]
+        return self._states.pop()[1]
 
 
 def size(scene: Scene) -> int:

@@ -12,8 +12,7 @@ from clothfit.live import changes, wire
 from clothfit.live.session import SOON, Session, elements_of
 from clothfit.live.task import Loading
 from clothfit.live.wire import fitted_fields, flag, number, whole
-from clothfit.live.worker import FIELDS
-from clothfit.live.worker import check as check_load
+from clothfit.live.worker import FIELDS, check_load
 from clothfit.scene.scene import load as read
 
 
@@ -30,7 +29,7 @@ def answer(session: Session, message: Mapping[str, Any]) -> dict[str, Any] | Loa
         return {"type": "refused", **head, "reason": str(error)}
     if isinstance(more, Loading):
         return more
-    return {"type": "done", **head, **(session.told() if more is None else more)}
+    return {"type": "done", **head, **(session.send_status() if more is None else more)}
 
 
 def answer_long(session: Session, text: str) -> dict[str, Any] | Loading:
@@ -79,7 +78,7 @@ def load_scene(session: Session, message: Mapping[str, Any]) -> Loading:
 
 def set_values(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
     """Give other values, or factors on those of the base."""
-    session.settle()
+    session.check_not_loading()
     values, asked = message.get("values", {}), message.get("factors", {})
     index = whole(message, "object", 0, len(session.base.cloths) - 1, None)
     if not isinstance(values, dict) or not isinstance(asked, dict) or not (values or asked):
@@ -88,8 +87,8 @@ def set_values(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
         raise InvalidInput("set: `of` is no value; `object` says whose they are")
     if {"mass", "stiffness"} & values.keys() and asked:
         raise InvalidInput("set: either masses and stiffnesses, or factors on them")
-    before, own = session.moment(), dict(values)
-    factors = changes.with_asked(session.base, session.factors, asked, index) if asked else session.factors
+    before, own = session.undo_state(), dict(values)
+    factors = changes.with_changes(session.base, session.factors, asked, index) if asked else session.factors
     made: dict[str, Any] = {kind: changes.multiplied(session.base, factors, kind) for kind in asked}
     if made:
         session.engine.set(**made)
@@ -102,23 +101,23 @@ def set_values(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
     if {"mass", "stiffness"} & own.keys():
         session.base, factors = session.scene, {}
     session.factors = factors
-    session.history.note(message.get("gesture"), before)
+    session.history.save(message.get("gesture"), before)
     if {"pins", "colliders"} & own.keys():
-        session.tell(session.scenery())
-    return session.told_values()
+        session.send(session.scenery())
+    return session.send_values()
 
 
 def undo(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
     """Go back to the values before the last change."""
-    session.settle()
+    session.check_not_loading()
     if not session.history:
         raise InvalidInput("undo: there is nothing to undo")
     if session.task is not None and session.task.name == "estimate":
         raise InvalidInput("undo: a fit is running; cancel it first")
     scene, session.base, session.factors = session.history.last()
     session.engine.use(scene)
-    session.tell(session.scenery())
-    return session.told_values()
+    session.send(session.scenery())
+    return session.send_values()
 
 
 def drag(session: Session, message: Mapping[str, Any]) -> dict[str, Any]:
@@ -145,7 +144,7 @@ def estimate(session: Session, message: Mapping[str, Any]) -> None:
     document["optimizationIterations"] = min(document.get("optimizationIterations", 100), len(session.target.times))
     scene = read(document, folder=session.scene.folder)
     budget = number(message, "budget", 0.1, 86400.0, None)
-    session.history.note(None, session.moment())
+    session.history.save(None, session.undo_state())
     session.start_task("estimate", scene=scene, target=session.target, budget=budget)
 
 

@@ -54,7 +54,7 @@ class Moving:
         self._rows = min(ROWS, max(TABLES // row_bytes(scene, index), FEWEST))
         self._prepare(scene)
         self.x, self.v = self.system.x0.copy(), self.system.v0.copy()
-        self._before, self._ready, self._carried = (self.x, self.v), False, guard.NOTHING.copy()
+        self._before, self._ready, self._guard_state = (self.x, self.v), False, guard.START.copy()
 
     def _prepare(self, scene: Scene) -> None:
         """Make the system and its memory for a scene."""
@@ -81,7 +81,7 @@ class Moving:
         part = self._room._replace(
             v=self.v, x_before=x_before, v_before=v_before, ready=self._ready, first=self.step
         )  # fmt: skip
-        part.x[0], part.carried[0] = self.x, self._carried
+        part.x[0], part.guard_state[0] = self.x, self._guard_state
         if fill(self.system, self.tolerance, self._work, part, nothing) < 1:
             self.bad = part.x[1].copy(), part.velocity(1).copy()
             return False
@@ -89,7 +89,7 @@ class Moving:
         two = self.system.method == BDF2
         self._before = (last.x_before.copy(), last.v_before.copy()) if two else (self.x, self.v)
         self.x, self.v = last.x[0].copy(), last.v.copy()
-        self._ready, self._carried = last.ready, last.carried[0].copy()
+        self._ready, self._guard_state = last.ready, last.guard_state[0].copy()
         self.step += 1
         return True
 
@@ -144,7 +144,7 @@ class Moving:
     def _changed(self) -> None:
         """What contacts may bring the state to is its own energy, whatever a change or a hand has brought."""
         if self.step:
-            self._carried[guard.BUDGET] = guard.energy(self.system, self.x, self.v)
+            self._guard_state[guard.BOUND] = guard.energy(self.system, self.x, self.v)
 
 
 def row_bytes(scene: Scene, index: int) -> int:

@@ -289,7 +289,7 @@ class Server:
         except (OSError, OverflowError) as error:
             raise InvalidInput(f"port {self._asked}: {getattr(error, 'strerror', None) or error}") from None
         self.port: int = sockets[0].getsockname()[1]
-        make = lambda: Session(self._scene, self.tell, self.noted, self._target, self.later)  # noqa: E731
+        make = lambda: Session(self._scene, self.send_all, self.noted, self._target, self.later)  # noqa: E731
         self.session = await self.loop.run_in_executor(self._pool, make)
         rules = {"server": self}
         app = web.Application(
@@ -333,7 +333,7 @@ class Server:
         with suppress(RuntimeError):  # it is closed
             self._pool.submit(act)
 
-    def tell(self, message: Any) -> None:
+    def send_all(self, message: Any) -> None:
         """Send a message to all clients; from any thread."""
         if message is not None:
             data = message if isinstance(message, bytes) else wire.text_of(message)
@@ -365,7 +365,7 @@ class Server:
                 client.show(data)
             if self.session.engine.error is not error:
                 error = self.session.engine.error
-                self.tell({"type": "status", **self.session.status()})
+                self.send_all({"type": "status", **self.session.status()})
             self.session.again()
             await asyncio.sleep(FASTEST)
 

@@ -16,7 +16,7 @@ from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.base.version import __version__
 from clothfit.live import changes, wire
-from clothfit.live.changes import History, Moment
+from clothfit.live.changes import History, UndoState
 from clothfit.live.engine import Engine
 from clothfit.live.task import Loading, Task
 from clothfit.motion.motion import Motion
@@ -35,19 +35,19 @@ SOON = 0.05
 MOST_FRAMES = 2000
 """Frames for which the page knows where obstacles are that move."""
 
-Tell = Callable[[Any], None]
+Send = Callable[[Any], None]
 """Sends a message to all who watch: a dict as text, bytes as they are."""
 
 
 class Session:
-    """What is behind a page. `tell` is called with what all who watch should know, from several threads."""
+    """What is behind a page. `send` is called with what all who watch should know, from several threads."""
 
     def __init__(
-        self, scene: Scene, tell: Tell, on_frame: Callable[[], None], target: Motion | None = None,
+        self, scene: Scene, send: Send, on_frame: Callable[[], None], target: Motion | None = None,
         later: Callable[[Callable[[], None]], None] | None = None,
     ) -> None:  # fmt: skip
         """`later` takes what a task's thread wants to be done in the thread of the messages."""
-        self.tell, self._later, self._noted = tell, later or (lambda act: act()), on_frame
+        self.send, self._later, self._noted = send, later or (lambda act: act()), on_frame
         self.generation, self.loop = 0, True
         self.task: Task | None = None
         self.loading: Loading | None = None
@@ -121,21 +121,21 @@ class Session:
         source = self.scene.source
         return self.text().removeprefix(source.mark).decode(source.encoding)
 
-    def told(self) -> dict[str, Any]:
+    def send_status(self) -> dict[str, Any]:
         """The status, which all get."""
         status = self.status()
-        self.tell({"type": "status", **status})
+        self.send({"type": "status", **status})
         return status
 
-    def told_values(self) -> dict[str, Any]:
+    def send_values(self) -> dict[str, Any]:
         """The values and the status, which all get."""
         values = self.values()
-        self.tell({"type": "values", **values})
-        return values | self.told()
+        self.send({"type": "values", **values})
+        return values | self.send_status()
 
-    def moment(self) -> Moment:
+    def undo_state(self) -> UndoState:
         """What `undo` goes back to, if something changes now."""
-        return Moment(self.scene, self.base, self.factors)
+        return UndoState(self.scene, self.base, self.factors)
 
     def close(self) -> None:
         """End the thread and the processes."""
@@ -155,7 +155,7 @@ class Session:
             self._later(lambda: self._hear_loading(loading, kind, content))
 
         self.loading = Loading(head, heard, message=message, folder=self.scene.folder)
-        self.told()
+        self.send_status()
         return self.loading
 
     def _hear_loading(self, loading: Loading, kind: str, content: dict[str, Any]) -> None:
@@ -175,7 +175,7 @@ class Session:
         mark = self.generation + 1
         self.engine.reset(scene, mark)
         self._begin(scene, None)
-        self.tell(self.scenery(mark))
+        self.send(self.scenery(mark))
         self.generation = mark
         self.engine.wait(SOON)
         self._noted()
@@ -184,9 +184,9 @@ class Session:
         """Be done with a scene that was being read; a failure is told to all if its sender has been answered."""
         loading, self.loading = self.loading, None
         assert loading is not None
-        if loading.told and answer["type"] == "refused":
-            self.tell({"type": "ended", "of": "load", "status": "failed", "reason": answer["reason"]})
-        status = self.told()
+        if loading.answered and answer["type"] == "refused":
+            self.send({"type": "ended", "of": "load", "status": "failed", "reason": answer["reason"]})
+        status = self.send_status()
         loading.end(answer | (status if answer["type"] == "done" else {}))
         memory.give_back()
 
@@ -194,19 +194,19 @@ class Session:
         """The answer to a sender who has waited long; None where there is another by now."""
         if loading.answer.done():
             return None
-        loading.told = True
+        loading.answered = True
         return loading.done(self.status())
 
     # ---- long work beside what is played
 
-    def settle(self) -> None:
+    def check_not_loading(self) -> None:
         """Raise InvalidInput while another scene is being loaded."""
         if self.loading is not None:
             raise InvalidInput("a scene is being loaded; wait until it is there, or cancel it")
 
     def free(self) -> None:
         """Raise InvalidInput while something is computed; a record of the target gives way."""
-        self.settle()
+        self.check_not_loading()
         if self.task is not None and self.task.name != "record":
             raise InvalidInput(f"{self.task.name} is running; cancel it first")
 
@@ -229,22 +229,22 @@ class Session:
         if content.get("values") is not None:
             self.engine.use(self.scene.with_values(**content["values"]))
             self.base, self.factors = self.scene, {}  # the base of later factors
-            self.tell({"type": "values", **self.values()})
+            self.send({"type": "values", **self.values()})
         if kind == "progress":
-            self.tell({"type": "progress", "of": task.name, **content["figures"]})
+            self.send({"type": "progress", "of": task.name, **content["figures"]})
             return
         self.task = None
         if kind == "done" and "motion" in content:
             self.target = content["motion"]
-            self.tell(self.target_packet())
+            self.send(self.target_packet())
         if "forces" in content:
             self.engine.reset(self.scene.with_forces(content["forces"]))
             self.engine.start()
         if task.name != "record" or kind == "failed":
             own = content.get("summary") or {"status": "failed" if kind == "failed" else "cancelled"}
             self.outcome = {"of": task.name, "reason": content.get("reason"), **own}
-            self.tell({"type": "ended", **self.outcome})
-        self.told()
+            self.send({"type": "ended", **self.outcome})
+        self.send_status()
 
     def again(self) -> None:
         """Go back to the start where the target has ended, if that is wanted."""

@@ -86,7 +86,7 @@ class Loading:
     def __init__(self, head: Answer, heard: Callable[[Loading, str, Answer], None], **arguments: Any) -> None:
         self.head = head  # of the answer: to which message it is
         self.answer: Future[Answer] = Future()
-        self.told = False  # whether its sender was told that it is still on its way
+        self.answered = False  # whether its sender was told that it is still on its way
         self._task = Task("load", lambda kind, content: heard(self, kind, content), **arguments)
 
     def done(self, more: Answer) -> Answer:

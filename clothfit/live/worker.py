@@ -34,22 +34,22 @@ from clothfit.scene.scene import load as load_scene
 FIELDS = ("scene", "name")
 MOST_NAME = 200
 
-Tell = Callable[..., None]
+Send = Callable[..., None]
 
 
-def load(tell: Tell, message: Mapping[str, Any] | str, folder: str) -> None:
+def load(send: Send, message: Mapping[str, Any] | str, folder: str) -> None:
     """Read the scene of a message `load`, or of its text, with paths relative to a folder. Tells "id" with the
     message's, then "done" with the scene. Raises InvalidInput or InvalidScene.
     """
     own = wire.parsed(message, wire.LARGEST) if isinstance(message, str) else message
-    tell("id", id=own.get("id"))
-    check(own)
-    made = read(own, folder)
+    send("id", id=own.get("id"))
+    check_load(own)
+    made = read_scene_of(own, folder)
     rehearse(pickle.loads(pickle.dumps(made)))  # as it arrives: code depends on whether arrays may be written to
-    tell("done", scene=made)
+    send("done", scene=made)
 
 
-def check(message: Mapping[str, Any]) -> None:
+def check_load(message: Mapping[str, Any]) -> None:
     """Raise InvalidInput for what is no message to load a scene."""
     if message["type"] != "load":
         raise InvalidInput(wire.TOO_LARGE)
@@ -58,7 +58,7 @@ def check(message: Mapping[str, Any]) -> None:
         raise InvalidInput("load: `scene` is needed, the JSON of a scene or its text")
 
 
-def read(message: Mapping[str, Any], folder: str) -> Any:
+def read_scene_of(message: Mapping[str, Any], folder: str) -> Any:
     """The scene of a message."""
     given, name = message["scene"], message.get("name")
     made = load_scene(given if isinstance(given, dict) else io.StringIO(given), folder=folder)
@@ -98,14 +98,14 @@ def values_of(scene: Scene) -> dict[str, Any]:
     return {"masses": own.pop("mass"), "stiffnesses": own.pop("stiffness"), **own, **shared}
 
 
-def record(tell: Tell, scene: Scene) -> None:
+def record(send: Send, scene: Scene) -> None:
     """Record the motion of a scene's own values, as a target."""
     from clothfit.fit.estimate import record_target
 
-    tell("done", motion=record_target(scene))
+    send("done", motion=record_target(scene))
 
 
-def estimate(tell: Tell, scene: Scene, target: Any, budget: float | None) -> None:
+def estimate(send: Send, scene: Scene, target: Any, budget: float | None) -> None:
     """Fit what a scene flags to a target, from the scene's values."""
     from clothfit.fit import estimate as fits
     from clothfit.fit.observer import Observer
@@ -124,17 +124,17 @@ def estimate(tell: Tell, scene: Scene, target: Any, budget: float | None) -> Non
             numbers = {name: finite(getattr(progress, name)) for name in ("cost", "rmse", "seconds")}
             names = ("evaluations", "iteration", "stage", "window", "frames")
             counts = {name: getattr(progress, name) for name in names}
-            tell("progress", figures={**numbers, **counts}, values=values)
+            send("progress", figures={**numbers, **counts}, values=values)
 
-    found = fits.estimate(scene, target, time_limit=budget, options=FitOptions(keep_step=True), observer=Report())
+    fit = fits.estimate(scene, target, time_limit=budget, options=FitOptions(keep_step=True), observer=Report())
     summary = {
-        "status": str(found.status), "cost": finite(found.cost), "rmse": finite(found.rmse),
-        "evaluations": found.evaluations, "seconds": finite(found.seconds),
+        "status": str(fit.status), "cost": finite(fit.cost), "rmse": finite(fit.rmse),
+        "evaluations": fit.evaluations, "seconds": finite(fit.seconds),
     }  # fmt: skip
-    tell("done", summary=summary, values=values_of(found.scene))
+    send("done", summary=summary, values=values_of(fit.scene))
 
 
-def control(tell: Tell, scene: Scene, keys: str, budget: float | None) -> None:
+def control(send: Send, scene: Scene, keys: str, budget: float | None) -> None:
     """Find the forces that take a scene through keys, JSON as in a file."""
     from clothfit.control.control import find_forces
     from clothfit.control.keyframes import from_json
@@ -144,7 +144,7 @@ def control(tell: Tell, scene: Scene, keys: str, budget: float | None) -> None:
         "status": str(found.status), "effort": finite(found.effort), "evaluations": found.evaluations,
         "seconds": finite(found.seconds), "keys": [{"time": key.time, "rmse": finite(key.rmse)} for key in found.keys],
     }  # fmt: skip
-    tell("done", summary=summary, forces=found.forces)
+    send("done", summary=summary, forces=found.forces)
 
 
 def finite(value: float) -> float | None:
@@ -172,7 +172,7 @@ def main() -> None:
     os.dup2(2, 1)  # what others print is no message
     lock = threading.Lock()
 
-    def tell(kind: str, **content: Any) -> None:
+    def send(kind: str, **content: Any) -> None:
         with lock:
             pickle.dump((kind, content), out)
             out.flush()
@@ -181,13 +181,13 @@ def main() -> None:
     threading.Thread(target=listen, args=[sys.stdin.buffer], daemon=True).start()
     try:
         with interrupts.deferred():
-            TASKS[name](tell, **arguments)
+            TASKS[name](send, **arguments)
     except ClothfitError as error:
-        tell("failed", reason=str(error), code=error.exit_code, invalid=isinstance(error, InvalidInput))
+        send("failed", reason=str(error), code=error.exit_code, invalid=isinstance(error, InvalidInput))
     except KeyboardInterrupt:
-        tell("cancelled")
+        send("cancelled")
     except MemoryError:
-        tell("failed", reason=f"{name}: there is not enough memory", code=1, invalid=False)
+        send("failed", reason=f"{name}: there is not enough memory", code=1, invalid=False)
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ def stop(batch: str) -> None:
         interrupts.request()
 
 
-def knock(address: str) -> None:
+def probe(address: str) -> None:
     """Raise InvalidInput when no scheduler listens at an address, sooner than Dask's client would."""
     parts = re.fullmatch(r"(?:tcp|tls)://(.+):(\d{1,5})/?", address)
     if not parts:
@@ -80,7 +80,7 @@ class Cluster:
         for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # outcomes of jobs report what matters
         self.address, self.batch = address, uuid.uuid4().hex
-        knock(address)
+        probe(address)
         try:
             self._client: Any = Client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TypeError, RuntimeError) as error:
@@ -88,7 +88,7 @@ class Cluster:
             raise InvalidInput(f"--cluster: no scheduler answers at {address} ({reason})") from None
         self._futures: dict[int, Any] = {}
         self._results: dict[int, Outcome | BaseException] = {}
-        self._seen, self._asked, self._workers = time.monotonic(), -REFRESH, 0
+        self._seen, self._counted, self._workers = time.monotonic(), -REFRESH, 0
         try:
             self._check_versions()
         except BaseException:
@@ -98,8 +98,8 @@ class Cluster:
     @property
     def width(self) -> int:
         """Jobs that the scheduler gets at a time."""
-        if time.monotonic() - self._asked > REFRESH and self._client.status == "running":
-            self._asked = time.monotonic()
+        if time.monotonic() - self._counted > REFRESH and self._client.status == "running":
+            self._counted = time.monotonic()
             with suppress(Exception):  # the scheduler may be ending; `check` will notice
                 self._workers = len(self._client.nthreads())
         return max(1, AHEAD * self._workers)

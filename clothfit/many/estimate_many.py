@@ -18,7 +18,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import budget
 from clothfit.fit.options import FitOptions, Request, requested
 from clothfit.many.batch import Batch, Pool
-from clothfit.many.job import INTERRUPTED, File, Job, JobTarget, Outcome, loaded, read
+from clothfit.many.job import INTERRUPTED, File, Job, JobTarget, Outcome, loaded, read_file
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
@@ -164,7 +164,7 @@ def estimate_many(
 def packed(scene: Path | Scene) -> File:
     """A scene as it travels. Raises InvalidInput when it cannot be read."""
     if isinstance(scene, (str, os.PathLike)):
-        return read(scene)
+        return read_file(scene)
     from clothfit.scene.scene import dumps
 
     return File(dumps(scene), scene.name, scene.folder)
@@ -187,4 +187,4 @@ def packed_motion(motion: Any, scene: Path | Scene) -> Any:
 
     if not isinstance(motion, (str, os.PathLike)):
         return motion
-    return read(motion) if foreign(motion) is None else load_motion(motion, loaded(packed(scene)))
+    return read_file(motion) if foreign(motion) is None else load_motion(motion, loaded(packed(scene)))

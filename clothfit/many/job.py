@@ -103,7 +103,7 @@ class Outcome:
 NOT_STARTED = Outcome(None, INTERRUPTED, "not started")
 
 
-def read(path: str | os.PathLike[str]) -> File:
+def read_file(path: str | os.PathLike[str]) -> File:
     """A file as a job carries it. Raises InvalidInput."""
     from clothfit.base.npz import content
 
@@ -209,10 +209,10 @@ def numbered(
     from clothfit.scene.fit_vector import fitted_cloths, with_parameters
     from clothfit.strategy.start import choose_start
 
-    hidden = target is None
+    twin = target is None
     if target is None:
         target = simulate_cloths(scene, fitted_cloths(scene), tolerance=checked_tolerance(tolerance, FIT_TOLERANCE))
-    middle = choose_start(Objective(scene, target), start, hidden)
+    middle = choose_start(Objective(scene, target), start, twin)
     return with_parameters(scene, drawn(scene, middle, np.random.default_rng([seed, number])))
 
 

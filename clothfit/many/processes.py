@@ -124,14 +124,14 @@ class Processes:
 
         executor, future = self._busy.pop(number), self._results.pop(number)
         try:
-            found: Outcome = future.result()
+            outcome: Outcome = future.result()
         except BrokenProcessPool:
             executor.shutdown(wait=False)
             raise Died(DIED) from None
         except Exception as error:  # noqa: BLE001  job or result could not be sent
-            found = Outcome(None, FAULT, f"a fault of the program: {type(error).__name__}: {error}")
+            outcome = Outcome(None, FAULT, f"a fault of the program: {type(error).__name__}: {error}")
         self._idle.append(executor)
-        return found
+        return outcome
 
     def check(self) -> None:
         """Do nothing: the executor notices when its process dies."""

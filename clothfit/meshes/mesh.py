@@ -28,7 +28,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.formats import obj
 from clothfit.formats.animation import Parts
 from clothfit.formats.axes import Convention, facing, to_scene
-from clothfit.formats.registry import foreign, mistaken, read, suffix_of
+from clothfit.formats.registry import foreign, read_format, suffix_of, wrong_kind
 from clothfit.scene import directions
 from clothfit.scene.kinds import AIR_DENSITY
 
@@ -106,9 +106,9 @@ def read_shape(
         raise InvalidInput(f"{name}: {found.name} hold no faces; a mesh is needed, in {', '.join(MESHES)}")
     if found is None:
         known = f"no mesh format has that suffix; known are {', '.join(MESHES)}; export it as one"
-        raise InvalidInput(f"{name}: {mistaken(name, suffix) or known}")
+        raise InvalidInput(f"{name}: {wrong_kind(name, suffix) or known}")
     convention = Convention(scale, up, handedness)
-    animation = read(found, sources(name)[0], wanted)
+    animation = read_format(found, sources(name)[0], wanted)
     axes = convention.axes(animation.axes)
     if animation.triangles is None or not len(animation.triangles):
         raise InvalidInput(f"{name}: has no faces; a cloth is made of triangles")

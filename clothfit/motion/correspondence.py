@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 SAME, PERMUTED, ON_SURFACE, MARKERS, SCANNED = "same", "permuted", "surface", "markers", "scan"
 
-ELSEWHERE, MISTAKEN = 0.25, 0.25
+ELSEWHERE, MISLABELLED = 0.25, 0.25
 """How much farther than the nearest one, in median edges, the vertex of its number is from a point that is another's;
 and the share of such points up to which some are mistaken, and the order is right.
 """
@@ -52,7 +52,7 @@ LEAST = 0.1
 PRIOR, DETERMINED = 1e-4, 5.0
 """ε relative to the largest diagonal of BᵀB; and how much larger than that of points noise of a vertex may be."""
 
-ROUNDS, SETTLED = 30, 1e-13
+ROUNDS, CONVERGED = 30, 1e-13
 """Repetitions of an estimate, at most, and its change relative to the mesh at which they end."""
 
 SAMPLES = 48
@@ -157,7 +157,7 @@ def in_order(given: Bound, start: Array, scene: Scene) -> bool:
         return True
     points = given.positions[0][seen]
     gap = np.linalg.norm(points - start[seen], axis=1) - KDTree(start).query(points)[0]
-    return bool((gap > ELSEWHERE * np.median(np.concatenate(lengths))).mean() <= MISTAKEN)
+    return bool((gap > ELSEWHERE * np.median(np.concatenate(lengths))).mean() <= MISLABELLED)
 
 
 def other_order(points: Array, seen: Flags, start: Array) -> Indices | None:
@@ -212,7 +212,7 @@ def near_enough(found: Places, size: str) -> Flags:
     return np.asarray(near)
 
 
-def carried(x: Array, scene: Scene, points: Array, name: str) -> Array:
+def embedded(x: Array, scene: Scene, points: Array, name: str) -> Array:
     """Where a motion x (frames, N, 3) of a scene takes points (m, 3) of another mesh that lies on it in its first
     frame (frames, m, 3); each with the triangle that is nearest there. Raises TooFar.
     """
@@ -290,7 +290,7 @@ def estimated(points: Array, seen: Flags, found: Places, scene: Scene, start: Ar
                 plain[frame] = points[frame] - found.offset[:, None] * normals(now, found.corners)
                 change = solve(B[shown].T @ (plain[frame] - B @ now)[shown])
                 now += change
-                if np.abs(change).max(initial=0.0) <= SETTLED * size:
+                if np.abs(change).max(initial=0.0) <= CONVERGED * size:
                     break
             x[frame], known[frame] = now, here
     return x, known, plain

@@ -281,14 +281,14 @@ def add_self_contact(system: System, x: Array, out: Array) -> None:
     """Add what is stored in self-contact at positions x (F, n, 3) to the columns of out (F, 8)."""
     if system.surface and meets_itself(system):
         for k, y in enumerate(np.ascontiguousarray(x)):
-            out[k, CONTACT] += contact.energy(pairs.touching(system.surface, y), y)
+            out[k, CONTACT] += contact.energy(pairs.contact_at(system.surface, y), y)
 
 
 def add_self_friction(system: System, x: Array, u: Array, w: Array, out: Array) -> None:
     """Add the work of self-contact's friction over steps that begin at x (F, n, 3), as `works` has it."""
     if system.surface and system.surface.friction > 0.0:
         for k, y in enumerate(np.ascontiguousarray(x)):
-            touched = pairs.touching(system.surface, y)
+            touched = pairs.contact_at(system.surface, y)
             out[k, DAMPING] += system.h * contact.damping_power(touched, y, u[k], w[k])
 
 

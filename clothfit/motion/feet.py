@@ -129,4 +129,4 @@ def measure(mesh, points, distances):
     """Write the distances of points; `mesh.last` then has the triangle that each is nearest to."""
     for i in range(len(points)):
         p = load3(points, i)
-        distances[i] = np.sqrt(bodies.look(mesh, bodies.nearest(mesh, 0, i, p)[0], p)[3])
+        distances[i] = np.sqrt(bodies.nearest_part(mesh, bodies.nearest(mesh, 0, i, p)[0], p)[3])

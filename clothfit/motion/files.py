@@ -72,14 +72,14 @@ def save_motion(
 
 
 def animation(
-    motion: Motion, found: Format, axes: Axes, triangles: Indices | None = None, names: tuple[str, ...] | None = None
+    motion: Motion, kind: Format, axes: Axes, triangles: Indices | None = None, names: tuple[str, ...] | None = None
 ) -> Animation:
     """A motion as a file holds it, with faces `triangles` (T, 3) in the scene's axes and `names` of its markers.
 
     Raises InvalidInput where the format cannot hold gaps.
     """
     if motion.observed is not None:
-        check_gaps(found)
+        check_gaps(kind)
     positions = from_scene(motion.positions, axes) if axes != SCENE else motion.positions
     if motion.observed is not None:
         positions = np.where(motion.observed[:, :, None], positions, np.nan)
@@ -87,24 +87,24 @@ def animation(
     return Animation(positions, axes, motion.times, faces, motion.observed, names)
 
 
-def check_gaps(found: Format) -> None:
+def check_gaps(kind: Format) -> None:
     """Raise InvalidInput unless a format can leave out positions."""
-    if not found.markers:
+    if not kind.markers:
         others = ", ".join([".npz", *(each.suffixes[0] for each in FORMATS if each.markers)])
-        raise InvalidInput(f"{found.name} cannot leave out positions that were not observed; write one of {others}")
+        raise InvalidInput(f"{kind.name} cannot leave out positions that were not observed; write one of {others}")
 
 
-def files(path: str | os.PathLike[str], found: Format, made: Animation) -> dict[str, Data]:
+def files(path: str | os.PathLike[str], kind: Format, made: Animation) -> dict[str, Data]:
     """The files to write an animation to. Raises InvalidInput, also where the format rounds positions to infinity or 0.
     """
-    if found.single:
+    if kind.single:
         largest = max((float(np.nanmax(np.abs(points), initial=0.0)) for points in made.positions), default=0.0)
         if largest > LARGEST or 0 < largest < SMALLEST:
             raise InvalidInput(
-                f"{os.fspath(path)}: coordinates up to {largest:.3g} do not fit into {found.name}, which has single "
+                f"{os.fspath(path)}: coordinates up to {largest:.3g} do not fit into {kind.name}, which has single "
                 f"precision ({SMALLEST:.3g} to {LARGEST:.3g}); write in another unit, or .npz"
             )
-    encoded: dict[str, Data] = module_of(found).encoded(os.fspath(path), made)
+    encoded: dict[str, Data] = module_of(kind).encoded(os.fspath(path), made)
     return encoded
 
 
@@ -125,12 +125,12 @@ def write_all(files: Mapping[str, Data]) -> None:
         raise
 
 
-def for_tools(motion: Motion, scene: Scene, found: Format) -> tuple[Motion, Indices]:
+def for_tools(motion: Motion, scene: Scene, kind: Format) -> tuple[Motion, Indices]:
     """A motion of a scene and its faces (T, 3), with the vertices of the meshes that the scene was made from, as other
     programs know them: welding may have renumbered them. Markers keep the scene's numbers. Raises InvalidScene.
     """
     faces, chosen = triangles_of(scene), picks(scene)
-    if chosen is None or found.markers:
+    if chosen is None or kind.markers:
         return motion, faces
     arrays = {name: array for name, array in arrays_of(motion).items() if name != "times"}
     made: dict[str, Any] = {name: unwelded(scene, array) for name, array in arrays.items()}

@@ -41,7 +41,7 @@ from clothfit.formats.axes import (
 )
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.markers import METRES_PER_UNIT
-from clothfit.formats.registry import NATIVE, Format, foreign, format_of, paths, read, suffix_of
+from clothfit.formats.registry import NATIVE, Format, foreign, format_of, paths, read_format, suffix_of
 from clothfit.motion.correspondence import MARKERS, SAME, SCANNED, Bound, Correspondence, TooFar, bind
 from clothfit.motion.feet import UNKNOWN, Faces
 from clothfit.motion.markers import Matches, initial, matched
@@ -65,7 +65,7 @@ from clothfit.scene.scene import Scene
 DOUBTFUL_DISTANCE = 0.05
 """An RMS distance of this share of the scene's size is more than noise."""
 
-MISTAKEN = 0.25
+MISLABELLED = 0.25
 """The share of the vertices that may be as far away without a word: markers that were mistaken for others."""
 
 MOST_TRIED = 50
@@ -196,33 +196,33 @@ def load(
 
 
 def _meshes(
-    found: Format, path: str | os.PathLike[str], scene: Scene | None, reading: Reading
+    kind: Format, path: str | os.PathLike[str], scene: Scene | None, reading: Reading
 ) -> tuple[Animation, Reading, list[str]]:
     """What a file holds; of several meshes those that are asked for, those that the scene was made of, or the only one
     with as many points, with a sentence on which that is.
     """
     if reading.mesh is not None or scene is None:
-        return read(found, path, reading.mesh or ""), reading, []
+        return read_format(kind, path, reading.mesh or ""), reading, []
     if reading.bind == SCAN:
-        return read(found, path, scan=True), reading, []
-    every = paths(found, path) if (names := mesh_names(scene)) else []
+        return read_format(kind, path, scan=True), reading, []
+    every = paths(kind, path) if (names := mesh_names(scene)) else []
     if names and len(every) > 1:
         with suppress(InvalidMotion):  # no meshes of these names
-            return read(found, path, names), replace(reading, mesh=names), [f"the cloth is its mesh {names}"]
+            return read_format(kind, path, names), replace(reading, mesh=names), [f"the cloth is its mesh {names}"]
     fault, totals = None, (sum(scene.vertex_counts), sum(mesh_counts(scene)))
     try:
-        content = read(found, path)
+        content = read_format(kind, path)
     except OtherPoints:
         if reading.bind not in (None, AUTO):
             raise
-        return read(found, path, scan=True), replace(reading, bind=SCAN), []
+        return read_format(kind, path, scan=True), replace(reading, bind=SCAN), []
     except InvalidMotion as error:
         fault = error
-    if (fault or content.positions.shape[1] not in totals) and len(every := every or paths(found, path)) > 1:
+    if (fault or content.positions.shape[1] not in totals) and len(every := every or paths(kind, path)) > 1:
         each = {}
         for name in short(every)[:MOST_TRIED]:
             with suppress(InvalidMotion):
-                each[name] = read(found, path, name)
+                each[name] = read_format(kind, path, name)
         fitting = [name for name, own in each.items() if own.positions.shape[1] in totals]
         if len(fitting) == 1:
             note = f"the cloth is its mesh {fitting[0]}, the only one of as many points"
@@ -233,7 +233,7 @@ def _meshes(
 
 
 def _foreign(
-    read: Animation, found: Format, scene: Scene | None, reading: Reading, name: str,
+    read: Animation, kind: Format, scene: Scene | None, reading: Reading, name: str,
     counts: tuple[int, ...] | None = None, weights: Array | None = None,
 ) -> Loaded:  # fmt: skip
     """What a file has as a motion of a scene; of this program's own files with the vertices of objects, and weights.
@@ -242,7 +242,7 @@ def _foreign(
     points = read.positions.shape[1]
     times, rate, timed = _times(read, scene, reading)
     notes = list(read.notes)
-    if times[0] != 0 and found is not NPZ:
+    if times[0] != 0 and kind is not NPZ:
         notes.append(f"its first frame, at {times[0]:g} s, is taken as the start")
         times = times - times[0]
     positions = to_scene(read.positions, axes, own=True)
@@ -252,7 +252,7 @@ def _foreign(
         notes += unseen_share(unseen) if read.observed is None else []
     check_positions(positions, observed, name)
     matches, corresponds = None, Correspondence()
-    if shuffled := not (read.names or found.markers) and _is_shuffled(positions, observed, scene, reading):
+    if shuffled := not (read.names or kind.markers) and _is_shuffled(positions, observed, scene, reading):
         reading = replace(reading, bind=SCAN)
         notes.append(SHUFFLED)
     if scene is not None and reading.bind == SCAN:
@@ -261,7 +261,7 @@ def _foreign(
             normals = np.stack([normals_at(each, facing(read.triangles, axes)) for each in positions])
         positions, observed, corresponds, note = _of_scan(positions, observed, normals, scene, name)
         notes.append(note)
-    elif scene is not None and _are_markers(read, found, scene, reading):
+    elif scene is not None and _are_markers(read, kind, scene, reading):
         names = read.names or tuple(str(i) for i in range(points))
         matches = matched(positions, observed, names, scene, reading.markers, name)
         notes += [matches.omission] if matches.omission else []
@@ -272,7 +272,7 @@ def _foreign(
         observed[:, matches.vertices] = seen
         corresponds = Correspondence(MARKERS, len(matches.columns) / points)
     elif scene is not None:
-        asked = replace(reading, bind=ORDER) if found.markers and reading.bind is None else reading  # in their table
+        asked = replace(reading, bind=ORDER) if kind.markers and reading.bind is None else reading  # in their table
         made = _bound(positions, observed, scene, asked, axes, name)
         positions, observed, corresponds = made.positions, made.observed, made.correspondence
         weights = weights if weights is None or made.order is None else weights[:, made.order]
@@ -286,9 +286,9 @@ def _foreign(
     if weights is not None and corresponds.mesh is None:
         arrays["weights"] = weights
     motion = replace(check_motion(arrays, own, name), unit=axes.scale, correspondence=corresponds)
-    known = Interpretation(name, found.name, axes, 0, points, 0.0, rate, tuple(notes), matches)
+    known = Interpretation(name, kind.name, axes, 0, points, 0.0, rate, tuple(notes), matches)
     loaded = Loaded(motion, known, read.triangles, read.names if scene is None else None, timed)
-    return _as_asked(loaded, scene, reading)
+    return _as_requested(loaded, scene, reading)
 
 
 def _is_shuffled(points: Array, seen: Flags, scene: Scene | None, reading: Reading) -> bool:
@@ -364,7 +364,7 @@ def _bound(points: Array, seen: Flags, scene: Scene, reading: Reading, axes: Axe
         raise InvalidMotion(f"{error}; {remedy}") from None
 
 
-def _as_asked(found: Loaded, scene: Scene | None, reading: Reading) -> Loaded:
+def _as_requested(found: Loaded, scene: Scene | None, reading: Reading) -> Loaded:
     """What was read, cut to the frames that the user wants and compared with the start, with faces in the scene's axes.
     Raises InvalidMotion where there are no such frames.
     """
@@ -386,7 +386,7 @@ def _as_asked(found: Loaded, scene: Scene | None, reading: Reading) -> Loaded:
     return replace(found, motion=motion, interpretation=taken, triangles=triangles)
 
 
-def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading) -> bool:
+def _are_markers(read: Animation, kind: Format, scene: Scene, reading: Reading) -> bool:
     """Whether the points are markers of some vertices, and not the vertices themselves, written as v0, v1, …."""
     if reading.markers is not None:
         return True
@@ -395,7 +395,7 @@ def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading)
     totals = (sum(scene.vertex_counts), sum(mesh_counts(scene)))
     if read.names is not None:
         return all(read.names != tuple(f"v{i}" for i in range(total)) for total in totals)
-    return found.markers and read.positions.shape[1] not in totals
+    return kind.markers and read.positions.shape[1] not in totals
 
 
 def _native(
@@ -543,7 +543,7 @@ def alignment(points: Array, seen: Flags, start: Array, axes: Axes) -> Alignment
     if not len(points):
         return Alignment(np.nan, None, None)
     distance = rms(points - start)
-    most = float(np.quantile(np.linalg.norm(points - start, axis=1), 1.0 - MISTAKEN))
+    most = float(np.quantile(np.linalg.norm(points - start, axis=1), 1.0 - MISLABELLED))
     if min(distance, most) <= DOUBTFUL_DISTANCE * size(start):
         return Alignment(distance, None, None)
     doubt = f"its first frame is {metres(distance)} (RMS) away from where the scene begins"

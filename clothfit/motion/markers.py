@@ -15,7 +15,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.messages import counted, metres, shown
+from clothfit.base.messages import counted, metres, spelt
 from clothfit.formats.files import name_of
 from clothfit.formats.markers import table_of, text_of
 from clothfit.scene.scene import Scene, owner
@@ -104,7 +104,7 @@ def check_apart(pairs: Sequence[tuple[int, int]], names: Sequence[str], scene: S
     for marker, vertex in pairs:
         if vertex in markers:
             cloth, own = owner(vertex, scene.vertex_counts)
-            both = f"markers {shown(names[markers[vertex]])} and {shown(names[marker])}"
+            both = f"markers {spelt(names[markers[vertex]])} and {spelt(names[marker])}"
             raise InvalidMotion(
                 f"{name}: {both} both belong to objects[{cloth}] vertex {own}; say with --map which vertex each is, or "
                 "leave one out there"
@@ -125,9 +125,9 @@ def pairs_from_map(path: str | os.PathLike[str], names: Sequence[str], scene: Sc
     for line, cells in table.rows:
         marker, *numbers = (cells[i].strip() for i in places if i is not None)
         if marker not in index:
-            raise InvalidMotion(f"{name}: line {line}: there is no marker {shown(marker)}; there are {listed(names)}")
+            raise InvalidMotion(f"{name}: line {line}: there is no marker {spelt(marker)}; there are {listed(names)}")
         if index[marker] in pairs:
-            raise InvalidMotion(f"{name}: line {line}: the marker {shown(marker)} is listed twice")
+            raise InvalidMotion(f"{name}: line {line}: the marker {spelt(marker)} is listed twice")
         cloth, vertex = (int(cell) if cell.isdecimal() and len(cell) < 19 else -1 for cell in numbers)
         if not 0 <= cloth < len(scene.cloths) or not 0 <= vertex < scene.vertex_counts[cloth]:
             what = f"objects[{numbers[0][:20]}] vertex {numbers[1][:20]}"
@@ -141,4 +141,4 @@ def pairs_from_map(path: str | os.PathLike[str], names: Sequence[str], scene: Sc
 def listed(names: Sequence[str], most: int = 5) -> str:
     """Some names, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(shown(each) for each in names[:most]) + more
+    return ", ".join(spelt(each) for each in names[:most]) + more

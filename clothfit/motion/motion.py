@@ -25,7 +25,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.limits import FARTHEST
 from clothfit.base.messages import counted, unreadable
-from clothfit.base.notebook import shown
+from clothfit.base.notebook import html_of
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, put, write_atomically
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
@@ -75,7 +75,7 @@ class Motion:
         return f"<Motion {self.name}: {sizes}{seen}, {duration}>"
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return html_of(self)
 
     def of(self, cloth: int) -> Array:
         """Positions (frames, n, 3) of one object."""

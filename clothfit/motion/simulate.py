@@ -61,12 +61,12 @@ def simulate_cloths(
     groups = in_groups(motion, scene)
     for index in sorted({scene.together(cloth)[0] for cloth in cloths}):
         system = build(scene, index, steps=count - 1)
-        tape, last, account = Tape(system, count - 1, accuracy), None, Account(system)
+        tape, last, work_done = Tape(system, count - 1, accuracy), None, WorkDone(system)
         for part in tape.forward():
             groups.of(index)[part.first : part.first + part.steps + 1] = part.x
             after = slice(part.first + 1, part.first + part.steps + 1)
             euler[scene.groups.index(scene.together(index)), after] = part.euler & (system.method == BDF2)
-            work[after] += account.of(part)
+            work[after] += work_done.of(part)
             last = last_states(part, last)
         remedies = remedies.together(tape.fallbacks)
         if tape.fault is not None and last is not None and tape.good < good:
@@ -83,7 +83,7 @@ def simulate_cloths(
     return motion
 
 
-class Account:
+class WorkDone:
     """The work of what moves in the steps of one cloth, which come part by part."""
 
     def __init__(self, system: System) -> None:
@@ -101,12 +101,12 @@ class Account:
         """The work (T,), J, in each step of the next part."""
         work = np.zeros(part.steps)
         for t in range(part.steps if self.needed else 0):
-            own, room, one, k, joined = self.taken.at(part, t), self.work, part.bare(), t, None
-            if part.touches is not None:
-                from clothfit.engine import touching  # which few scenes need
+            own, room, one, k, merged = self.taken.at(part, t), self.work, part.bare(), t, None
+            if part.active_pairs is not None:
+                from clothfit.engine import contact_steps  # which few scenes need
                 from clothfit.engine.forces.selfcontact import zones
 
-                own, room, one, joined = touching.taken(own, room, part, t)
+                own, room, one, merged = contact_steps.taken(own, room, part, t)
                 k = 0
             if own.method < IMPLICIT:
                 work[t] = own.h * explicit_power(own, one, k, room)
@@ -116,8 +116,8 @@ class Account:
             if own.method == BDF2 and not part.euler[t]:
                 now = (2.0 * now + self.power) / 3.0
             work[t], self.power = own.h * now, now
-            if joined is not None:
-                work[t] += zones.work(joined, own.vertex, part.w[t, part.used[t] - 1])
+            if merged is not None:
+                work[t] += zones.work(merged, own.vertex, part.w[t, part.used[t] - 1])
         return work
 
 

@@ -173,9 +173,9 @@ class Comparison:
         """Which vertices (F, n), or points (F, m), the target shows."""
         return self.surface.seen if self.surface else self.goal.observed
 
-    def shown(self, s: Array) -> Array:
+    def points_of(self, s: Array) -> Array:
         """The vertices (F, n, 3), or the points (F, m, 3), of states s (F, n, 3)."""
-        return self.surface.shown(s) if self.surface else s
+        return self.surface.points_of(s) if self.surface else s
 
     @property
     def seen(self) -> Flags:

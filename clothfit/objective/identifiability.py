@@ -28,7 +28,7 @@ Seen = Mapping[int, Flags] | None
 """For each fitted cloth, the vertices (n,) that a target shows; None: all."""
 
 
-def hidden(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -> Flags:
+def unobservable(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -> Flags:
     """Flags of the values of a kind, one per vertex (n,), per spring (S,) or for all (1,), that a motion cannot reveal.
 
     It hides masses and velocities of fixed vertices; masses where only weight and node damping move a vertex, so that
@@ -38,14 +38,14 @@ def hidden(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -
     (n,) gives the vertices that a target shows, it also hides all of the parts of the cloth in which no free vertex is
     seen.
     """
-    shown = ~cloth.fixed if seen is None else ~cloth.fixed & shown_by(cloth, seen)
+    shown = ~cloth.fixed if seen is None else ~cloth.fixed & observable_vertices(cloth, seen)
     if name in ("stiffness", "rest"):
         slack = (cloth.stiffness == 0) & (name == "rest" and cloth.mode("stiffness") == "n")
         return np.asarray(~shown[cloth.springs].any(axis=1) | slack)
     if name == "velocity":
         return np.asarray(~shown)
     if name in ("path", "shift"):
-        return hidden_paths(cloth, name, shown, seen)
+        return unobservable_paths(cloth, name, shown, seen)
     if name in ("drag", "wind", "gusts"):
         return np.array([not (cloth.feels_air and shown[cloth.triangles].any())])
     if name in ("damping", "gravity"):
@@ -59,7 +59,7 @@ def hidden(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -
     return np.asarray(~shown | ~pushed)
 
 
-def hidden_paths(cloth: Cloth, name: str, shown: Flags, seen: Flags | None) -> Flags:
+def unobservable_paths(cloth: Cloth, name: str, shown: Flags, seen: Flags | None) -> Flags:
     """The same of the keys of pins' paths, (K,), or of their offset, (1,): pins lead free vertices, `shown` (n,), and
     may be seen themselves.
     """
@@ -73,7 +73,7 @@ def hidden_paths(cloth: Cloth, name: str, shown: Flags, seen: Flags | None) -> F
     return np.asarray(found[cloth.key_pins] | (cloth.datums == np.arange(len(cloth.path))))
 
 
-def shown_by(cloth: Cloth, seen: Flags) -> Flags:
+def observable_vertices(cloth: Cloth, seen: Flags) -> Flags:
     """Which vertices (n,) springs and faces of free vertices join to a free vertex that is seen."""
     free, n = ~cloth.fixed, len(cloth.mass)
     faces = cloth.triangles if cloth.feels_air else cloth.triangles[:0]
@@ -90,7 +90,7 @@ def identifiable(scene: Scene, seen: Seen = None) -> Flags:
         cloths = reached(scene.cloths, block.name) if block.cloth is None else [block.cloth]
         shown = [None if seen is None else seen[i] for i in cloths]
         pushes = scene.obstacles + (scene.self_contact is not None)
-        masks = [hidden(scene.cloths[i], block.name, pushes, s) for i, s in zip(cloths, shown, strict=True)]
+        masks = [unobservable(scene.cloths[i], block.name, pushes, s) for i, s in zip(cloths, shown, strict=True)]
         if block.factors is not None:
             kept[block.part] = block.factors.acting(~masks[0])
         elif block.mode == "G" or block.cloth is None:

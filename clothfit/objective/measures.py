@@ -152,7 +152,7 @@ class Surface(NamedTuple):
     points: Array  # (F, m, 3), m
     seen: Flags  # (F, m)
 
-    def shown(self, s: Array) -> Array:
+    def points_of(self, s: Array) -> Array:
         """B s (F, m, 3) of states s (F, n, 3)."""
         return np.stack([self.weights @ each for each in s]) if len(s) else self.points[:0]
 
@@ -204,7 +204,7 @@ class Cloud(NamedTuple):
         count = np.bincount(vertex, minlength=len(s))
         return sums / np.sqrt(np.maximum(count, 1))[:, None], count > 0
 
-    def shown(self, s: Array) -> Array:
+    def points_of(self, s: Array) -> Array:
         """The nearest places (F, m, 3) of states s (F, n, 3)."""
         out = self.points.copy()
         for frame, x in enumerate(s):
@@ -285,7 +285,7 @@ class OnSurface:
 
     def residual(self, s: Array) -> Array:
         """B s − y (R, 3), m."""
-        return np.asarray((self.surface.shown(s) - self.surface.points)[self.surface.seen])
+        return np.asarray((self.surface.points_of(s) - self.surface.points)[self.surface.seen])
 
     def pullback(self, s: Array, r: Array) -> Array:
         """Jᵀ r (F, n, 3)."""

@@ -34,7 +34,7 @@ class Needs(NamedTuple):
     """The memory of a gradient, in bytes."""
 
     held: int  # kept beside the states: the targets, and the arrays of the cost
-    foreseen: int  # in all, if every state is kept
+    predicted: int  # in all, if every state is kept
     budget: int
     plans: dict[tuple[tuple[int, ...], int], Plan]  # by shape of the state and number of steps
 
@@ -45,10 +45,10 @@ class Needs(NamedTuple):
 
     def summary(self) -> dict[str, int | None]:
         """The numbers for JSON summaries."""
-        return {"foreseen": self.foreseen, "budget": self.budget, "snapshots": self.snapshots}
+        return {"foreseen": self.predicted, "budget": self.budget, "snapshots": self.snapshots}
 
     def __str__(self) -> str:
-        text = f"foreseen: {human(self.foreseen)} of memory; budget {human(self.budget)}"
+        text = f"foreseen: {human(self.predicted)} of memory; budget {human(self.budget)}"
         if self.snapshots is None:
             return text
         length = max(plan.length for plan in self.plans.values() if plan.snapshots)

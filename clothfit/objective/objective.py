@@ -36,7 +36,7 @@ from clothfit.objective.identifiability import identifiable
 from clothfit.objective.measures import surface_of
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, unseen
-from clothfit.objective.run import Recent, Run, at_rest, seen_in, still
+from clothfit.objective.run import Recent, Run, at_rest, cost_at_rest, seen_in
 from clothfit.objective.running_cost import KeptStates, running_cost
 from clothfit.objective.target import first_step, target, without_start
 from clothfit.scene.block import Block
@@ -166,12 +166,12 @@ class Objective:
         )  # fmt: skip
 
     @cached_property
-    def still(self) -> float:
+    def cost_at_rest(self) -> float:
         """G of cloths that do not move."""
-        return sum(still(run) for run in self.runs)
+        return sum(cost_at_rest(run) for run in self.runs)
 
     @cached_property
-    def travel(self) -> float:
+    def rms_displacement(self) -> float:
         """Root mean square distance, m, of the observed positions from where their cloths start."""
         return self.distance(at_rest)
 

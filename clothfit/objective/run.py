@@ -68,15 +68,15 @@ class Run(NamedTuple):
         return with_elements(self.system, elements(self.scene, self.cloth, p))
 
 
-def shown(run: Run, tape: Tape, observers: Iterable[Observer]) -> None:
+def play(run: Run, tape: Tape, observers: Iterable[Observer]) -> None:
     """Show the motion of a tape, as far as the run is compared, to the observers. Raises Diverged."""
     for chunk in tape.forward():
         for observe in observers:
             observe(chunk)
-    check(run, tape.good)
+    check_complete(run, tape.good)
 
 
-def check(run: Run, good: int) -> None:
+def check_complete(run: Run, good: int) -> None:
     """Raise Diverged unless all steps of the run are good; `good` is the number of those that are."""
     if good < run.steps:
         step = good + 1
@@ -97,7 +97,7 @@ def at_rest(run: Run, observe: Observer) -> None:
         observe(rest.part(0, min(REST_STEPS, run.steps - first))._replace(first=first))
 
 
-def still(run: Run) -> float:
+def cost_at_rest(run: Run) -> float:
     """G of a run in which nothing moves."""
     cost = running_cost(run.comparison)
     at_rest(run, cost.update)
@@ -159,19 +159,19 @@ class Recent:
         if not self._small or (plan is not None and plan.snapshots is not None):
             system = run.changed(p)
             tape = Tape(system, run.steps, self.tolerance, plan, run.forms)
-            shown(run, tape, observers)
+            play(run, tape, observers)
             self._fallbacks[run.cloth, run.experiment] = key_of(p), tape.fallbacks
             return system, tape
         kept, key = self._kept[run.cloth, run.experiment], key_of(p)
         if key not in kept:  # a tape that holds all states, and nothing yet
             system, steps = run.changed(p), max(run.steps, 1)
             if rests(system):
-                system = system._replace(x0=self.near(run, p))
+                system = system._replace(x0=self.rest_guess(run, p))
             place = run.cloth, run.experiment
             work = self._work[place] = self._work.get(place) or workspace(system)
             kept[key] = system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)), run.forms, work)
         system, tape = kept.pop(key)
-        shown(run, tape, observers)
+        play(run, tape, observers)
         if rests(system) and "position" not in run.comparison.scales:
             self._found[run.cloth, run.experiment].append((np.array(p), tape.shape))
         kept[key] = system, tape
@@ -184,7 +184,7 @@ class Recent:
         key, found = self._fallbacks.get((run.cloth, run.experiment), (b"", None))
         return found if found is not None and key == key_of(p) else self.simulate(run, p, (), None)[1].fallbacks
 
-    def near(self, run: Run, p: Array) -> Array:
+    def rest_guess(self, run: Run, p: Array) -> Array:
         """Where the search for the shape at rest at p (P,) begins: that found for the nearest p, unless it is far."""
         found = self._found[run.cloth, run.experiment]
         away = [float((np.abs(p - other) / np.maximum(np.abs(other), 1e-300)).max(initial=0.0)) for other, _ in found]

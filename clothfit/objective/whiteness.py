@@ -126,7 +126,7 @@ class Series:
         self.pairs = pairs
         self.past: list[tuple[Array, Flags]] = [(np.zeros((count, 1)), np.zeros(count, bool))] * lag
         self.along: list[tuple[float, float]] = []  # product and size of each frame
-        self.beside = np.zeros(len(pairs))
+        self.across_pairs = np.zeros(len(pairs))
         self.first, self.second = np.zeros(len(pairs)), np.zeros(len(pairs))
 
     def add(self, values: Array, seen: Flags) -> None:
@@ -139,7 +139,7 @@ class Series:
         a, b = self.pairs.T
         there = (seen[a] & seen[b])[:, None]
         left, right = np.where(there, values[a], 0.0), np.where(there, values[b], 0.0)
-        self.beside += (left * right).sum(axis=1)
+        self.across_pairs += (left * right).sum(axis=1)
         self.first += (left * left).sum(axis=1)
         self.second += (right * right).sum(axis=1)
         last, known = self.past[-1]  # the residuals that were last seen
@@ -153,7 +153,7 @@ class Series:
 
     def in_space(self) -> Sums:
         """The sums of neighbours."""
-        return Sums(self.beside, np.sqrt(self.first * self.second))
+        return Sums(self.across_pairs, np.sqrt(self.first * self.second))
 
 
 class Bias:
@@ -207,14 +207,14 @@ class Watch:
         """`velocities`, `edges`: whether these are compared, velocities or lengths of springs, not positions."""
         self.goal, self.loss, self.velocities, self.edges = run.comparison.goal, loss, velocities, edges
         self.frames, self.free, self.ends = Frames(self.goal), mobile(run.system), np.asarray(run.system.springs.ends)
-        self.shown, none = movable(self.goal, self.free), np.zeros((0, 2), np.int32)
+        self.visible, none = movable(self.goal, self.free), np.zeros((0, 2), np.int32)
         shows = None if velocities or edges else run.comparison.surface
         self.cloud = shows if isinstance(shows, Cloud) else None
         self.surface = None if isinstance(shows, Cloud) else shows
         if self.surface:
             moves = self.surface.weights @ self.free.astype(float) != 0.0
-            self.shown, self.ends = self.surface.seen & moves & (self.goal.places > 0)[:, None], none
-        count = len(self.ends) if edges else self.shown.shape[1]
+            self.visible, self.ends = self.surface.seen & moves & (self.goal.places > 0)[:, None], none
+        count = len(self.ends) if edges else self.visible.shape[1]
         self.residuals = Series(count, none if edges else self.ends, lag=2 if velocities else 1)
         self.motion = Series(len(self.free), none)
         self.bias = Bias(count, 0 if velocities or edges else len(self.goal.step))
@@ -226,7 +226,7 @@ class Watch:
         frames = self.frames.of(chunk)
         goal = self.frames.cut(frames, chunk)
         for i, (s, target) in enumerate(zip(sample(goal, chunk.x), goal.positions, strict=True), start=frames.start):
-            self._take(s, target, self.shown[i], i)
+            self._take(s, target, self.visible[i], i)
 
     def _take(self, s: Array, target: Array, seen: Flags, frame: int) -> None:
         if self.cloud:

@@ -27,8 +27,8 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.step_jacobian import Stencil, differentiate, jacobian, stencil
-from clothfit.engine import touching
-from clothfit.engine.forces import contact, total, touch
+from clothfit.engine import contact_steps
+from clothfit.engine.forces import collider_rows, contact, total
 from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
@@ -108,8 +108,8 @@ def balances(system: System, track: Track, exact: bool = True) -> Balances:
         fill(*pair, two, x, v, part.start, *memory, of_steps(out, part))
     for t, numbers in pressing.items():
         interrupts.check()
-        joined, room = touching.with_pairs(system, memory[0], touching.surface_of(system, t), x[t], numbers)
-        pair = bdf2.forms(joined) if two else (joined, joined)
+        merged, room = contact_steps.with_pairs(system, memory[0], contact_steps.surface_of(system, t), x[t], numbers)
+        pair = bdf2.forms(merged) if two else (merged, merged)
         fill(*pair, two, x, v, t, room, memory[1], of_steps(out, slice(t, t + 1)))
     return out
 
@@ -151,7 +151,7 @@ def valid_rows(system: System, near: Stencil, track: Track, v: Array, steps: int
     for back in {EXPLICIT: (), BDF2: (1, 2, 3)}.get(system.method, (1,)):
         bad[back:] |= missing[: max(steps - back, 0)]
     if system.colliders is not None and system.method >= IMPLICIT and len(system.colliders.rows):
-        bad |= met_rows(system, system.colliders, track.x, v, steps)
+        bad |= active_rows(system, system.colliders, track.x, v, steps)
     return np.ascontiguousarray(~bad & system.vertex.free)  # in one order, however few steps: to compile once for
 
 
@@ -162,7 +162,7 @@ def begun(system: System, x: Array, v: Array, t: int) -> Array:
     return np.asarray(x[t] + (x[t] - x[t - 1] + 2.0 * system.h * (2.0 * v[t] - v[t - 1])) / 3.0)
 
 
-def met_rows(system: System, colliders: touch.Colliders, x: Array, v: Array, steps: int) -> Flags:
+def active_rows(system: System, colliders: collider_rows.Colliders, x: Array, v: Array, steps: int) -> Flags:
     """Which rows (T, n) belong to vertices that may only end their step in a collider (`forces.contact`): whether the
     step knew them, the positions do not show.
     """
@@ -170,7 +170,7 @@ def met_rows(system: System, colliders: touch.Colliders, x: Array, v: Array, ste
     for t in range(steps):
         set_inputs(system.inputs, system, t)
         y = begun(system, x, v, t)
-        depth, normal = touch.depths(colliders, y)
+        depth, normal = collider_rows.depths(colliders, y)
         met[t] = ((depth <= 0) & (depth > np.einsum("cni,ni->cn", normal, x[t + 1] - y))).any(axis=0)
     return met
 
@@ -183,25 +183,25 @@ def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
 
     near = np.zeros((steps + 1, x.shape[1]), bool)
     for t, y in enumerate(np.ascontiguousarray(x[: steps + 1])):
-        near[t, pairs.touching(surface, y).vertices] = True
+        near[t, pairs.contact_at(surface, y).vertices] = True
     return np.asarray(near[:-1] | near[1:])
 
 
 def pressing_pairs(system: System, x: Array, v: Array, steps: int, valid: Flags) -> dict[int, Indices]:
     """The numbers of the pairs that press in each step, for the step's model, of positions and velocities (T + 1, n, 3)
-    of which a step finds its pairs as in `touching.pressed`. Rows (T, n) are no more `valid` where a pair presses that
-    is not all seen, or of which positions do not say whether the step knew it.
+    of which a step finds its pairs as in `contact_steps.pressed`. Rows (T, n) are no more `valid` where a pair presses
+    that is not all seen, or of which positions do not say whether the step knew it.
     """
     from clothfit.engine.forces.selfcontact import pairs, rows
 
     found = dict[int, Indices]()
     for t in range(steps):
-        surface, begin, end = touching.surface_of(system, t), x[t], x[t + 1]
+        surface, begin, end = contact_steps.surface_of(system, t), x[t], x[t + 1]
         y = end if system.newton_iterations > 1 else begun(system, x, v, t)
         view = pairs.around(surface, begin, end, 0.0)
         near = pairs.of_numbers(surface, begin, view)
         presses, still = rows.depths(near, y, end - y) > 0.0, np.zeros_like(end)
-        known = np.isin(view, np.union1d(pairs.near(surface, begin, view), pairs.meeting(surface, begin, end, view)))
+        known = np.isin(view, np.union1d(pairs.near(surface, begin, view), pairs.colliding(surface, begin, end, view)))
         deep = rows.depths(near, end, still) > rows.FLAT * surface.thickness
         known &= deep | (rows.depths(near, y, still) > 0.0)  # as `rows.may_change` asks
         seen = (valid[t] | ~system.vertex.free)[near.vertices].all(axis=1)
@@ -223,13 +223,13 @@ def fill(system, inner, two, x, v, first, work, step, out):
         now = (out.residual[k], out.mass[k], out.stiffness[k])
         if two and t > 0:
             bdf2.extrapolate(inner.h, x[t], v[t], x[t - 1], v[t - 1], work)
-            write(inner, work.x_base, work.v_base, w if late else work.u, w, True, work, step, now)
+            write_row(inner, work.x_base, work.v_base, w if late else work.u, w, True, work, step, now)
         else:
-            write(system, x[t], v[t], w if late else v[t], w, late, work, step, now)
+            write_row(system, x[t], v[t], w if late else v[t], w, late, work, step, now)
 
 
 @kernel
-def write(system, x, v, u, w, later, work, step, row):
+def write_row(system, x, v, u, w, later, work, step, row):
     """Write the row of a step to w that is linearised with u, at (x, u) or at a `later` point, (x + h u, u)."""
     A, b, mass = work.A, work.b, system.vertex.mass
     r, by_mass, by_stiffness = row
@@ -331,13 +331,13 @@ class Rows:
             array[~found.valid[:, at]] = 0.0
             array *= weight[at][..., None]
         shape = n, len(halves)
-        self.joined = csr_array((np.ones(len(halves)), (halves, np.arange(len(halves)))), shape=shape)
-        self.of = np.split(self.joined.indices, self.joined.indptr[1:-1])  # the halves of springs at each vertex
+        self.incidence = csr_array((np.ones(len(halves)), (halves, np.arange(len(halves)))), shape=shape)
+        self.of = np.split(self.incidence.indices, self.incidence.indptr[1:-1])  # the halves of springs at each vertex
 
     def at_vertices(self, a: Array) -> Array:
         """The sums (T, n, 3) of what both ends of each spring have, (T, S, 2, 3)."""
         flat = a.reshape(len(a), self.ends.size, 3).swapaxes(0, 1)
-        whole = np.asarray(self.joined @ flat.reshape(self.ends.size, 3 * len(a)))
+        whole = np.asarray(self.incidence @ flat.reshape(self.ends.size, 3 * len(a)))
         return np.asarray(whole.reshape(len(whole), len(a), 3).swapaxes(0, 1))
 
     def left(self, steps: slice, change: Array) -> Array:

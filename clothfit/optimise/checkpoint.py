@@ -1,8 +1,8 @@
 """What a fit keeps to go on from after it was killed (`base.checkpoint` has the file).
 
 A fit that is resumed does not repeat its way: it restarts the stage that it was in (`fit.routes`), the first model
-of the ladder that it had not finished, or the optimiser, from the best values, with the prior that it had learned. It
-counts evaluations and seconds from its first beginning. So it comes to the same minimum, not to the same last bits.
+of the hierarchy that it had not finished, or the optimiser, from the best values, with the prior that it had learned.
+It counts evaluations and seconds from its first beginning. So it comes to the same minimum, not to the same last bits.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from clothfit.base.checkpoint import digest
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.sampling import arrays_from_files
 from clothfit.objective.experiment import Experiment
-from clothfit.optimise.status import Rung, Status
+from clothfit.optimise.status import ModelFit, Status
 from clothfit.scene.factors import FACTOR_MODES
 from clothfit.scene.kinds import INTEGRATORS, KIND
 from clothfit.scene.scene import Scene, dumps
@@ -51,7 +51,7 @@ class State(NamedTuple):
     model: str = ""  # that was chosen for the fit, a letter; none was where it is empty
     substeps: int = 0  # that were chosen, steps to a frame of the target; 0: the scene's own step
     integrator: int = 0  # their method
-    rungs: Sequence[Rung] = ()  # the models that were fitted from coarse to fine, to their end
+    rungs: Sequence[ModelFit] = ()  # the models that were fitted from coarse to fine, to their end
     best_centre: Array = np.zeros(0)  # as `centre`, of the prior that the best point was found with
     best_tau: tuple[float, ...] = ()
     left_out: Sequence[str] = ()  # kinds that the fit has chosen not to fit
@@ -122,7 +122,7 @@ READ: dict[str, Callable[[Any], Any]] = {
     "left_out": lambda names: tuple(map(str, names)),
     "status": lambda status: None if status is None else Status(status),
     "model": str,
-    "rungs": lambda rows: [Rung(str(m), int(n), float(e), np.array(p, float), float(s)) for m, n, e, p, s in rows],
+    "rungs": lambda rows: [ModelFit(str(m), int(n), float(e), np.array(p, float), float(s)) for m, n, e, p, s in rows],
 }
 """Each field of a state from what a file has. Raises one of several errors where that is of another type."""
 
@@ -144,19 +144,19 @@ def is_possible(state: State) -> bool:
         and state.integrator in range(len(INTEGRATORS))
         and state.model in ("", *FACTOR_MODES, "L")
         and all(name in KIND for name in state.left_out)
-        and all(is_possible_rung(rung, len(state.best)) for rung in state.rungs)
+        and all(is_possible_level(level, len(state.best)) for level in state.rungs)
     )
 
 
-def is_possible_rung(rung: Rung, count: int) -> bool:
+def is_possible_level(level: ModelFit, count: int) -> bool:
     """Whether a model of a fit of so many parameters can have come to this."""
     return (
-        rung.model in (*FACTOR_MODES, "G", "L")
-        and rung.values >= 0
-        and min(rung.rmse, rung.seconds) >= 0
-        and math.isfinite(rung.seconds)
-        and rung.p.shape == (count,)
-        and bool(np.isfinite(rung.p).all())
+        level.model in (*FACTOR_MODES, "G", "L")
+        and level.values >= 0
+        and min(level.rmse, level.seconds) >= 0
+        and math.isfinite(level.seconds)
+        and level.p.shape == (count,)
+        and bool(np.isfinite(level.p).all())
     )
 
 

@@ -31,7 +31,7 @@ from clothfit.kernels.parallel import together
 
 T = TypeVar("T")
 
-ENOUGH = 0.02
+CHANGE = 0.02
 """Relative change of the widths, and of σ², that ends the search for them."""
 
 WIDE = 3
@@ -103,7 +103,7 @@ def most_likely(
         before, ratio = (tau, sigma2), found / np.maximum(expected + doubts / tau**2, np.finfo(float).tiny)
         tau = np.clip(tau * np.sqrt(ratio), *ends)
         sigma2 = variance(left, count, determined)
-        if np.allclose(before[0], tau, rtol=ENOUGH) and np.isclose(before[1], sigma2, rtol=ENOUGH, atol=0.0):
+        if np.allclose(before[0], tau, rtol=CHANGE) and np.isclose(before[1], sigma2, rtol=CHANGE, atol=0.0):
             break
     return tau, sigma2
 
@@ -126,14 +126,14 @@ class Part:
         self.wide = [k for k, Z in enumerate(effects) if Z.shape[1] * WIDE > len(data)]
         narrow = [k for k in range(len(effects)) if k not in self.wide]
         self.squares = [effects[k] @ effects[k].T for k in self.wide]
-        self.beside = np.concatenate([np.zeros((len(data), 0)), *(effects[k] for k in narrow)], axis=1)
+        self.narrow = np.concatenate([np.zeros((len(data), 0)), *(effects[k] for k in narrow)], axis=1)
         self.of = np.repeat(np.array(narrow, int), [effects[k].shape[1] for k in narrow])
         self.whole = [effects[k] for k in self.wide]
 
     def sums(self, tau: Array, sigma2: float) -> Round:
         """With widths, of all, and σ²."""
         tau, d = tau[self.which], self.data
-        shared = self.beside * tau[self.of]
+        shared = self.narrow * tau[self.of]
         S = shared @ shared.T
         for k, G in zip(self.wide, self.squares, strict=True):
             S += tau[k] ** 2 * G
@@ -142,8 +142,8 @@ class Part:
         along = P @ self.free
         P -= along @ inverse(self.free.T @ along) @ along.T
         left, found, expected = P @ d, np.zeros(len(tau)), np.zeros(len(tau))
-        np.add.at(found, self.of, (left @ self.beside) ** 2)
-        np.add.at(expected, self.of, ((P @ self.beside) * self.beside).sum(axis=0))
+        np.add.at(found, self.of, (left @ self.narrow) ** 2)
+        np.add.at(expected, self.of, ((P @ self.narrow) * self.narrow).sum(axis=0))
         for k, Z, G in zip(self.wide, self.whole, self.squares, strict=True):
             found[k], expected[k] = ((left @ Z) ** 2).sum(), np.vdot(P, G)
         return Round(found, expected, len(d) - sigma2 * float(np.trace(P)), sigma2**2 * float(left @ left))

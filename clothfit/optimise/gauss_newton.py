@@ -32,15 +32,15 @@ from clothfit.optimise.status import Status
 LEFT = 1e-2
 """Cost that the rest of the way would save, relative to the variance of a residual, where the fit ends."""
 
-EACH, MOST = 5e-2, 5e-3
+EACH, MOST_GAIN = 5e-2, 5e-3
 """… the same for each combination of values that the data determine, where residuals are noise: a fifth of a standard
 error; and relative to the whole cost, which a fit without noise goes far below.
 """
 
-SMALL = 1e-5
+SMALL_GAIN = 1e-5
 """The same relative to the whole cost, twice in a row: where the way is fast, the second is below `LEFT`."""
 
-ENOUGH, POOR, GOOD = 1e-4, 0.25, 0.75
+NEEDED, POOR, GOOD = 1e-4, 0.25, 0.75
 """Achieved over predicted reduction: what a step needs, and below or above which the trust region shrinks or grows."""
 
 FIRST_RADIUS = 1.0
@@ -128,7 +128,7 @@ def minimise(
         saving = near.reduction(near.whole)
         small = is_small(problem, model, near, sigma2, saving, last)
         if small and learns and not problem.least:
-            prior, sigma2 = prior.settled(model.H, model.g, model.y, model.cost, problem.residuals)
+            prior, sigma2 = prior.learned_fully(model.H, model.g, model.y, model.cost, problem.residuals)
             near = quadratic(problem, model, prior, sigma2)
             saving = near.reduction(near.whole)
             small = is_small(problem, model, near, sigma2, saving, last)
@@ -148,13 +148,13 @@ def minimise(
             return model, prior, ended(there or saving <= patience.flat * model.cost)
         # where a whole step has led nearly to the minimum of its model, a new model would save too little to be asked
         # for: it differs from this one by about as much as the cost from what was foretold
-        foretold = problem.least > 0 and step is near.whole
-        foretold = foretold and abs(value - near.reduction(step) - new) <= problem.least * new
+        predicted = problem.least > 0 and step is near.whole
+        predicted = predicted and abs(value - near.reduction(step) - new) <= problem.least * new
         y = model.y + step
-        model = replace(model, y=y, cost=new - prior.value(y, sigma2)) if foretold else problem.model(y)
+        model = replace(model, y=y, cost=new - prior.value(y, sigma2)) if predicted else problem.model(y)
         if accepted:
             accepted(prior, model, radius)
-        if foretold:
+        if predicted:
             return model, prior, Status.CONVERGED
     return model, prior, Status.LIMIT
 
@@ -177,9 +177,9 @@ def is_small(
     before would have saved, and its cost.
     """
     twice = max(saving / model.cost, last[0] / last[1]) if model.cost > 0 and last[1] < np.inf else np.inf
-    if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
+    if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL_GAIN:
         return True
-    if problem.is_noise is None or not saving <= min(MOST * model.cost, EACH * len(model.y) * sigma2):
+    if problem.is_noise is None or not saving <= min(MOST_GAIN * model.cost, EACH * len(model.y) * sigma2):
         return False
     determined = float((model.H * inverse(near.H)).sum())
     return saving <= EACH * determined * sigma2 and problem.is_noise(model.y)
@@ -238,7 +238,7 @@ def descend(
     while radius > SMALLEST * np.sqrt(len(model.y)):
         step = model.within(radius)
         new, predicted = total(model.at(step)), model.reduction(step)
-        if new < value and value - new >= ENOUGH * predicted:
+        if new < value and value - new >= NEEDED * predicted:
             break
         radius = POOR * min(radius, model.length(step))
     else:

@@ -54,11 +54,11 @@ from clothfit.derivative.adjoint import TrajectoryMemory
 from clothfit.engine.system import System
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
-from clothfit.objective.run import Run, shown
+from clothfit.objective.run import Run, play
 from clothfit.objective.running_cost import KeptStates
 from clothfit.optimise import trust_region
 from clothfit.optimise.evidence import variance
-from clothfit.optimise.gauss_newton import EACH, ENOUGH, FIRST_RADIUS, GOOD, LEFT, MOST, POOR, SMALL, SMALLEST
+from clothfit.optimise.gauss_newton import EACH, FIRST_RADIUS, GOOD, LEFT, MOST_GAIN, NEEDED, POOR, SMALL_GAIN, SMALLEST
 from clothfit.optimise.prior import Prior
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
@@ -144,7 +144,7 @@ class Products:
         for run in objective.runs:
             system, at = run.changed(self.p), KeptStates(run.comparison)
             tape = Tape(system, run.steps, objective.tolerance, objective.plan(run), run.forms)
-            shown(run, tape, [at.update])
+            play(run, tape, [at.update])
             self.runs.append(Simulated(run, system, tape, run.comparison.jacobian_of(at.states)))
             residuals.append(run.comparison.residual_of(at.states))
         self.r = np.concatenate(residuals)
@@ -183,7 +183,7 @@ class Products:
         return (gradient * self.factor)[self.part.fitted]
 
 
-PULLS = 8
+PULLBACKS = 8
 """Draws, at least, that the diagonal of H is the mean of."""
 
 LEAST = 1e-12
@@ -204,7 +204,7 @@ class Sampling:
         self.products, self.prior, self.sigma2, self.count = products, prior, sigma2, count
         self.gradient = products.back(products.r) + sigma2 * prior.times(y - prior.centre)
         draws = np.stack([prior.drawn(generator) for _ in range(count)], axis=1)
-        pulls = [products.back(generator.standard_normal(len(products.r))) for _ in range(max(count, PULLS))]
+        pulls = [products.back(generator.standard_normal(len(products.r))) for _ in range(max(count, PULLBACKS))]
         self.diagonal = np.mean(np.square(pulls), axis=0)  # of H
         push = np.where(self.gradient**2 > sigma2 * self.diagonal, np.sign(self.gradient), 0.0)
         low, high = ends or (np.zeros(len(y), bool), np.zeros(len(y), bool))
@@ -325,8 +325,8 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         sampling = Sampling(products, prior, y, sigma2, SAMPLES, generator, ends, wide=False)
         saving = rounds(sampling, float(np.clip(0.1 * last, FINELY, SAVED)), part.search.report)
         determined = min(max(sampling.determined, 1.0), float(part.size))
-        least = max(LEFT * sigma2, min(EACH * determined * sigma2, MOST * cost), (SLOW if whole else ROUGH) * cost)
-        if saving <= least or max(saving / max(cost, np.finfo(float).tiny), last) <= SMALL:
+        least = max(LEFT * sigma2, min(EACH * determined * sigma2, MOST_GAIN * cost), (SLOW if whole else ROUGH) * cost)
+        if saving <= least or max(saving / max(cost, np.finfo(float).tiny), last) <= SMALL_GAIN:
             return y, prior, Status.CONVERGED
         last = saving / cost
         total = cost + prior.value(y, sigma2)
@@ -335,7 +335,7 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
             new = np.clip(y + step, lower, upper)
             found = part.cost(new)
             saved = total - found - prior.value(new, sigma2)
-            if saved >= ENOUGH * predicted:
+            if saved >= NEEDED * predicted:
                 break
             radius = POOR * min(radius, float(np.linalg.norm(step)))
         else:

@@ -415,7 +415,7 @@ def solve(
     if not kept.any():
         return p
     if trim and rows.agreed is not None and rows.agreed.any():
-        kept = beside(rows, kept, rows.agreed)
+        kept = balanced_beside(rows, kept, rows.agreed)
         H = rows.gram(kept)
     else:
         H = rows.gram(kept)
@@ -470,7 +470,7 @@ BEGIN = 1.5
 DAMPED = 1e-12
 """Added to CᵀC of a patch, whose columns have the length 1: what is below it is rounding."""
 
-SHOWN = 1e-6
+DETERMINED = 1e-6
 """Eigenvalue of CᵀC of a patch, relative to the largest, from which on a direction counts as shown."""
 
 CHANGED = 1e-3
@@ -486,13 +486,13 @@ FEW, VOTES, VOTERS = 4, 0.05, 8
 at rest says the same in each step.
 """
 
-ENOUGH = 4
+ROWS_EACH = 4
 """Rows for each parameter, at least."""
 
 
 def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix) -> Flags:
     """The steps (S,) that can be in balance, of those that are `known`, whose CᵀC (Q, Q) is H."""
-    if rows.counts[known].sum() < ENOUGH * H.shape[0]:
+    if rows.counts[known].sum() < ROWS_EACH * H.shape[0]:
         return known
     q = balanced(rows, known, H)
     size, terms = rows.sizes(q)
@@ -501,7 +501,7 @@ def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix) -> Flags:
         return known
     agreed = consensus(rows, known)
     if agreed.any():
-        return beside(rows, known, agreed)
+        return balanced_beside(rows, known, agreed)
     if size[known].max() <= UNEVEN * np.median(size[known]):  # as noise leaves it
         return known
     return in_balance(rows, known, nearest_half(rows, known, q))
@@ -547,7 +547,7 @@ def vote(part: Rows) -> bool:
     return True
 
 
-def beside(rows: Equations, known: Flags, agreed: Flags) -> Flags:
+def balanced_beside(rows: Equations, known: Flags, agreed: Flags) -> Flags:
     """Which of the known steps (S,) are in balance beside those that have agreed."""
     away = relative(*rows.sizes(balanced(rows, agreed)))
     return known & is_sharp(away, away[agreed])
@@ -593,8 +593,8 @@ def agreeing_with_runs(patch: Patch, length: int) -> Agreeing:
         if not best.any() or np.array_equal(best, before):
             break
     sure = best.any() and away[best].max() <= EXACT and shows_more(C[best])
-    enough = best.sum() * R >= ENOUGH * Q and (sure or best.mean() >= SHARE)
-    return Agreeing(best if enough else np.zeros(T, bool), own or bool(enough))
+    suffices = best.sum() * R >= ROWS_EACH * Q and (sure or best.mean() >= SHARE)
+    return Agreeing(best if suffices else np.zeros(T, bool), own or bool(suffices))
 
 
 def shows_more(C: Array) -> bool:
@@ -606,7 +606,7 @@ def shows_more(C: Array) -> bool:
     size = np.linalg.norm(flat, axis=0)
     flat = flat / np.where(size > 0, size, 1.0)
     shown = np.linalg.eigvalsh(flat.T @ flat)
-    rank = int((shown > SHOWN * shown.max(initial=0.0)).sum())
+    rank = int((shown > DETERMINED * shown.max(initial=0.0)).sum())
     return bool(C.shape[1] < rank <= others * C.shape[1] / BEGIN)
 
 

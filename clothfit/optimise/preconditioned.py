@@ -26,7 +26,7 @@ from clothfit.optimise.scipy_methods import lbfgs
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 
-FEW = 16
+FEW_VALUES = 16
 """Values up to which a round that has settled ends the descent: no direction is left that its metric does not know."""
 
 ROUND, SHORT_ROUND = 60, 15
@@ -37,7 +37,7 @@ SLOW_EVALUATIONS, SLOW_SECONDS, SLOW_SAVING = 12, 0.5, 5e-3
 fraction.
 """
 
-SETTLED = 0.1 * SLOW_SAVING / SLOW_EVALUATIONS
+STATIONARY = 0.1 * SLOW_SAVING / SLOW_EVALUATIONS
 """A round in the metric also ends where its gradient promises less than this fraction of the cost by one more step: a
 tenth of what a slow round saves.
 """
@@ -84,7 +84,7 @@ class RoundOver(Exception):
     """Ends a round from within the cost."""
 
 
-class Settled(RoundOver):
+class Stationary(RoundOver):
     """Ends it where another step would save next to nothing."""
 
 
@@ -101,8 +101,8 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
         search.budget.enter_stage()  # a round has its own end
         if in_metric and root is None:
             poor += 1
-        elif descend(search, root, patience, settled=SETTLED) and len(search.y) <= FEW:
-            search.settled = search.best.p
+        elif descend(search, root, patience, least_saving=STATIONARY) and len(search.y) <= FEW_VALUES:
+            search.stationary = search.best.p
             return
         else:
             poor = poor + 1 if search.best.cost > (1.0 - POOR_ROUND) * before else 0
@@ -112,8 +112,8 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
 def one_round(search: Search, root: Array | None, most: int = SHORT_ROUND) -> None:
     """A round from the best point of a search, by default a short one, as `descend`. Raises Stop as the search does."""
     search.budget.enter_stage()  # a round has its own end
-    if descend(search, root, Patience(search.progress.clock), most, SETTLED):
-        search.settled = search.best.p
+    if descend(search, root, Patience(search.progress.clock), most, STATIONARY):
+        search.stationary = search.best.p
 
 
 def for_metric(search: Search) -> Trajectory:
@@ -127,7 +127,7 @@ def metric(part: Trajectory, y: Array) -> Array | None:
     """
     from scipy.linalg import lapack
 
-    if not (part.fits() and part.search.has_time(part.search.each * min(len(y), FEW))):
+    if not (part.fits() and part.search.has_time(part.search.each * min(len(y), FEW_VALUES))):
         return None
     try:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -146,10 +146,10 @@ def metric(part: Trajectory, y: Array) -> Array | None:
 
 
 def descend(
-    search: Search, root: Array | None, patience: Patience, most: int = ROUND, settled: float = 0.0
+    search: Search, root: Array | None, patience: Patience, most: int = ROUND, least_saving: float = 0.0
 ) -> bool:
     """A round of L-BFGS from the best point, in the metric of L = `root` (Q, Q) or in the coordinates themselves.
-    Returns whether it has ended in the metric where another step would save less than the fraction `settled`.
+    Returns whether it has ended in the metric where another step would save less than the fraction `least_saving`.
     """
     from scipy.linalg import solve_triangular
 
@@ -177,17 +177,17 @@ def descend(
         by_z = np.asarray(solve_triangular(root, inside, lower=True, check_finite=False)) / scale
         with np.errstate(over="ignore"):
             promise = float(by_z @ by_z) / 2.0  # by which the cost changes at best, less where it is larger than c₀
-        if settled * value > promise * min((first or value) / value, 1.0):
-            raise Settled
+        if least_saving * value > promise * min((first or value) / value, 1.0):
+            raise Stationary
         first = first or value
         return value, by_z
 
     # of values with two ends L-BFGS-B takes the first step as long as the gradient, which is right for z; many values
     # come lower from a longer one, of 1
-    far = FARTHEST if len(y0) <= FEW else np.inf
+    far = FARTHEST if len(y0) <= FEW_VALUES else np.inf
     start, ends = (y0, search.bounds) if root is None else (np.zeros(len(y0)), [(-far, far)] * len(y0))
     try:
         lbfgs(cost, start, ends, limit=10 * ROUND)
     except RoundOver as end:
-        return isinstance(end, Settled)
+        return isinstance(end, Stationary)
     return False

@@ -90,7 +90,7 @@ DOUBT = 2.0
 alone lets values follow one, and those that scatter each by itself would come out worse than without patterns.
 """
 
-ROUNDS, SETTLED = 12, 60
+ROUNDS, FINAL_ROUNDS = 12, 60
 """Rounds of learning the widths from one quadratic model, on the way and at its end."""
 
 
@@ -235,9 +235,9 @@ class Prior:
         tau, sigma2 = most_likely(shown, effects, along, count, widths, sigma2, ends, np.array(doubts), rounds)
         return replace(self, tau=tuple(tau.tolist())), sigma2
 
-    def settled(self, H: Array, g: Array, y: Array, cost: float, count: int) -> tuple[Prior, float]:
+    def learned_fully(self, H: Array, g: Array, y: Array, cost: float, count: int) -> tuple[Prior, float]:
         """The same with widths that more rounds would not change."""
-        return self.learned(H, g, y, cost, count, SETTLED)
+        return self.learned(H, g, y, cost, count, FINAL_ROUNDS)
 
     def _variance(self, H: Array, g: Array, y: Array, cost: float, count: int) -> float:
         """σ² beside this prior."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
-from clothfit.kernels.clock import computing, passing
+from clothfit.kernels.clock import computing, elapsed
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
@@ -97,7 +97,7 @@ class Reporter:
         self.receiver, self.p, self.frames, self.unit = report, p, frames, unit
         self.stage, self.window, self.window_rmse = "start", frames, np.nan
         self.iterations, self.step = 0, np.nan
-        self.clock, self.began, self.began_computing = clock, passing(), clock()
+        self.clock, self.began, self.began_computing = clock, elapsed(), clock()
 
     @property
     def computing(self) -> float:
@@ -107,7 +107,7 @@ class Reporter:
     @property
     def seconds(self) -> float:
         """Seconds since the fit began, without compilation."""
-        return passing() - self.began
+        return elapsed() - self.began
 
     def enter(self, stage: str, window: int) -> None:
         """Name what is done from now on, and the frames that it compares."""

@@ -37,7 +37,7 @@ EARLY, SHARE = 20, 0.2
 LIKELY = 6.0
 """A point is likely if its cost is within this factor of the lowest: its error within 2.5."""
 
-LOOKS = 12
+CHECKS = 12
 """How often a motion's cost is looked at on its way."""
 
 LARGE = 400
@@ -84,8 +84,8 @@ def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
 
     lengths = [len(axis) for axis in axes]
     if large or len(own) > 1:
-        course = Course(beginning(objective) if large else objective, cloth)
-        costs, most = costs_at(course, at, grid(lengths), CLOSE), FEW if large else KEPT
+        partial = PartialCost(beginning(objective) if large else objective, cloth)
+        costs, most = costs_at(partial, at, grid(lengths), CLOSE), FEW if large else KEPT
     else:
         costs, most = around_likely(objective, cloth, at, lengths), KEPT
     return [[brackets(axis, i) for axis, i in zip(axes, point, strict=True)] for point in minima(costs, CLOSE)[:most]]
@@ -100,18 +100,18 @@ def around_likely(
     points = grid(lengths, SECOND)
     if "spectrum" not in objective.weights:  # whose beginning says nothing of the whole
         first = objective.until(objective.first_step + max(EARLY, round(SHARE * objective.steps)))
-        likely = within(costs_at(Course(first, cloth), at, grid(lengths, FIRST), LIKELY), LIKELY)
-        points = [point for point in points if any(is_beside(point, other, FIRST) for other in likely)]
-    course = Course(objective, cloth)
-    costs = costs_at(course, at, points, LIKELY)
+        likely = within(costs_at(PartialCost(first, cloth), at, grid(lengths, FIRST), LIKELY), LIKELY)
+        points = [point for point in points if any(is_adjacent(point, other, FIRST) for other in likely)]
+    partial = PartialCost(objective, cloth)
+    costs = costs_at(partial, at, points, LIKELY)
     kept = minima(costs, LIKELY, SECOND)[:KEPT]
-    around = [point for point in grid(lengths) if any(is_beside(point, other, SECOND - 1) for other in kept)]
+    around = [point for point in grid(lengths) if any(is_adjacent(point, other, SECOND - 1) for other in kept)]
     known = {point: costs[point] for point in around if point in costs}
-    return known | costs_at(course, at, [point for point in around if point not in known], CLOSE, known)
+    return known | costs_at(partial, at, [point for point in around if point not in known], CLOSE, known)
 
 
 def costs_at(
-    course: Course,
+    partial: PartialCost,
     at: Callable[[Point], Array],
     points: Iterable[Point],
     factor: float,
@@ -121,7 +121,7 @@ def costs_at(
     costs: dict[Point, float] = {}
     best = min((known or {}).values(), default=np.inf)
     for point in points:
-        costs[point] = course.cost(at(point), factor * best)
+        costs[point] = partial.cost(at(point), factor * best)
         best = min(best, costs[point])
     return costs
 
@@ -137,7 +137,7 @@ def minima(costs: Mapping[Point, float], factor: float, step: int = 1) -> list[P
     return [point for point in within(costs, factor) if is_minimum(costs, point, step)]
 
 
-def is_beside(point: Point, other: Point, reach: int) -> bool:
+def is_adjacent(point: Point, other: Point, reach: int) -> bool:
     """Whether a point is within `reach` of another along each axis."""
     return all(abs(i - j) <= reach for i, j in zip(point, other, strict=True))
 
@@ -178,11 +178,11 @@ def grid(lengths: Sequence[int], step: int = 1) -> list[Point]:
     return [points[i] for i in np.random.default_rng(0).permutation(len(points))]
 
 
-class Course:
+class PartialCost:
     """The cost of one cloth of an objective on its way through the frames."""
 
     def __init__(self, objective: Objective, cloth: int) -> None:
-        length = max(1, -(-objective.steps // LOOKS))
+        length = max(1, -(-objective.steps // CHECKS))
         adds = "spectrum" not in objective.weights  # a spectrum's cost is not a sum over frames
         parts = {end: objective.until(end + 1).runs for end in range(length, objective.steps, length) if adds}
         self.plan = Plan(length)

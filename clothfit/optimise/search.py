@@ -24,7 +24,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.progress import Progress, Reporter
-from clothfit.optimise.status import Budget, Rung, Status, Stop
+from clothfit.optimise.status import Budget, ModelFit, Status, Stop
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, with_parameters
 
 if TYPE_CHECKING:
@@ -173,15 +173,15 @@ class Search:
         self.progress = Reporter(report, self.start, objective.frames, unit, clock_of(int(self.fitted.sum())))
         self.checkpoint: Checkpoint | None = None  # in which it keeps its state
         self.warnings: list[str] = []  # what the user should know
-        self.rungs: list[Rung] = []  # the models that were fitted from coarse to fine
-        self.looser: float | None = None  # tolerance of linear systems that the target may have been solved to
+        self.levels: list[ModelFit] = []  # the models that were fitted from coarse to fine
+        self.loose_tolerance: float | None = None  # tolerance of linear systems that the target may have been solved to
         self.longest = np.inf  # seconds of computing, after which a fit ends whose model cannot reproduce the target
         self.each = 0.0  # seconds of computing that the cost took when it was measured last
         self.model, self.substeps, self.integrator = "", 0, 0  # that were chosen for the fit, as in a `State`
         self.left_out: Sequence[str] = ()  # kinds, as there
         self.own = False  # whether the target is known to be a motion of the model
         self.single: tuple[Array, SingleSteps] | None = None  # values (P,) that take each step of the target
-        self.settled: Array | None = None  # (P,), a minimum by the metric of Gauss–Newton (`preconditioned`)
+        self.stationary: Array | None = None  # (P,), a minimum by the metric of Gauss–Newton (`preconditioned`)
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
         if np.array_equal(self.start, start):  # it lies within the bounds
@@ -286,9 +286,9 @@ class Search:
             best = partial(with_parameters, self.objective.scene, self.best.p)
             self.progress.report(budget.evaluations, budget.limit, cost, self.objective.rmse(cost), best)
 
-    def climbed(self, rung: Rung) -> None:
-        """Note what a model of the ladder has come to, and keep it."""
-        self.rungs.append(rung)
+    def add_level(self, level: ModelFit) -> None:
+        """Note what a model of the hierarchy has come to, and keep it."""
+        self.levels.append(level)
         if self.checkpoint is not None:
             self.checkpoint.save(self.state, now=True)
 
@@ -312,17 +312,17 @@ class Search:
         own = (best.prior.centre, best.prior.tau) if best.prior else (none, ())
         return State(
             self.start, best.p, best.cost, best.gradient, centre, tau, y, radius, window, before,
-            before_cost, self.budget.history, self.budget.beside, self.progress.seconds, self.warnings,
-            None, self.model, self.substeps, self.integrator, self.rungs, *own, self.left_out,
+            before_cost, self.budget.history, self.budget.extra, self.progress.seconds, self.warnings,
+            None, self.model, self.substeps, self.integrator, self.levels, *own, self.left_out,
         )  # fmt: skip
 
     def restore(self, state: State) -> None:
         """Go on from a state."""
         best = np.where(self.fitted, self.coordinates.clipped(state.best), self.start)
         self.best.point = Point(best, state.cost, state.gradient, None)
-        self.budget.history, self.budget.beside = list(state.history), state.beside
+        self.budget.history, self.budget.extra = list(state.history), state.beside
         self.progress.began -= state.seconds
-        self.warnings, self.rungs = list(state.warnings), list(state.rungs)
+        self.warnings, self.levels = list(state.warnings), list(state.rungs)
 
     def warn(self, *texts: str) -> None:
         """Keep warnings for the user, each once."""
@@ -336,7 +336,7 @@ class Search:
         other.checkpoint = None
         return other
 
-    def beside(self, objective: Objective, start: Array, cost: float) -> Search:
+    def subsearch(self, objective: Objective, start: Array, cost: float) -> Search:
         """A search by other parameters, from `start` (P′,) of that cost, with the budget and the reports of this."""
         other = Search(objective, start, self.rmse_tolerance, self.budget.limit, start_cost=cost)
         other.budget, other.progress, other.warnings = self.budget, self.progress, self.warnings
@@ -377,18 +377,19 @@ class Search:
         objective = self.objective
         if not (self.own and objective.plain and np.isfinite(self.best.cost)):
             return False
-        return objective.rmse(self.best.cost) > max(min(SEEN, SEEN_PART * objective.travel), self.rmse_tolerance)
+        visible = min(SEEN, SEEN_PART * objective.rms_displacement)
+        return objective.rmse(self.best.cost) > max(visible, self.rmse_tolerance)
 
     def verdict(self) -> Status:
         """How the search ended, if it ends here: converged or stalled."""
-        flat = self.is_settled or self._steepness() <= FLAT
+        flat = self.is_stationary or self._steepness() <= FLAT
         at_minimum = self._is_near() or (flat and not self.on_plateau())
         return Status.CONVERGED if at_minimum else Status.STALLED
 
     @property
-    def is_settled(self) -> bool:
+    def is_stationary(self) -> bool:
         """Whether the best point is a minimum by the metric of Gauss–Newton."""
-        return self.settled is not None and np.array_equal(self.settled, self.best.p)
+        return self.stationary is not None and np.array_equal(self.stationary, self.best.p)
 
     def _is_near(self) -> bool:
         """Whether the error is small enough."""
@@ -406,7 +407,7 @@ class Search:
         y, signs = self.y, np.where(np.arange(int(self.fitted.sum())) % 2 == 0, 1.0, -1.0)
         shift = SHAKE * self.coordinates.weight[self.fitted] * signs
         points = [self.parameters(y + shift), self.parameters(y - shift)]
-        self.budget.beside += len(points)
+        self.budget.extra += len(points)
         return [self.objective.cost_or_infinity(p) for p in points]
 
     def _steepness(self) -> float:

@@ -23,8 +23,8 @@ class Status(StrEnum):
     INTERRUPTED = "interrupted"  # by the user, with the best point so far
 
 
-class Rung(NamedTuple):
-    """What one model of a ladder, from coarse to fine, has come to."""
+class ModelFit(NamedTuple):
+    """What one model of a hierarchy, from coarse to fine, has come to."""
 
     model: str  # a letter: F, R, M or L; G where there is no other
     values: int  # fitted
@@ -48,13 +48,13 @@ class Budget:
         """`limit`: evaluations allowed."""
         self.limit = limit
         self.history: list[float] = []  # best cost at each evaluation of an optimiser
-        self.beside = 0  # simulations that only look around a point, and end nothing
+        self.extra = 0  # simulations that only look around a point, and end nothing
         self.stage = 0  # evaluations before the present stage, which only its own evaluations can stall
 
     @property
     def evaluations(self) -> int:
         """How many there were."""
-        return len(self.history) + self.beside
+        return len(self.history) + self.extra
 
     def check(self) -> None:
         """Raise Stop when none is left."""

@@ -20,7 +20,7 @@ from functools import partial
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.derivative.sensitivity import at_start, carried, columns
+from clothfit.derivative.sensitivity import at_start, columns, sensitivities
 from clothfit.engine.system import mobile
 from clothfit.kernels.parallel import together
 from clothfit.motion.divergence import Diverged
@@ -328,6 +328,6 @@ def run_model(
         return np.zeros((0, 0)), np.zeros(0), cost.value
     wanted = columns(system, run.acting, p, column, factor, count)
     residuals = cost.residuals(mobile(system))
-    steps = carried(system, tape, wanted, tolerance, residuals.update)
+    steps = sensitivities(system, tape, wanted, tolerance, residuals.update)
     H, g = accumulate(residuals, steps, at_start(system, wanted), scores)
     return H, g, cost.value

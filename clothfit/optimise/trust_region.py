@@ -238,13 +238,13 @@ def solve(
     held = pressed(H, g, lower, upper, delta)
     reached: dict[bytes, float] = {}  # the value where these were held
     least = RIDGE * float(H.diagonal().sum())
-    ridge, told = least if len(g) > EIGENVALUES else 0.0, time.monotonic()
+    ridge, reported = least if len(g) > EIGENVALUES else 0.0, time.monotonic()
     shift, shifts = 0.0, list(SHIFTS if isinstance(H, np.ndarray) else ())
     for _ in range(STEPS):
         interrupts.check()  # thousands of values take seconds a step
-        if waiting and time.monotonic() - told >= PATIENCE:
+        if waiting and time.monotonic() - reported >= PATIENCE:
             waiting()
-            told = time.monotonic()
+            reported = time.monotonic()
         value = quadratic(H, g, delta)
         if value >= reached.get(held.tobytes(), np.inf) - ROUNDING * abs(value):
             break

@@ -9,7 +9,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
-from clothfit.control.control import Course
+from clothfit.control.control import ControlledMotion
 from clothfit.motion.energy import Energy
 from clothfit.pictures.camera import Camera
 from clothfit.pictures.picture_file import BLUE, GREEN, GROUND, INK, ORANGE, PURPLE, QUIET, RED, SKY
@@ -76,48 +76,48 @@ def errors(axes: Axes, title: str, times: Array, rmse: Array, largest: Array, co
     """Both lines of an error: root mean square, and largest in a colour."""
     label(axes, title, "time, s", "m")
     logarithmic(axes, np.concatenate([rmse, largest]))
-    axes.plot(times, shown(largest), color=colour, linewidth=1.1, label="largest")
-    axes.plot(times, shown(rmse), color=BLUE, linewidth=1.7, label="root mean square")
+    axes.plot(times, valid(largest), color=colour, linewidth=1.1, label="largest")
+    axes.plot(times, valid(rmse), color=BLUE, linewidth=1.7, label="root mean square")
 
 
-def distances(axes: Axes, course: Course) -> None:
+def distances(axes: Axes, motion: ControlledMotion) -> None:
     """How far a controlled motion is from each of its keys over time; of more than `MOST_LINES` from the next one."""
     label(axes, "distance from the keys", "time, s", "m")
-    least = course.distance[course.distance > SMALLEST_LENGTH]
-    logarithmic(axes, np.maximum(course.distance, float(least.min()) if len(least) else 0.0))
-    steps = np.array([key.step for key in course.keys])
+    least = motion.distance[motion.distance > SMALLEST_LENGTH]
+    logarithmic(axes, np.maximum(motion.distance, float(least.min()) if len(least) else 0.0))
+    steps = np.array([key.step for key in motion.keys])
     if len(steps) > MOST_LINES:
-        frames = np.arange(len(course.times))
+        frames = np.arange(len(motion.times))
         coming = np.minimum(np.searchsorted(steps, frames), len(steps) - 1)
-        axes.plot(course.times, shown(course.distance[coming, frames]), color=BLUE, linewidth=1.4, label="the next key")
-    for key, values, colour in zip(course.keys, course.distance, LINES, strict=False):
+        axes.plot(motion.times, valid(motion.distance[coming, frames]), color=BLUE, linewidth=1.4, label="the next key")
+    for key, values, colour in zip(motion.keys, motion.distance, LINES, strict=False):
         if len(steps) <= MOST_LINES:
-            name = f"key at {course.times[key.step]:.4g} s"
-            axes.plot(course.times, shown(values), color=colour, linewidth=1.6, label=name)
-    at = [shown(values)[step] for values, step in zip(course.distance, steps, strict=True)]
-    axes.plot(course.times[steps], at, "o", color=GREEN, markersize=5, zorder=4)
-    due(axes, course)
+            name = f"key at {motion.times[key.step]:.4g} s"
+            axes.plot(motion.times, valid(values), color=colour, linewidth=1.6, label=name)
+    at = [valid(values)[step] for values, step in zip(motion.distance, steps, strict=True)]
+    axes.plot(motion.times[steps], at, "o", color=GREEN, markersize=5, zorder=4)
+    due(axes, motion)
 
 
-def effort(axes: Axes, course: Course) -> None:
+def effort(axes: Axes, motion: ControlledMotion) -> None:
     """What each step of a controlled motion takes."""
-    label(axes, f"effort of each step, {course.effort.sum():.4g} N² s in all", "time, s", "N² s")
-    axes.stairs(course.effort[:-1], course.times, color=RED, fill=True, alpha=0.25)
-    axes.stairs(course.effort[:-1], course.times, color=RED, linewidth=1.4, baseline=None)
-    axes.set_ylim(0.0, 1.08 * float(course.effort.max()) or 1.0)
-    due(axes, course, above_it=False)
+    label(axes, f"effort of each step, {motion.effort.sum():.4g} N² s in all", "time, s", "N² s")
+    axes.stairs(motion.effort[:-1], motion.times, color=RED, fill=True, alpha=0.25)
+    axes.stairs(motion.effort[:-1], motion.times, color=RED, linewidth=1.4, baseline=None)
+    axes.set_ylim(0.0, 1.08 * float(motion.effort.max()) or 1.0)
+    due(axes, motion, above_it=False)
 
 
-def due(axes: Axes, course: Course, above_it: bool = True) -> None:
+def due(axes: Axes, motion: ControlledMotion, above_it: bool = True) -> None:
     """Lines at the times of the keys."""
-    for i, time in enumerate(course.times[course.due]):
+    for i, time in enumerate(motion.times[motion.due]):
         axes.axvline(float(time), color=GREEN, linestyle=(0, (5, 3)), linewidth=1.1, zorder=1,
                      label="" if i or above_it else "keys")  # fmt: skip
-    axes.set_xlim(float(course.times[0]), 1.01 * float(course.times[-1]) + 1e-9)
+    axes.set_xlim(float(motion.times[0]), 1.01 * float(motion.times[-1]) + 1e-9)
     above(axes)
 
 
-def shown(values: Array) -> Array:
+def valid(values: Array) -> Array:
     """The values that a logarithmic axis can show; NaN in place of the others."""
     return np.where(values > SMALLEST_LENGTH, values, np.nan)
 

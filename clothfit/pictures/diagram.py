@@ -37,44 +37,44 @@ class Line(NamedTuple):
     main: bool  # whether at the scene's own tolerance, or without one
 
 
-def save_diagram(found: WorkPrecision, path: str | os.PathLike[str], error: float | None = None) -> None:
+def save_diagram(study: WorkPrecision, path: str | os.PathLike[str], error: float | None = None) -> None:
     """Write the diagram to a .png, .svg or .pdf, whole or not at all, with a line at the requested `error`, m.
 
     Raises InvalidInput when the diagram cannot be drawn or written.
     """
-    save(path, partial(draw, found, error))
+    save(path, partial(draw, study, error))
 
 
-def draw(found: WorkPrecision, error: float | None = None) -> Figure:
+def draw(study: WorkPrecision, error: float | None = None) -> Figure:
     """The diagram as a figure without a window, unknown to pyplot."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=DIAGRAM_SIZE, layout="constrained")
     axes = figure.add_subplot(xscale="log", yscale="log")
-    positive = [row.error for row in found.rows if row.error]
+    positive = [row.error for row in study.rows if row.error]
     floor = 0.5 * min(positive) if positive else 1e-6  # where errors of 0 are drawn, which have no logarithm
-    for line in lines(found):
+    for line in lines(study):
         draw_line(axes, line, floor)
     axes.plot([], [], color=QUIET, marker="s", markersize=3, linewidth=0.7, alpha=0.5, label="faint: other tolerances")
-    draw_front(axes, found, floor)
-    frame(axes, found)
-    draw_levels(axes, found, error, floor)
-    draw_own(axes, found, floor)
+    draw_front(axes, study, floor)
+    frame(axes, study)
+    draw_levels(axes, study, error, floor)
+    draw_own(axes, study, floor)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=8.5, frameon=False, borderaxespad=0.0)
     return figure
 
 
-def lines(found: WorkPrecision) -> Iterator[Line]:
+def lines(study: WorkPrecision) -> Iterator[Line]:
     """The lines of the diagram, the faint ones first so that the others lie above them."""
-    kinds = list(dict.fromkeys(row.setting.kind for row in found.rows))
+    kinds = list(dict.fromkeys(row.setting.kind for row in study.rows))
     iterations = sorted({newton for _, _, newton in kinds if newton is not None})
-    for kind in sorted(kinds, key=lambda kind: kind[1] in (None, found.tolerance)):
+    for kind in sorted(kinds, key=lambda kind: kind[1] in (None, study.tolerance)):
         name, tolerance, newton = kind
-        rows = [row for row in found.rows if row.setting.kind == kind and row.status == "done"]
+        rows = [row for row in study.rows if row.setting.kind == kind and row.status == "done"]
         colour, marker = STYLES.get(name) or NEWTON_STYLES[iterations.index(newton or 1) % len(NEWTON_STYLES)]
         label = name if newton is None else f"{name}, {counted(newton, 'iteration', 'iterations')}"
         if rows:
-            yield Line(label, colour, marker, rows, tolerance in (None, found.tolerance))
+            yield Line(label, colour, marker, rows, tolerance in (None, study.tolerance))
 
 
 def places(rows: Iterable[Row], floor: float) -> tuple[list[float], list[float]]:
@@ -93,9 +93,9 @@ def draw_line(axes: Axes, line: Line, floor: float) -> None:
         axes.plot(x, y, color=line.colour, marker=line.marker, markersize=3, linewidth=0.7, alpha=0.35, zorder=2)
 
 
-def draw_front(axes: Axes, found: WorkPrecision, floor: float) -> None:
+def draw_front(axes: Axes, study: WorkPrecision, floor: float) -> None:
     """Draw the Pareto front of all rows and name the time steps on it."""
-    best = sorted((row for row in found.rows if row.pareto), key=lambda row: row.cost_and_error)
+    best = sorted((row for row in study.rows if row.pareto), key=lambda row: row.cost_and_error)
     if not best:
         return
     x, y = places(best, floor)
@@ -109,11 +109,11 @@ def draw_front(axes: Axes, found: WorkPrecision, floor: float) -> None:
         before = name
 
 
-def frame(axes: Axes, found: WorkPrecision) -> None:
+def frame(axes: Axes, study: WorkPrecision) -> None:
     """Draw title, axes with units, and grid."""
-    frames = len(found.reference.positions)
-    axes.set_title(f"{found.scene}: speed against error", loc="left", fontsize=12, fontweight="bold", color=INK)
-    axes.set_title(f"{frames} frames, h = {1e3 * found.delta:.4g} ms", loc="right", fontsize=9, color=QUIET)
+    frames = len(study.reference.positions)
+    axes.set_title(f"{study.scene}: speed against error", loc="left", fontsize=12, fontweight="bold", color=INK)
+    axes.set_title(f"{frames} frames, h = {1e3 * study.delta:.4g} ms", loc="right", fontsize=9, color=QUIET)
     axes.set_xlabel("seconds of computing per simulated second")
     axes.set_ylabel("distance to the motion of h → 0, root mean square, m")
     axes.grid(which="major", color="#dddddd", linewidth=0.7)
@@ -123,29 +123,29 @@ def frame(axes: Axes, found: WorkPrecision) -> None:
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.08, y=0.1)
-    if found.nearest is None:
+    if study.nearest is None:
         axes.set(xlim=(1e-3, 1.0), ylim=(1e-4, 1.0))  # an empty logarithmic axis has no limits of its own
 
 
-def draw_levels(axes: Axes, found: WorkPrecision, error: float | None, floor: float) -> None:
+def draw_levels(axes: Axes, study: WorkPrecision, error: float | None, floor: float) -> None:
     """Draw the requested error, and the reference's own: as a line where it is near the others, else as a remark."""
     if error is not None:
         axes.axhline(error, color=REQUESTED_ERROR, linewidth=1.2, linestyle=(0, (6, 3)), zorder=2,
                      label=f"asked for: {metres(error)}")
-    own = found.reference.error
+    own = study.reference.error
     name = f"the reference's own error: {metres(own)}"
     if own > 0.1 * floor:
         axes.axhline(own, color=QUIET, linewidth=1.2, linestyle=":", zorder=2, label=name)
     else:
-        zeros = "; errors of 0 are drawn at the lower edge" if any(row.error == 0 for row in found.rows) else ""
+        zeros = "; errors of 0 are drawn at the lower edge" if any(row.error == 0 for row in study.rows) else ""
         axes.annotate(f"↓ {name}{zeros}", (0.01, 0.015), xycoords="axes fraction", fontsize=8, color=QUIET)
 
 
-def draw_own(axes: Axes, found: WorkPrecision, floor: float) -> None:
+def draw_own(axes: Axes, study: WorkPrecision, floor: float) -> None:
     """Draw a ring around the scene's own setting."""
-    if found.own.status != "done":
+    if study.own.status != "done":
         return
-    (x,), (y,) = places([found.own], floor)
+    (x,), (y,) = places([study.own], floor)
     axes.plot([x], [y], marker="o", markersize=14, fillstyle="none", color=INK, zorder=6)
     ground = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
     axes.annotate("the scene's own", (x, y), xytext=(10, 10), textcoords="offset points", fontsize=9, color=INK,

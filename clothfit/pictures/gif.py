@@ -132,23 +132,23 @@ def picture(
     alone, colours = scenery.bare(on, frame, x[frame])
     for (u, v), colour in zip(in_pixels(on, alone, fine).tolist(), np.round(255 * colours).tolist(), strict=True):
         draw.ellipse((u - 6, v - 6, u + 6, v + 6), fill=tuple(map(int, colour)))
-    spots = [(scenery.pins(on, frame, x[frame]), FIXED_VERTEX, 5.0)]
+    dots = [(scenery.pins(on, frame, x[frame]), FIXED_VERTEX, 5.0)]
     if over is not None:
-        spots.insert(0, (scenery.sightings(on, frame, over[frame]), SEEN_TARGET, 3.5))
+        dots.insert(0, (scenery.sightings(on, frame, over[frame]), SEEN_TARGET, 3.5))
     if marks is not None:
-        spots.append((scenery.dots(on, frame, marks), SEEN_TARGET, 12.0))
+        dots.append((scenery.dots(on, frame, marks), SEEN_TARGET, 12.0))
         ends = (in_pixels(on, each, fine) for each in scenery.arrows(on, frame, x[frame], marks))
         for tail, tip in zip(*ends, strict=True):
             arrow(draw, 0.5 * (tail + tip), 0.5 * (tip - tail), ARROW, 3)
-    for places, mark, radius in spots:
+    for places, mark, radius in dots:
         for u, v in in_pixels(on, places, fine).tolist():
             draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=mark)
     legend = () if over is None else LEGEND_NAMES if marks is None else marks.legend
-    write(draw, image.size, on, times, frame, legend, speed, [] if marks is None else marks.held.tolist())
+    write_caption(draw, image.size, on, times, frame, legend, speed, [] if marks is None else marks.held.tolist())
     return image.resize((width, round(width * on.camera.aspect)), Image.Resampling.BOX)
 
 
-def write(
+def write_caption(
     draw: ImageDraw, size: tuple[int, int], on: Stage, times: Array, frame: int,
     legend: Sequence[tuple[str, Colour]], speed: float, keys: Sequence[int],
 ) -> None:  # fmt: skip

@@ -74,50 +74,50 @@ def deviation(values: Array, true: Array) -> Array:
     return np.where(size > 0, away / np.where(size > 0, size, 1.0), np.nan)
 
 
-def draw(axes: Axes, shown: Map) -> None:
+def draw(axes: Axes, field: Map) -> None:
     """Draw a map with its colour bar; values that the motion does not determine are grey."""
-    points = shown.places.reshape(-1, 3)
+    points = field.places.reshape(-1, 3)
     seen = shaped(facing(points), *MAP_ASPECT)
-    flat = project(seen, shown.places)[..., :2]
-    norm = scale(shown)
-    drawn: Any = (vertices if shown.kind.of == "vertex" else springs)(axes, seen, flat, shown, norm)
+    flat = project(seen, field.places)[..., :2]
+    norm = scale(field)
+    drawn: Any = (vertices if field.kind.of == "vertex" else springs)(axes, seen, flat, field, norm)
     blank(axes, seen)
-    title = f"{shown.kind.title}: deviation" if shown.relative else f"{shown.kind.title}, fitted"
+    title = f"{field.kind.title}: deviation" if field.relative else f"{field.kind.title}, fitted"
     axes.set_title(title, loc="left", fontsize=10, color=INK, pad=5)
-    hidden = int((~shown.known).sum())
+    hidden = int((~field.known).sum())
     if hidden:
         axes.set_xlabel(f"grey: {hidden} that the motion cannot show", fontsize=8, color=QUIET)
-    colour_bar(axes, drawn, shown)
+    colour_bar(axes, drawn, field)
 
 
-def colour_bar(axes: Axes, drawn: Any, shown: Map) -> None:
+def colour_bar(axes: Axes, drawn: Any, field: Map) -> None:
     """Draw the scale beside a map, with its unit."""
     from matplotlib.colors import LogNorm
 
     figure: Any = axes.figure
-    beyond = shown.relative and (np.abs(shown.values[shown.known]) > reach(shown)).any()
+    beyond = field.relative and (np.abs(field.values[field.known]) > reach(field)).any()
     ends = "both" if beyond else "neither"
     bar = figure.colorbar(drawn, ax=axes, fraction=0.05, pad=0.03, extend=ends)
     if isinstance(drawn.norm, LogNorm):
         logarithmic_ticks(bar.ax.yaxis, (1.0, 2.0, 5.0), 12)
-    bar.set_label("fitted / true − 1" if shown.relative else f"{shown.kind.title}, {shown.kind.unit}", fontsize=8)
+    bar.set_label("fitted / true − 1" if field.relative else f"{field.kind.title}, {field.kind.unit}", fontsize=8)
     bar.ax.tick_params(labelsize=8)
     bar.outline.set_visible(False)
 
 
-def reach(shown: Map) -> float:
+def reach(field: Map) -> float:
     """The deviation at which the colours end: 98 % of the deviations are within it."""
-    sizes = np.abs(shown.values[shown.known])
+    sizes = np.abs(field.values[field.known])
     return max(float(np.quantile(sizes, 0.98)) if len(sizes) else 0.0, 1e-12)
 
 
-def scale(shown: Map) -> Normalize:
+def scale(field: Map) -> Normalize:
     """The normalisation of values to colours."""
     from matplotlib.colors import LogNorm, Normalize
 
-    values = shown.values[shown.known]
-    if shown.relative:
-        return Normalize(-reach(shown), reach(shown))
+    values = field.values[field.known]
+    if field.relative:
+        return Normalize(-reach(field), reach(field))
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
     if low > 0 and high > LOGARITHMIC_ABOVE * low:
         return LogNorm(low, high)
@@ -125,33 +125,33 @@ def scale(shown: Map) -> Normalize:
     return Normalize(low - room, high + room)
 
 
-def vertices(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize) -> Any:
+def vertices(axes: Axes, seen: Camera, flat: Array, field: Map, norm: Normalize) -> Any:
     """Draw a dot for each vertex, sized to fill the cloth."""
     size = seen.high - seen.low
     inches = 2.6 / float(size[0])
     area = float(np.clip(0.5 * size.prod() / max(len(flat), 1) * (72 * inches) ** 2, 0.3, 90.0))
-    lost = ~shown.known
+    lost = ~field.known
     axes.scatter(flat[lost, 0], flat[lost, 1], s=0.4 * area, c=NOT_IDENTIFIABLE, linewidths=0)
-    own = flat[shown.known]
+    own = flat[field.known]
     return axes.scatter(
-        own[:, 0], own[:, 1], s=area, c=shown.values[shown.known], cmap=COLOURS[shown.relative], norm=norm,
-        edgecolors="#b4bac4", linewidths=0.4 if shown.relative and area > 8.0 else 0.0,
+        own[:, 0], own[:, 1], s=area, c=field.values[field.known], cmap=COLOURS[field.relative], norm=norm,
+        edgecolors="#b4bac4", linewidths=0.4 if field.relative and area > 8.0 else 0.0,
         rasterized=len(flat) > MOST_VECTOR_SHAPES,
     )  # fmt: skip
 
 
-def springs(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize) -> Any:
+def springs(axes: Axes, seen: Camera, flat: Array, field: Map, norm: Normalize) -> Any:
     """Draw a line for each spring, long ones first so that short ones lie above them."""
     from matplotlib.collections import LineCollection
 
     length = np.linalg.norm(flat[:, 0] - flat[:, 1], axis=1)
     order = np.argsort(-length, kind="stable")
-    flat, values, known, length = flat[order], shown.values[order], shown.known[order], length[order]
+    flat, values, known, length = flat[order], field.values[order], field.known[order], length[order]
     thick, dots = float(np.clip(50.0 / np.sqrt(max(len(flat), 1)), 0.15, 2.4)), len(flat) > MOST_VECTOR_SHAPES
     width = thick * np.clip(np.median(length) / np.maximum(length, 1e-300), 0.3, 1.0)
     lost = LineCollection(list(flat[~known]), colors=NOT_IDENTIFIABLE, linewidths=0.5 * width[~known], rasterized=dots)
     axes.add_collection(lost, autolim=False)
-    colours = {"cmap": COLOURS[shown.relative], "norm": norm}
+    colours = {"cmap": COLOURS[field.relative], "norm": norm}
     lines = LineCollection(list(flat[known]), linewidths=width[known], rasterized=dots, **colours)  # type: ignore[arg-type]
     lines.set_array(values[known])
     axes.add_collection(lines, autolim=False)

@@ -2,7 +2,7 @@
 pictures: "#rrggbb" for what is drawn as it is, (red, green, blue) in 0 … 1 for what is shaded.
 
 Lines have the colours of M. Okabe and K. Ito, which people with any kind of colour vision can tell apart. Pictures need
-matplotlib or Pillow, which come with the extra `plot`; `check` looks for them before long work.
+matplotlib or Pillow, which come with the extra `plot`; `check_picture` looks for them before long work.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ FONTS = ["DejaVu Sans"]  # comes with matplotlib, so a picture does not depend o
 STYLE = {"font.family": FONTS, "svg.hashsalt": "clothfit", "svg.fonttype": "path"}
 
 
-def check(path: str | os.PathLike[str], kinds: Sequence[str] = PLOTS) -> str:
+def check_picture(path: str | os.PathLike[str], kinds: Sequence[str] = PLOTS) -> str:
     """The format that a path's extension names. Raises InvalidInput when no picture can be drawn or written there."""
     name = os.fspath(path)
     kind = os.path.splitext(name)[1].lower().removeprefix(".")
@@ -65,7 +65,7 @@ def save(path: str | os.PathLike[str], draw: Callable[[], Figure]) -> None:
 
     The same figure gives the same file. Raises InvalidInput when it cannot be drawn or written.
     """
-    kind = check(path)
+    kind = check_picture(path)
     from matplotlib import rc_context
 
     buffer = io.BytesIO()

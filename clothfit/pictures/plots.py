@@ -14,7 +14,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
-from clothfit.control.control import Course
+from clothfit.control.control import ControlledMotion
 from clothfit.evaluation.evaluate import Overlay
 from clothfit.motion.energy import Energy
 from clothfit.pictures import charts, maps
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
     from clothfit.optimise.progress import Progress
-    from clothfit.subspace.judge import Compared
+    from clothfit.subspace.validation import Compared
 
 PAGE_WIDTH, HEAD_HEIGHT, LEGEND_HEIGHT, ROW_HEIGHT = 12.0, 0.42, 0.2, 3.0  # inches
 CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.25, 1.1, 0.85  # of the width of a row
@@ -45,7 +45,7 @@ IN_A_ROW = 3
 
 SUBSPACE = ((0.012, "solid: on the subspace", "#4669a8"), (0.155, "translucent green: in full", "#1a8f4a"))
 
-SHOWN = 3
+COORDINATES = 3
 """First coordinates."""
 
 STRIP_FRAMES = 6
@@ -53,7 +53,7 @@ STRIP_FRAMES = 6
 STRIP_FACES = 6000
 """Most faces in a frame; larger meshes are thinned."""
 
-STILL_WIDTH = 800
+FRAME_WIDTH = 800
 """Pixels across a frame."""
 
 DOT_SIZE = 1.8  # points, of a vertex
@@ -70,7 +70,7 @@ def strip(
     panels: Any = figure.subplots(1, len(shown), squeeze=False)
     figure.subplots_adjust(left=0.012, right=0.988, bottom=0.09, top=0.98, wspace=0.03)
     for axes, frame in zip(panels[0], shown, strict=True):
-        still(axes, on, int(frame), x[frame], None if over is None else over[frame])
+        frame_picture(axes, on, int(frame), x[frame], None if over is None else over[frame])
         if marks is not None:  # forces as arrows, and the places that means are to be at
             tails, tips = scenery.arrows(on, int(frame), x[frame], marks)
             if len(tails):
@@ -97,10 +97,10 @@ def chosen(frames: int, due: Sequence[int] = ()) -> Sequence[int]:
     return sorted(found)
 
 
-def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
+def frame_picture(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
     """Draw a frame with positions x (n, 3) into its axes."""
     (left, bottom), (right, top) = on.camera.low.tolist(), on.camera.high.tolist()
-    picture = scenery.drawn(on, frame, x, over, STILL_WIDTH)
+    picture = scenery.drawn(on, frame, x, over, FRAME_WIDTH)
     axes.imshow(picture, extent=(left, right, bottom, top), interpolation="antialiased", zorder=2)
     alone, colours = scenery.bare(on, frame, x)
     axes.scatter(alone[:, 0], alone[:, 1], s=(2.0 * DOT_SIZE) ** 2, c=colours, linewidths=0, zorder=2)
@@ -165,15 +165,15 @@ def evaluation(over: Overlay, truth: Scene, summary: str, fitted: float, horizon
     return compared(over, f"{over.scene.name} against {truth.name}", summary, drawn, values(over.scene, truth))
 
 
-def controlled(course: Course, summary: str) -> Figure:
+def controlled(motion: ControlledMotion, summary: str) -> Figure:
     """The picture of a controlled motion: the keys and the forces, the distance from each key over time, and what each
     step takes. `summary` says how the search ended.
     """
-    drawn = [Part(partial(charts.distances, course=course), 1.5 * CHART_SHARE)]
-    if course.effort.any():
-        drawn.append(Part(partial(charts.effort, course=course), 1.5 * CHART_SHARE))
-    title, own = f"{course.scene.name}: controlled", scenery.marks(course)
-    return composed(course.scene, course.times, course.own, own.keys, title, summary, [drawn], own)
+    drawn = [Part(partial(charts.distances, motion=motion), 1.5 * CHART_SHARE)]
+    if motion.effort.any():
+        drawn.append(Part(partial(charts.effort, motion=motion), 1.5 * CHART_SHARE))
+    title, own = f"{motion.scene.name}: controlled", scenery.marks(motion)
+    return composed(motion.scene, motion.times, motion.own, own.keys, title, summary, [drawn], own)
 
 
 def compared(over: Overlay, title: str, summary: str, drawn: list[Part], maps: list[Part]) -> Figure:
@@ -184,7 +184,7 @@ def compared(over: Overlay, title: str, summary: str, drawn: list[Part], maps: l
 
 def values(scene: Scene, truth: Scene | None) -> list[Part]:
     """Maps and text that show the values of a scene, or how far they are from the true ones."""
-    drawn = [Part(partial(maps.draw, shown=one), MAP_SHARE) for one in maps.maps(scene, truth)]
+    drawn = [Part(partial(maps.draw, field=one), MAP_SHARE) for one in maps.maps(scene, truth)]
     lines = maps.single_values(scene, truth)
     return [*drawn, Part(partial(charts.text, title="values", lines=lines), TEXT_SHARE)] if lines else drawn
 
@@ -246,7 +246,7 @@ def coordinates(axes: Axes, over: Compared, c: int) -> None:
     charts.label(axes, f"first coordinates{of}: on the subspace (lines), of the full motion (dots)", "time, s", "√kg m")
     own, true = over.coordinates[c], over.projected(c)
     every = max(1, len(true) // 90)
-    for k, colour in zip(range(min(SHOWN, own.shape[1])), (BLUE, ORANGE, PURPLE), strict=False):
+    for k, colour in zip(range(min(COORDINATES, own.shape[1])), (BLUE, ORANGE, PURPLE), strict=False):
         axes.plot(over.full.times[::every], true[::every, k], ".", color=colour, markersize=4, alpha=0.6)
         axes.plot(over.full.times, own[:, k], color=colour, linewidth=1.5, label=f"q{k + 1}")
     charts.above(axes)
@@ -271,7 +271,7 @@ def energy(axes: Axes, over: Compared) -> None:
 
 def spectra(axes: Axes, over: Compared) -> None:
     """The amplitudes of both, by frequency."""
-    from clothfit.subspace.judge import bands  # which few pictures need
+    from clothfit.subspace.validation import bands  # which few pictures need
 
     charts.label(axes, "spectrum, mean of the vertices", "frequency, Hz", "m")
     for motion, colour, name in ((over.full, QUIET, "in full"), (over.own, BLUE, "on the subspace")):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.engine.forces.touch import SIZE
+from clothfit.engine.forces.collider_rows import SIZE
 from clothfit.engine.inputs.sampling import poses, states
 from clothfit.scene.cloth import BOX, MESH, PLANE, Collider
 from clothfit.scene.scene import Scene
@@ -24,7 +24,7 @@ SEGMENTS, ARC = 48, 12
 TILES, DARKER = 10, 0.93
 """A plane is drawn as so many by so many tiles, each second one so much darker: they show how it lies and moves."""
 
-BESIDE = 1.6
+PLANE_SIZE = 1.6
 """Half of the side of a plane as it is drawn, relative to the radius of the motion."""
 
 
@@ -57,7 +57,7 @@ def solids(scene: Scene, times: Array, x: Array) -> tuple[Solid, ...]:
     reach, made = 0.5 * float(np.linalg.norm(high - low)), []
     for c, each in enumerate(scene.colliders):
         middle = turns[0, c].T @ (0.5 * (low + high) - centres[0, c])
-        points, triangles, tone = shape(each, middle, BESIDE * reach)
+        points, triangles, tone = shape(each, middle, PLANE_SIZE * reach)
         placed = centres[:, c], turns[:, c], each.kind == PLANE, each.moves
         made.append(Solid(points, triangles, tone, *placed, paths_of(each, times)))
     return tuple(made)

@@ -27,7 +27,7 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from clothfit.control.control import Course
+    from clothfit.control.control import ControlledMotion
 
 TARGET_OPACITY = 0.40
 
@@ -46,7 +46,7 @@ BACK_BRIGHTNESS = 0.86
 MOST_FRAMED_FRAMES, MOST_FRAMED_VERTICES = 200, 5000
 """Most frames and vertices of a motion that are looked at to choose the camera's view."""
 
-FARTHEST_SHOWN = 20.0
+LARGEST_GROWTH = 20.0
 """A motion that has grown to this many times its size at the start has diverged; its later frames are left out."""
 
 GIVE = 0.35
@@ -150,7 +150,7 @@ def good_frames(x: Array) -> int:
     """The number of frames of a simulated motion (F, n, 3) before it diverges."""
     with np.errstate(invalid="ignore"):
         size = np.ptp(x, axis=1).max(axis=1)  # NaN where a position is not finite
-        lost = np.flatnonzero(~(size <= FARTHEST_SHOWN * size[0]))
+        lost = np.flatnonzero(~(size <= LARGEST_GROWTH * size[0]))
     return int(lost[0]) if len(lost) else len(x)
 
 
@@ -273,19 +273,19 @@ class Marks(NamedTuple):
         return [self.keys, x + self.arrows[: len(x)]]
 
 
-def marks(course: Course) -> Marks:
+def marks(motion: ControlledMotion) -> Marks:
     """The marks of a course."""
-    near = [course.next(frame) for frame in range(len(course.times))]
-    size = float(np.linalg.norm(np.ptp(course.own[0], axis=0)))
-    strength = np.linalg.norm(course.forces, axis=2)
+    near = [motion.next(frame) for frame in range(len(motion.times))]
+    size = float(np.linalg.norm(np.ptp(motion.own[0], axis=0)))
+    strength = np.linalg.norm(motion.forces, axis=2)
     largest = float(strength.max(initial=0.0))
-    arrows = course.forces * (LONGEST * size / largest if largest > 0 else 0.0)
+    arrows = motion.forces * (LONGEST * size / largest if largest > 0 else 0.0)
     pushed = np.flatnonzero(strength.any(axis=0))
     kept = np.zeros(arrows.shape[1], bool)
     kept[pushed[:: max(1, -(-len(pushed) // MOST_ARROWS))]] = True
     arrows[:, ~kept] = 0.0
     arrows[np.linalg.norm(arrows, axis=2) < SHORTEST * size] = 0.0
-    return Marks(course.poses[near], arrows, tuple(course.means[k] for k in near), course.due, largest)
+    return Marks(motion.poses[near], arrows, tuple(motion.means[k] for k in near), motion.due, largest)
 
 
 def arrows(on: Stage, frame: int, x: Array, found: Marks) -> tuple[Array, Array]:

@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.derivative.sensitivity import Columns, at_start, carried, columns
+from clothfit.derivative.sensitivity import Columns, at_start, columns, sensitivities
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
@@ -89,7 +89,7 @@ class Around:
         )  # fmt: skip
 
 
-def shown(motion: Motion) -> tuple[Array, Flags]:
+def observed_points(motion: Motion) -> tuple[Array, Flags]:
     """The points (F, m, 3), m, that a motion shows, vertices or places inside triangles, and which it does (F, m)."""
     bound = motion.correspondence
     return (bound.points, bound.seen) if len(bound.seen) else (motion.positions, motion.seen())
@@ -97,7 +97,7 @@ def shown(motion: Motion) -> tuple[Array, Flags]:
 
 def around(base: Registration, motion: Motion) -> Around:
     """The registrations of a motion around one."""
-    points, seen = shown(motion)
+    points, seen = observed_points(motion)
     points = base.placed(points[seen])
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     duration = float(np.ptp(motion.times)) or 1.0
@@ -159,7 +159,7 @@ class Unknowns:
     @property
     def residuals(self) -> int:
         """How many there are."""
-        return sum((1 if m.correspondence.mesh else 3) * int(shown(m)[1].sum()) for m, _ in self.given)
+        return sum((1 if m.correspondence.mesh else 3) * int(observed_points(m)[1].sum()) for m, _ in self.given)
 
     def z(self, y: Array, theta: float = 0.0) -> Array:
         """z of coordinates y (P,) of the values, and of a θ all of whose numbers are the same."""
@@ -275,7 +275,7 @@ def states(
     step = np.floor(places).astype(np.int64)
     tape = Tape(system, int(step.max(initial=0)) + 1, tolerance)
     chunks, frame, before = deque[Rollout](maxlen=1), 0, at_start(system, wanted)
-    for t, after in enumerate(carried(system, tape, wanted, tolerance, chunks.append)):
+    for t, after in enumerate(sensitivities(system, tape, wanted, tolerance, chunks.append)):
         x = chunks[0].x[t - chunks[0].first :][:2]
         while frame < len(places) and step[frame] == t:
             share = places[frame] - t
@@ -345,7 +345,7 @@ def weighted(unknowns: Unknowns) -> Unknowns:
     return replace(unknowns, weights=weights)
 
 
-def settled(unknowns: Unknowns) -> Unknowns:
+def reweighted(unknowns: Unknowns) -> Unknowns:
     """Where values and registrations end with weights that follow what is left."""
     for _ in range(ITERATIONS):
         try:
@@ -391,5 +391,5 @@ def find(begun: Unknowns) -> list[Registration]:
     """The registrations of targets beside values from which a search begins; none where nothing lowers the cost."""
     guesses = [first_guesses(each, begun.free) for each in begun.given]
     tries = [begun.at(begun.p, [each[min(i, len(each) - 1)] for each in guesses]) for i in range(2)]
-    found = settled(min(tries, key=lambda each: each.cost()))
+    found = reweighted(min(tries, key=lambda each: each.cost()))
     return list((found if found.cost() < begun.cost() else begun).registrations)

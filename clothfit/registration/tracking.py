@@ -56,7 +56,7 @@ ALONE = 3.0
 (statistical outlier removal, R. B. Rusu, 2008).
 """
 
-ROUNDS, SETTLED, SLIDING, SMOOTH, LASTING = 5, 0.01, 0.1, 0.3, 10.0
+ROUNDS, CONVERGED, SLIDING, SMOOTH, LASTING = 5, 0.01, 0.1, 0.3, 10.0
 """Times that points are tied in each frame, and change, in median edges, at which that ends; α; and κ and λ relative to
 the weight of the points of a vertex.
 """
@@ -78,7 +78,7 @@ least that is as good, and steps of relaxing.
 STIFF = 1e9
 """What keeps held vertices where they are, relative to κ."""
 
-SHOWN = 0.25
+SEEN_WEIGHT = 0.25
 """Weight of matched points from which on a vertex counts as seen."""
 
 
@@ -137,7 +137,7 @@ def tracked(given: Experiment, rounds: int | None = None) -> Experiment:
         faces[frame, seen], matched[frame, seen] = found.faces, good
         positions[frame] = x
         weight = weights_of_corners(mesh.triangles[found.faces[good]], found.weights[good], len(x)).sum(axis=0)
-        observed[frame] = np.asarray(weight).ravel() > SHOWN
+        observed[frame] = np.asarray(weight).ravel() > SEEN_WEIGHT
         before = end
         interrupts.check()
     share = float(matched.sum() / max(own.seen.sum(), 1))
@@ -256,7 +256,7 @@ class Drawing:
         for left in range(rounds, -1, -1):
             found = self.mesh.feet(points, lost, x)
             good = dense & self.good(found, normals, around)
-            if not left or not good.any() or change <= SETTLED * self.edge:
+            if not left or not good.any() or change <= CONVERGED * self.edge:
                 break
             moved = x + self.change(x, found, good, points, tree, lengths)
             change, x = float(np.abs(moved - x).max()), moved

@@ -19,7 +19,7 @@ from clothfit.base.messages import counted, metres
 from clothfit.registration.record import named
 from clothfit.report.log import entry, number, records
 from clothfit.report.packing import packed
-from clothfit.report.showing import Shown
+from clothfit.report.showing import View
 
 MOST_MARKERS = 400
 """Markers of which a page shows single residuals: more have no room for a row each."""
@@ -36,7 +36,7 @@ NUMBERS = (("rate", "target's clock, rate", ""), ("offset", "target's clock at t
 """Of a registration: keys, titles and units."""
 
 
-def markers_of(show: Shown, summary: Mapping[str, Any]) -> NDArray[np.intp]:
+def markers_of(show: View, summary: Mapping[str, Any]) -> NDArray[np.intp]:
     """The vertices that markers stand for, numbered through the scene; none where all is always seen, and nothing is
     known of markers, or where there are too many.
     """
@@ -46,7 +46,7 @@ def markers_of(show: Shown, summary: Mapping[str, Any]) -> NDArray[np.intp]:
     return known if (capture or summary.get("markers")) and len(known) <= MOST_MARKERS else known[:0]
 
 
-def content(show: Shown, summary: Mapping[str, Any]) -> dict[str, Any]:
+def content(show: View, summary: Mapping[str, Any]) -> dict[str, Any]:
     """The residuals of each marker (M, F), m, −1 in gaps, and their weights, 1 for the largest."""
     own = markers_of(show, summary)
     error = np.where(np.isfinite(show.error[:, own]), show.error[:, own], GAP)
@@ -60,7 +60,7 @@ def content(show: Shown, summary: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def table_rows(show: Shown, summary: Mapping[str, Any]) -> list[list[Any]]:
+def table_rows(show: View, summary: Mapping[str, Any]) -> list[list[Any]]:
     """A row for each marker, the farthest first: its residuals, how much of it is seen, and what was wrong with it."""
     own, said = markers_of(show, summary), remarks(show, summary)
     if not len(own):
@@ -86,13 +86,13 @@ def table_rows(show: Shown, summary: Mapping[str, Any]) -> list[list[Any]]:
     return rows
 
 
-def heads(show: Shown) -> list[str]:
+def heads(show: View) -> list[str]:
     """Those of the table."""
     weight = [] if show.weights is None else ["weight"]
     return ["marker of" if len(show.vertex_counts) > 1 else "vertex", "remark", "RMS", "largest", "at", "seen", *weight]
 
 
-def remarks(show: Shown, summary: Mapping[str, Any]) -> dict[int, str]:
+def remarks(show: View, summary: Mapping[str, Any]) -> dict[int, str]:
     """What was wrong with markers of the first target, by the vertices, numbered through the scene, that they were
     given to.
     """

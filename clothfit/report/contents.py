@@ -23,7 +23,7 @@ from clothfit.report import captures
 from clothfit.report.findings import STATUS, began, headline, is_listed, relative, share, tables
 from clothfit.report.log import Log, entry, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_gaps, packed_positions
-from clothfit.report.showing import BEFORE, Beside, Shown
+from clothfit.report.showing import BEFORE, Companion, View
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
@@ -32,7 +32,7 @@ NO_LOG = "the fit's cost and its 95 % intervals are here where its log is given 
 
 
 def content(
-    truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None, others: Sequence[Log] = ()
+    truth: Scene, fitted: Scene, show: View, log: Log, target: str | None, others: Sequence[Log] = ()
 ) -> dict[str, Any]:
     """Everything that the page shows of a fitted scene; `target` names the motion it was fitted to, if any, `others`
     are the logs of other fits.
@@ -68,7 +68,7 @@ def content(
             "travel": show.residuals.travel,
             **captures.content(show, log.summary),
         },
-        "beside": [other(each) for each in show.beside],
+        "beside": [other(each) for each in show.companions],
         "history": [list(point) for point in log.points],
         "cost_unit": cost_unit(log.summary),
         "blocks": [
@@ -78,7 +78,7 @@ def content(
     }  # fmt: skip
 
 
-def figures(show: Shown) -> list[list[str]]:
+def figures(show: View) -> list[list[str]]:
     """The figures beside the title."""
     found = [[f"RMSE, {name}", metres(part.rmse)] for name, part in distances(show.evaluation).items()]
     found.append(["of the distance travelled", share(show.evaluation.fitted.rmse, show)])
@@ -87,7 +87,7 @@ def figures(show: Shown) -> list[list[str]]:
     return found if near is None else [*found, [BEFORE, f"{metres(near.rmse)}, {share(near.rmse, show)}"]]
 
 
-def other(found: Beside) -> dict[str, Any]:
+def other(found: Companion) -> dict[str, Any]:
     """A motion beside the fitted one, its errors, and the values that its colours show."""
     low, step = box(found.positions)
     return {
@@ -130,7 +130,7 @@ def of_cloths(scene: Scene, *fields: str) -> dict[str, Any]:
     return {field: packed(np.concatenate([getattr(cloth, field) for cloth in scene.cloths])) for field in fields}
 
 
-def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None) -> list[list[str]]:
+def facts(truth: Scene, fitted: Scene, show: View, log: Log, target: str | None) -> list[list[str]]:
     """The rows of the summary: names and values."""
     rows = [["compared with", "the scene's own motion (a trial)" if target is None else target]]
     for name, part in distances(show.evaluation).items():
@@ -158,10 +158,10 @@ def vector_rows(scene: Scene, whole: bool = False) -> list[list[str]]:
     return rows
 
 
-def distances(found: Evaluation) -> dict[str, Distance]:
+def distances(evaluation: Evaluation) -> dict[str, Distance]:
     """The distances between the two motions, by the frames they cover; equal ones once."""
-    parts = {"fitted frames": found.fitted, "all frames": found.horizon}
-    if found.fitted.frames == found.horizon.frames:
+    parts = {"fitted frames": evaluation.fitted, "all frames": evaluation.horizon}
+    if evaluation.fitted.frames == evaluation.horizon.frames:
         del parts["all frames"]
     return parts
 

@@ -13,14 +13,14 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.messages import counted, metres
 from clothfit.base.version import __version__
-from clothfit.control.control import Control, Course, away
+from clothfit.control.control import Control, ControlledMotion, away
 from clothfit.control.keyframes import Key
 from clothfit.optimise.status import Status
 from clothfit.pictures.stage import good_frames
 from clothfit.report.contents import bound, cloth_row, listed, mesh, other, surroundings, vector_rows
 from clothfit.report.findings import GOOD, STATUS, WARN, Cell, table
 from clothfit.report.packing import box, packed_errors, packed_flags, packed_gaps, packed_positions
-from clothfit.report.showing import MOST_POSITIONS, Beside
+from clothfit.report.showing import MOST_POSITIONS, Companion
 from clothfit.scene.scene import Scene
 
 WITHOUT = "without control"
@@ -30,12 +30,12 @@ MOST_GHOSTS = 100_000
 """Most positions of keys whose vertices are drawn; of more keys every k-th one is, the last among them."""
 
 
-def control_content(over: Course, found: Control) -> dict[str, Any]:
+def control_content(over: ControlledMotion, found: Control) -> dict[str, Any]:
     """Everything that the page shows of a course, which a search has found."""
-    scene, shown = over.scene, frames_shown(over)
-    times, own = over.times[shown], over.own[shown]
+    scene, frames = over.scene, page_frames(over)
+    times, own = over.times[frames], over.own[frames]
     low, step = box(own)
-    notes = [] if len(shown) == len(over.times) else ["not every frame is shown, as all would make this page large; "
+    notes = [] if len(frames) == len(over.times) else ["not every frame is shown, as all would make this page large; "
                                                       "the charts know all"]  # fmt: skip
     return {
         "version": __version__,
@@ -52,43 +52,43 @@ def control_content(over: Course, found: Control) -> dict[str, Any]:
         "motion": {
             "times": times.tolist(),
             "fitted": packed_positions(own, low, step),
-            "observed": packed_gaps(~np.isnan(wanted(over, shown)[:, :, 0])),
-            "error": packed_errors(errors(over, own, shown)),
+            "observed": packed_gaps(~np.isnan(wanted(over, frames)[:, :, 0])),
+            "error": packed_errors(errors(over, own, frames)),
         },
-        "curve": {"times": times.tolist(), "rmse": listed(nearness(over, over.own)[shown])},
-        "beside": [without(over, scene, shown)],
+        "curve": {"times": times.tolist(), "rmse": listed(nearness(over, over.own)[frames])},
+        "beside": [without(over, scene, frames)],
         "history": [],
         "blocks": [],
-        "control": drawn(over, shown),
+        "control": drawn(over, frames),
     }  # fmt: skip
 
 
-def frames_shown(over: Course) -> Indices:
+def page_frames(over: ControlledMotion) -> Indices:
     """Which frames the page shows: every k-th where there are many, and those of keys."""
     every = max(-(-3 * over.own.shape[0] * over.own.shape[1] // MOST_POSITIONS), 1)
     chosen = np.concatenate([np.arange(0, len(over.times), every), over.due, [len(over.times) - 1]])
     return np.unique(chosen).astype(np.int32)
 
 
-def drawn(over: Course, shown: Indices) -> dict[str, Any]:
+def drawn(over: ControlledMotion, frames: Indices) -> dict[str, Any]:
     """Keys, forces and paths of pins as the page draws them, and the lines of its charts."""
     every = max(-(-over.poses.shape[0] * over.poses.shape[1] // MOST_GHOSTS), 1)
     last = len(over.due) - 1
     kept = [k for k in range(len(over.due)) if (last - k) % every == 0]
     asked = ~np.isnan(over.poses[kept][:, :, 0])
     poses = np.where(asked[:, :, None], over.poses[kept], over.own[over.due[kept]])
-    forces = over.forces[shown]
+    forces = over.forces[frames]
     strength = np.linalg.norm(over.forces, axis=2).max(axis=1)
     return {
         "times": over.times[over.due].tolist(),
-        "due": np.searchsorted(shown, over.due).tolist(),
+        "due": np.searchsorted(frames, over.due).tolist(),
         "ghosts": kept,
         "poses": packed_positions(poses, *box(poses)),
         "asked": packed_flags(asked),
         "means": [places.tolist() for places in over.means],
         "forces": packed_positions(forces, *box(forces)),
         "largest": float(strength.max()),
-        "handles": handles(over, shown),
+        "handles": handles(over, frames),
         "chart": {
             "times": over.times.tolist(),
             "distances": [listed(values) for values in over.distance],
@@ -100,26 +100,26 @@ def drawn(over: Course, shown: Indices) -> dict[str, Any]:
     }
 
 
-def handles(over: Course, shown: Indices) -> list[Any]:
+def handles(over: ControlledMotion, frames: Indices) -> list[Any]:
     """Of each pin that moves the path (F, 3) of the mean of its vertices."""
     found = []
     for number, cloth in enumerate(over.scene.cloths):
-        x = over.own[shown][:, over.scene.vertices(number)]
+        x = over.own[frames][:, over.scene.vertices(number)]
         found += [np.round(x[:, pin.vertices].mean(axis=1), 6).tolist() for pin in cloth.pins]
     return found
 
 
-def wanted(over: Course, shown: Indices) -> Array:
+def wanted(over: ControlledMotion, frames: Indices) -> Array:
     """At each frame (F, n, 3) what the next key asks for, m; NaN where it asks for nothing."""
-    return over.poses[[over.next(int(frame)) for frame in shown]]
+    return over.poses[[over.next(int(frame)) for frame in frames]]
 
 
-def errors(over: Course, x: Array, shown: Indices) -> Array:
+def errors(over: ControlledMotion, x: Array, frames: Indices) -> Array:
     """The distances (F, n), m, of positions x (F, n, 3) from the next key."""
-    return np.asarray(np.linalg.norm(x - wanted(over, shown), axis=2))
+    return np.asarray(np.linalg.norm(x - wanted(over, frames), axis=2))
 
 
-def nearness(over: Course, x: Array) -> Array:
+def nearness(over: ControlledMotion, x: Array) -> Array:
     """The distance (F,), m, of a motion x (F, n, 3) from what the next key asks for; of several keys the largest."""
     far = np.array([away(key, x[:, over.scene.vertices(key.cloth)]) for key in over.keys])
     step = np.array([key.step for key in over.keys])
@@ -127,12 +127,12 @@ def nearness(over: Course, x: Array) -> Array:
     return np.asarray(np.where(step[:, None] == due, far, 0.0).max(axis=0))
 
 
-def without(over: Course, scene: Scene, shown: Indices) -> dict[str, Any]:
+def without(over: ControlledMotion, scene: Scene, frames: Indices) -> dict[str, Any]:
     """The motion without the controls; where it leaves the picture it stays."""
     free, good = over.free.copy(), good_frames(over.free)
     free[good:] = free[good - 1]
-    far, none = nearness(over, free)[shown], np.full(len(shown), np.nan)
-    return other(Beside(WITHOUT, scene, free[shown], errors(over, free[shown], shown), far, none, None))
+    far, none = nearness(over, free)[frames], np.full(len(frames), np.nan)
+    return other(Companion(WITHOUT, scene, free[frames], errors(over, free[frames], frames), far, none, None))
 
 
 def headline(found: Control) -> dict[str, Any]:
@@ -159,7 +159,7 @@ def figures(found: Control) -> list[list[str]]:
     ]
 
 
-def facts(over: Course, found: Control) -> list[list[str]]:
+def facts(over: ControlledMotion, found: Control) -> list[list[str]]:
     """The rows of the summary."""
     strength, scene = np.linalg.norm(over.forces, axis=2), over.scene
     pushed = int(strength.any(axis=0).sum())
@@ -179,7 +179,7 @@ def facts(over: Course, found: Control) -> list[list[str]]:
     return rows + vector_rows(scene)
 
 
-def keys_table(over: Course, found: Control) -> tuple[list[str], list[tuple[Cell, ...]], str]:
+def keys_table(over: ControlledMotion, found: Control) -> tuple[list[str], list[tuple[Cell, ...]], str]:
     """Heads, rows and note of the table of keys."""
     near = found.keys
     columns: dict[str, list[Cell]] = {

@@ -20,7 +20,7 @@ from clothfit.fit.result import ADEQUATE, DIFFERS, FAILS
 from clothfit.optimise.status import Status
 from clothfit.report import captures
 from clothfit.report.log import Log, entry, intervals, number, records
-from clothfit.report.showing import BEFORE, Shown
+from clothfit.report.showing import BEFORE, View
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.kinds import MODEL_NAMES
@@ -41,7 +41,7 @@ INVISIBLE = 1e-5
 MANY = 8  # of hints and warnings in the summary that are shown
 
 
-def headline(log: Log, show: Shown, fitted: str = "FITTED") -> dict[str, Any]:
+def headline(log: Log, show: View, fitted: str = "FITTED") -> dict[str, Any]:
     """The verdict line: its level, which gives its colour, and its text; what to do next with the `fitted` file; and
     the warnings under it.
     """
@@ -82,7 +82,7 @@ def judged(summary: Mapping[str, Any]) -> tuple[str, str]:
     return PLAIN, ""
 
 
-def relative(rmse: float, show: Shown) -> str:
+def relative(rmse: float, show: View) -> str:
     """An error with its part of the distance that the target goes."""
     travel = show.residuals.travel
     if travel <= 0 or rmse / travel < INVISIBLE:
@@ -90,7 +90,7 @@ def relative(rmse: float, show: Shown) -> str:
     return f"{metres(rmse)}, {percent(rmse / travel)} of the travel"
 
 
-def share(rmse: float, show: Shown) -> str:
+def share(rmse: float, show: View) -> str:
     """An error in percent of the distance that the target goes."""
     travel = show.residuals.travel
     if travel <= 0:
@@ -98,12 +98,12 @@ def share(rmse: float, show: Shown) -> str:
     return percent(rmse / travel) if rmse / travel >= INVISIBLE else "< 0.001 %"
 
 
-def began(show: Shown) -> Distance | None:
+def began(show: View) -> Distance | None:
     """The error before the fit; None where it is not known."""
-    return next((each.near for each in show.beside if each.name == BEFORE), None)
+    return next((each.near for each in show.companions if each.name == BEFORE), None)
 
 
-def warnings(log: Log, show: Shown) -> Iterator[str]:
+def warnings(log: Log, show: View) -> Iterator[str]:
     """What to be wary of, the most important first."""
     summary = log.summary
     yield from show.notes
@@ -155,12 +155,12 @@ def table(name: str, title: str, heads: list[str], rows: Sequence[Sequence[Cell]
     return [found] if rows else []
 
 
-def tables(truth: Scene, fitted: Scene, show: Shown, log: Log, others: Sequence[Log], trial: bool) -> list[Table]:
+def tables(truth: Scene, fitted: Scene, show: View, log: Log, others: Sequence[Log], trial: bool) -> list[Table]:
     """All tables of a page; `others` are the logs of the other fits, empty ones where there are none."""
     return [
         *side_by_side(truth, fitted, show, [log, *others]),
         *values_table(truth, fitted, log, trial),
-        *ladder(log.summary),
+        *model_table(log.summary),
         *steps(log.summary),
         *table("markers", "Markers", captures.heads(show), captures.table_rows(show, log.summary), MARKERS),
         *correlations(log.summary),
@@ -266,7 +266,7 @@ def plain(value: object, digits: int = 3) -> Cell:
     return "–" if found is None else [written(found, digits), found]
 
 
-def ladder(summary: Mapping[str, Any]) -> list[Table]:
+def model_table(summary: Mapping[str, Any]) -> list[Table]:
     """The models that were fitted, from coarse to fine."""
     rows: list[list[Cell]] = []
     for each in records(summary, "ladder")[:MOST_ROWS]:
@@ -314,12 +314,12 @@ def value_name(value: Any) -> str:
     return f"{name} {'xyz'[index % 3]}" if place is None else f"{name} [{index}]"
 
 
-def side_by_side(truth: Scene, fitted: Scene, show: Shown, logs: Sequence[Log]) -> list[Table]:
+def side_by_side(truth: Scene, fitted: Scene, show: View, logs: Sequence[Log]) -> list[Table]:
     """The motions of a page beside each other, where there are several: errors, and the median of each block."""
-    if not show.beside:
+    if not show.companions:
         return []
     blocks = [each for each in truth.blocks if each.count == 1 or each.kind.components == 1]
-    scenes = [(fitted.name, fitted, show.evaluation.fitted), *((b.name, b.scene, b.near) for b in show.beside)]
+    scenes = [(fitted.name, fitted, show.evaluation.fitted), *((b.name, b.scene, b.near) for b in show.companions)]
     fits = [name for name, *_ in scenes if name != BEFORE]
     known = dict(zip(fits, logs, strict=False))
     rows: list[list[Cell]] = []

@@ -35,7 +35,7 @@ from clothfit.objective.experiment import Recorded, motion_of
 from clothfit.report.contents import content, mesh, surroundings
 from clothfit.report.log import Log
 from clothfit.report.packing import box, packed, packed_positions
-from clothfit.report.showing import BEFORE, MOST_POSITIONS, shown
+from clothfit.report.showing import BEFORE, MOST_POSITIONS, view
 from clothfit.scene.scene import Scene
 
 WEB = Path(__file__).parent / "web"
@@ -63,12 +63,12 @@ def report_page(
     has no second frame.
     """
     goal = None if target is None else motion_of(target, truth)
-    show = shown(truth, fitted, goal, frames, others=beside(log, [scene for scene, _ in others]))
+    show = view(truth, fitted, goal, frames, others=companions(log, [scene for scene, _ in others]))
     logs = [other for _, other in others]
     return page(content(truth, fitted, show, log or Log(), None if goal is None else goal.name, logs), commands, inputs)
 
 
-def beside(log: Log | None, others: Sequence[Scene]) -> list[tuple[str, Scene]]:
+def companions(log: Log | None, others: Sequence[Scene]) -> list[tuple[str, Scene]]:
     """The motions to play beside the fitted one, with their names: that before the fit, where it is known, first."""
     before = [(BEFORE, log.start)] if log is not None and log.start is not None else []
     return [*before, *((scene.name, scene) for scene in others)]

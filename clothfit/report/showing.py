@@ -25,7 +25,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.times import TIME_SLACK
 from clothfit.objective.experiment import check_same_sizes
-from clothfit.pictures.stage import FARTHEST_SHOWN
+from clothfit.pictures.stage import LARGEST_GROWTH
 from clothfit.scene.scene import Scene
 
 MOST_POSITIONS = 3_200_000
@@ -39,7 +39,7 @@ MOST_TOUCHING = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class Companion:
     """The motion of another scene, at the times of the fitted one."""
 
     name: str
@@ -52,7 +52,7 @@ class Beside:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class View:
     """The motions and errors that a page shows."""
 
     times: Array  # (F,), s
@@ -67,20 +67,20 @@ class Shown:
     evaluation: Evaluation
     residuals: Residuals
     notes: list[str]  # warnings for the reader
-    beside: Sequence[Beside] = ()
+    companions: Sequence[Companion] = ()
     vertex_counts: tuple[int, ...] = ()
     weights: Array | None = None  # (F, V), how often positions count; None: all once
     touching: Sequence[Touching] = ()  # what touches what in the fitted motion, the most often first
 
 
-def shown(
+def view(
     truth: Scene,
     fitted: Scene,
     target: Motion | None = None,
     frames: int | None = None,
     most: int = MOST_POSITIONS,
     others: Sequence[tuple[str, Scene]] = (),
-) -> Shown:
+) -> View:
     """Simulate the motions of a page; `others` are names and scenes of those beside the fitted one.
 
     `frames` (default: as `evaluate`, fewer for large scenes) counts the initial state. Where there are more than `most`
@@ -98,11 +98,11 @@ def shown(
     notes += energy.faults(fitted, own)
     evaluation = evaluate.judged(truth, fitted, own, goal, (truth.frames, length), faults[0] if faults else None)
     show = pictured(truth, fitted.delta, own, goal, evaluation, notes, bool(faults), most // (2 + len(others)))
-    others_shown = [beside(name, scene, truth, goal, show, length) for name, scene in others]
-    return replace(show, beside=others_shown, touching=touches(fitted, own)[:MOST_TOUCHING])
+    others_shown = [companion(name, scene, truth, goal, show, length) for name, scene in others]
+    return replace(show, companions=others_shown, touching=touches(fitted, own)[:MOST_TOUCHING])
 
 
-def beside(name: str, scene: Scene, truth: Scene, goal: Motion, show: Shown, length: int) -> Beside:
+def companion(name: str, scene: Scene, truth: Scene, goal: Motion, show: View, length: int) -> Companion:
     """The motion of another scene at the times of what is shown; adds a note where it diverges. `length` is as of the
     fitted one.
     """
@@ -117,7 +117,7 @@ def beside(name: str, scene: Scene, truth: Scene, goal: Motion, show: Shown, len
     else:
         reached = evaluate.at_frames(own, goal, scene.delta)[:count]
         positions[: len(reached)] = reached
-        positions[near_enough(reached) :] = np.nan
+        positions[frames_in_view(reached) :] = np.nan
         fitted_end = evaluate.place_of(truth.frames, truth, scene)
         if evaluate.states(min(fitted_end, end)) <= len(own.positions):
             near = evaluate.distance(own, goal, scene.delta, compared, fitted_end)
@@ -126,7 +126,7 @@ def beside(name: str, scene: Scene, truth: Scene, goal: Motion, show: Shown, len
     wanted = evaluate.seen(goal)[:count]
     gaps = np.sqrt(((positions - wanted) ** 2).sum(axis=2))
     rmse, largest = evaluate.per_frame(gaps[:, evaluate.compared_vertices(truth)] ** 2)
-    return Beside(name, scene, positions[:: show.every], gaps[:: show.every], rmse, largest, near)
+    return Companion(name, scene, positions[:: show.every], gaps[:: show.every], rmse, largest, near)
 
 
 def default_length(scene: Scene, most: int) -> int:
@@ -154,13 +154,13 @@ def motions(truth: Scene, fitted: Scene, target: Motion | None, length: int) -> 
 def pictured(
     truth: Scene, delta: float, own: Motion, goal: Motion, evaluation: Evaluation, notes: list[str], diverged: bool,
     most: int,
-) -> Shown:  # fmt: skip
+) -> View:  # fmt: skip
     """Both motions at the times of the target, as far as both reach; of more than `most` positions of each every k-th
     frame. The fitted one, `own`, has steps of `delta`, s.
     """
     fitted = evaluate.at_frames(own, goal, delta)
     wanted = evaluate.seen(goal)[: len(fitted)]
-    count = near_enough(fitted, wanted) if diverged else len(fitted)
+    count = frames_in_view(fitted, wanted) if diverged else len(fitted)
     fitted, wanted = fitted[:count], wanted[:count]
     error = np.sqrt(((fitted - wanted) ** 2).sum(axis=2))
     times = goal.times[:count]
@@ -171,20 +171,20 @@ def pictured(
     start = np.concatenate([cloth.positions for cloth in truth.cloths])
     left = residuals(fitted, wanted, start, part, times <= until + TIME_SLACK * delta)
     curves = evaluate.per_frame(error[:, part] ** 2)
-    return Shown(
+    return View(
         times[::every], fitted[::every], wanted[::every], error[::every], times, *curves, until, every,
         evaluation, left, notes, vertex_counts=goal.vertex_counts,
         weights=None if goal.weights is None else goal.weights[:count:every],
     )  # fmt: skip
 
 
-def near_enough(*both: Array) -> int:
+def frames_in_view(*both: Array) -> int:
     """The number of frames, at least 2, before one of the motions (F, V, 3) has left the picture."""
     start = np.concatenate([motion[0] for motion in both])
     centre = np.nanmean(start, axis=0)
     size = max(float(np.nanmax(np.abs(start - centre))), 1e-3)
     away = np.max([np.nanmax(np.abs(motion - centre), axis=(1, 2), initial=0.0) for motion in both], axis=0)
-    gone = np.flatnonzero(away > FARTHEST_SHOWN * size)
+    gone = np.flatnonzero(away > LARGEST_GROWTH * size)
     return max(int(gone[0]), 2) if len(gone) else len(away)
 
 

@@ -13,8 +13,8 @@ from clothfit.evaluation.evaluate import Distance, Evaluation
 from clothfit.report.contents import cloth_row, content, vector_rows
 from clothfit.report.findings import GOOD, WARN, Cell, table
 from clothfit.report.log import Log
-from clothfit.report.showing import MOST_POSITIONS, Beside, pictured
-from clothfit.subspace.judge import Compared
+from clothfit.report.showing import MOST_POSITIONS, Companion, pictured
+from clothfit.subspace.validation import Compared
 
 FULL, BESIDE = "full simulation", "in full"
 """The names of the full motion, over the one on the subspace and beside it."""
@@ -31,9 +31,9 @@ def subspace_content(over: Compared, model: str) -> dict[str, Any]:
     whole = Distance(found.frames, found.rmse, found.max_error)
     every = replace(scene, frames=found.frames)  # residuals are those of all frames, not of the fitted ones
     show = pictured(every, scene.delta, over.own, full, Evaluation(whole, whole, []), [], False, MOST_POSITIONS // 3)
-    none = Beside(BESIDE, scene, show.target, 0.0 * show.error, 0.0 * show.rmse, 0.0 * show.largest, None)
+    none = Companion(BESIDE, scene, show.target, 0.0 * show.error, 0.0 * show.rmse, 0.0 * show.largest, None)
     until = float(full.times[-1])
-    parts = content(scene, scene, replace(show, beside=[none], fitted_until=until), Log(), FULL)
+    parts = content(scene, scene, replace(show, companions=[none], fitted_until=until), Log(), FULL)
     return parts | {
         "names": {"scene": scene.name, "fitted": model, "target": f"the {FULL} of {scene.name}"},
         "words": WORDS,

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.messages import counted, shown
+from clothfit.base.messages import counted, spelt
 from clothfit.scene import schema as structure
 from clothfit.scene.kinds import KIND, Kind
 
@@ -110,7 +110,7 @@ def indices(values: list[Any], n: int, what: str, there: str, place: str, proble
     except OverflowError:
         array = np.array([value if 0 <= value < n else -1 for value in values], dtype=np.int64)
     wrong = np.flatnonzero((array < 0) | (array >= n)).tolist()
-    _report(wrong, place, lambda i: f"{what} {shown(values[i])} does not exist ({there})", problems)
+    _report(wrong, place, lambda i: f"{what} {spelt(values[i])} does not exist ({there})", problems)
     return None if wrong else array.astype(np.int32)
 
 
@@ -169,7 +169,7 @@ def new_values(values: npt.ArrayLike, shape: int | tuple[int, ...], place: str, 
     copy = array.astype(np.float64)
     flat = copy.reshape(-1)
     wrong = np.flatnonzero(~np.isfinite(flat)).tolist()
-    _report(wrong, place, lambda i: f"{shown(float(flat[i]))} is {structure.NOT_FINITE}", problems)
+    _report(wrong, place, lambda i: f"{spelt(float(flat[i]))} is {structure.NOT_FINITE}", problems)
     return None if wrong else copy
 
 

@@ -96,9 +96,9 @@ def of_values(kind: Kind, values: Array, asked: tuple[End, End] = (None, None)) 
     low, high = asked
     least, most = around(kind, values)  # an end that is left out is as far from the other as the default ones
     if low is None or (kind.log and low <= 0.0):
-        low = least if high is None or least < high else _beside(kind, high, kind.lower, kind.upper)
+        low = least if high is None or least < high else _shifted(kind, high, kind.lower, kind.upper)
     if high is None:
-        high = most if low < most else _beside(kind, low, kind.upper, kind.lower)
+        high = most if low < most else _shifted(kind, low, kind.upper, kind.lower)
     return low, high
 
 
@@ -130,6 +130,6 @@ def of_factor(values: Array, ends: tuple[float, float]) -> tuple[float, float]:
     return least, most
 
 
-def _beside(kind: Kind, end: float, there: float, here: float) -> float:
+def _shifted(kind: Kind, end: float, there: float, here: float) -> float:
     """A bound as far from the bound `end` as the default one `there` is from `here`."""
     return end * there / here if kind.log else end + (there - here)

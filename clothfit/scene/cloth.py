@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.messages import counted, shown
+from clothfit.base.messages import counted, spelt
 from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.bounds import Bounds
@@ -407,7 +407,7 @@ def _regions(given: list[Any], n: int, place: str, problems: list[str]) -> tuple
     for i, each in enumerate(given):
         at = f"{place}[{i}].name"
         if each["name"] == ELSEWHERE:
-            problems.append(f"{at}: {shown(ELSEWHERE)} is what lies in no region; give it another name")
+            problems.append(f"{at}: {spelt(ELSEWHERE)} is what lies in no region; give it another name")
         vertices = checks.vertices(each["vertices"], n, 1, f"{place}[{i}].vertices", problems)
         if vertices is not None:
             found.append(Region(each["name"], np.unique(vertices)))
@@ -421,4 +421,4 @@ def _check_names(names: list[str], places: list[str], problems: list[str]) -> No
         if not name.strip():
             problems.append(f"{places[i]}: is empty; give it a name")
         elif uses[name] > 1 and name in names[:i]:
-            problems.append(f"{places[i]}: {shown(name)} is there already; names must differ")
+            problems.append(f"{places[i]}: {spelt(name)} is there already; names must differ")

@@ -90,7 +90,7 @@ def refuse(name: str, faults: Iterable[tuple[bool, str]]) -> None:
             raise InvalidInput(f"{name}: {sentence}")
 
 
-def check(forces: Forces, vertices: int) -> None:
+def check_forces(forces: Forces, vertices: int) -> None:
     """Raise InvalidInput where forces do not fit a scene of so many vertices, or gains and places the forces."""
     refuse(forces.name, _faults(forces, vertices))
 
@@ -135,7 +135,7 @@ def load_forces(path: str | os.PathLike[str], vertices: int | None, pulls: bool 
         raise InvalidInput(f"{name}: cannot be read as forces ({'.csv' if tabular else '.npz'}): {error}") from None
     forces = Forces(arrays["times"], arrays["forces"], arrays.get("gain"), arrays.get("places"), pulls, name)
     count = forces.values.shape[1] if vertices is None and forces.values.ndim == 3 else vertices or 0
-    check(forces, count)
+    check_forces(forces, count)
     forces = replace(forces, regulator=regulator(arrays, len(forces.values), count, name))
     if pulls and forces.gain is None and forces.regulator is None:
         raise InvalidInput(f"{name}: has no gains and places for a feedback; clothfit control writes some")

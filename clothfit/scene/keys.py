@@ -174,14 +174,14 @@ def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: 
         here, before = f"{place}.pins[{i}]", len(problems)
         vertices = [int(each) for each in np.asarray(item["vertices"], object).reshape(-1)]
         for j, vertex in enumerate(vertices):
-            spot = f"{here}.vertices[{j}]"
+            entry = f"{here}.vertices[{j}]"
             if not vertex < len(fixed):
-                refuse(problems, spot, f"{vertex} is no vertex; the object has {len(fixed)}, counted from 0")
+                refuse(problems, entry, f"{vertex} is no vertex; the object has {len(fixed)}, counted from 0")
             elif not fixed[vertex]:
-                refuse(problems, spot, f"vertex {vertex} is not fixed (vertIsFixed); only fixed vertices follow keys")
+                refuse(problems, entry, f"vertex {vertex} is not fixed (vertIsFixed); only fixed vertices follow keys")
             elif owner[vertex] >= 0:
                 where = "twice in this pin" if owner[vertex] == i else f"in pins[{owner[vertex]}] as well"
-                refuse(problems, spot, f"vertex {vertex} is {where}")
+                refuse(problems, entry, f"vertex {vertex} is {where}")
             else:
                 owner[vertex] = i
                 continue

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.messages import counted
-from clothfit.base.notebook import shown
+from clothfit.base.notebook import html_of
 from clothfit.base.writing import write_atomically
 from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
@@ -29,12 +29,11 @@ from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
 from clothfit.scene.cloth import PLANE, SPHERE, Cloth, Collider, SelfContact, Sphere, layout_of, obstacles, self_contact
 from clothfit.scene.cloth import vector as _vector
-from clothfit.scene.forces import Forces
-from clothfit.scene.forces import check as check_forces
+from clothfit.scene.forces import Forces, check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
 from clothfit.scene.kinds import AUTO, CLOTH_KINDS, EDITORS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Appended, Optional, splice
-from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
+from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read_text
 
 WAY_OUT = '"planes": "solid" in the scene makes them solid'
 NOT_FITTED = (None, "n", "N", False)
@@ -83,7 +82,7 @@ class Scene(checks.ReadOnly):
         return f"<Scene {self.name}: {', '.join(sizes)}>"
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return html_of(self)
 
     @property
     def gusts(self) -> Array:
@@ -315,7 +314,7 @@ def load(path_or_file: Readable, *, folder: str | None = None) -> Scene:
     it cannot be read or breaks the format, and no other error.
     """
     name = name_of(path_or_file)
-    source = read(path_or_file)
+    source = read_text(path_or_file)
     given, constants = parse(source, name)
     problems = structure.problems_of(given)
     if problems:

@@ -19,7 +19,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from clothfit.base.messages import named, place, shown
+from clothfit.base.messages import named, place, spelt
 
 LONG_ARRAYS = {
     f"objects.{name}"
@@ -148,22 +148,22 @@ def _sentence(rule: str, bound: Any, value: Any) -> str | None:
             if any(TYPES[one][0](value) for one in types):
                 return None
             if {"number", "integer"}.intersection(types) and type(value) in (int, float) and not is_number(value):
-                return f"{shown(value)} is {NOT_FINITE}"
-            said = f"{shown(value)} is not {' or '.join(TYPES[one][1] for one in types)}"
+                return f"{spelt(value)} is {NOT_FINITE}"
+            said = f"{spelt(value)} is not {' or '.join(TYPES[one][1] for one in types)}"
             if types == ["object"] and isinstance(value, list) and len(value) == 3 and all(map(is_number, value)):
                 return f"{said}; write {json.dumps(dict(zip('xyz', value, strict=True)))}"
             return said
         case "enum" | "const", _:
             items = bound if rule == "enum" else [bound]
             if not any(value == item and isinstance(value, bool) == isinstance(item, bool) for item in items):
-                return f"{shown(value)} is not one of {', '.join(map(shown, items))}"
+                return f"{spelt(value)} is not one of {', '.join(map(spelt, items))}"
         case "minItems", list() if len(value) < bound:
             return f"has {len(value)} of {bound} items" if value else f"is empty; at least {bound} is needed"
         case "maxItems", list() if len(value) > bound:
             return f"has {len(value)} items; {bound} are needed"
         case "pattern" | "maxLength", str():
             if len(value) > bound if rule == "maxLength" else not re.search(bound, value):
-                return f"{shown(value)} is not two letters of n, F, R, M, G, L (masses, then stiffnesses)"
+                return f"{spelt(value)} is not two letters of n, F, R, M, G, L (masses, then stiffnesses)"
     if rule in BOUNDS and is_number(value) and not BOUNDS[rule][0](value, bound):
-        return f"{shown(value)} is {BOUNDS[rule][1]} {bound}"
+        return f"{spelt(value)} is {BOUNDS[rule][1]} {bound}"
     return None

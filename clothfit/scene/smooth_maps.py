@@ -153,7 +153,7 @@ def _modes(part: Laplacian, positions: Array, count: int) -> tuple[Array, Array]
         value, vector = eigsh(matrix, wanted, sigma=shift, which="LM", v0=start)
         order = np.argsort(value, kind="stable")
         value, vector = value[order], vector[:, order]
-    vector = _settled(value[1:], vector[:, 1:], positions)
+    vector = _aligned(value[1:], vector[:, 1:], positions)
     return value[1:], vector * scale[:, None]
 
 
@@ -169,7 +169,7 @@ def _matrix(part: Laplacian, scale: Array) -> Any:
     return coo_array((np.concatenate([-link, -link, total]), (rows, columns)), shape=(n, n)).tocsc()
 
 
-def _settled(value: Array, vector: Array, positions: Array) -> Array:
+def _aligned(value: Array, vector: Array, positions: Array) -> Array:
     """The eigenvectors, those of equal eigenvalues turned so that rounding does not choose them: into the axes of the
     second moments of the positions, weighted differently along x, y and z.
     """

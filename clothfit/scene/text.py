@@ -78,7 +78,7 @@ def name_of(origin: object) -> str:
     return os.path.basename(path) or path or "scene"
 
 
-def read(origin: Readable) -> Source:
+def read_text(origin: Readable) -> Source:
     """Read the text of a scene from a path, an open text or binary file, or a dict.
 
     Raises InvalidScene when it cannot be read, is not text, or is empty.

@@ -47,7 +47,7 @@ class Air(NamedTuple):
     wind: Array = NO_NUMBERS  # never
 
 
-class Many(NamedTuple):
+class Tangents(NamedTuple):
     """Changes along D directions, and space to work in."""
 
     x: Array  # (n, 3, D), of the places
@@ -63,11 +63,11 @@ class Many(NamedTuple):
     air: Air
 
 
-def many(model: Model, directions: int) -> Many:
+def tangents(model: Model, directions: int) -> Tangents:
     """Space for so many directions, whose changes are 0."""
     n, count, spheres = len(model.x0), len(model.rest), len(model.radius)
     x, v, start = np.zeros((3, n, 3, directions))
-    return Many(x, v, start, np.zeros((count, directions)), np.zeros((spheres, n, directions)),
+    return Tangents(x, v, start, np.zeros((count, directions)), np.zeros((spheres, n, directions)),
                 np.zeros((12, directions)), np.zeros(directions), np.zeros((3, n, 3)), np.zeros((12, 12)),
                 np.zeros((4, 3)), Air(np.zeros(1)))
 
@@ -82,15 +82,15 @@ class Sweep:
     """A state of a model and its changes along the directions of some seeds, step by step (`values.State`)."""
 
     def __init__(self, model: Model, seeds: Seeds, directions: int) -> None:
-        self.model, self.seeds, self.many = model, seeds, many(model, directions)
+        self.model, self.seeds, self.tangents = model, seeds, tangents(model, directions)
         self.h, self.free = model.h, model.free
-        self.dx, self.dv = self.many.x, self.many.v
+        self.dx, self.dv = self.tangents.x, self.tangents.v
         self.work: Work = workspace(model)
         self.x, self.v = model.x0.copy(), model.v0.copy()
 
     def advance(self, t: int) -> None:
         """Take step t."""
-        advance(self.model, self.seeds, t, self.x, self.v, self.many, self.work)
+        take_step(self.model, self.seeds, t, self.x, self.v, self.tangents, self.work)
 
 
 def simulate(model: Model, frames: int) -> tuple[Array, int]:
@@ -108,49 +108,49 @@ def simulate(model: Model, frames: int) -> tuple[Array, int]:
 
 
 @kernel
-def advance(model, seeds, t, x, v, many, work):
+def take_step(model, seeds, t, x, v, tangents, work):
     """Take step t."""
     for s in range(model.substeps):
-        pushforward(model, seeds, t, s, x, v, many, work)
+        pushforward(model, seeds, t, s, x, v, tangents, work)
 
 
 @kernel
-def pushforward(model, seeds, t, s, x, v, many, work):
+def pushforward(model, seeds, t, s, x, v, tangents, work):
     """Take a substep, and turn the changes of the state before it into those after it."""
     h, multiplier, pressing = model.h / model.substeps, work.multiplier, work.pressing
-    pushes = many.x.shape[2] > 0
-    push_predict(model, seeds, t, s, x, v, many, work)
+    pushes = tangents.x.shape[2] > 0
+    push_predict(model, seeds, t, s, x, v, tangents, work)
     multiplier[:] = 0.0
     pressing[:] = 0.0
-    many.multiplier[:] = 0.0
-    many.pressing[:] = 0.0
+    tangents.multiplier[:] = 0.0
+    tangents.pressing[:] = 0.0
     stiff = model.contact / (h * h)
     for _ in range(model.iterations):
         for c in range(len(model.rest)):
             if pushes:
-                multiplier[c] = project(model, seeds, c, h, x, work.start, multiplier[c], many, work.local)
+                multiplier[c] = project(model, seeds, c, h, x, work.start, multiplier[c], tangents, work.local)
             else:
                 multiplier[c] = substep.project(model, c, h, x, work.start, multiplier[c], work.local[0])
         for r in range(len(model.radius)):
             for i in range(len(x)):
                 if model.free[i]:
-                    pressing[r, i] = touch(model, seeds, stiff, r, i, x, pressing[r, i], many, work)
+                    pressing[r, i] = contact_tangent(model, seeds, stiff, r, i, x, pressing[r, i], tangents, work)
     substep.finish(model, x, v, work)
     for i in range(len(x)):
         for j in range(3):
-            v_row, x_row, start = many.v[i, j], many.x[i, j], many.start[i, j]
+            v_row, x_row, start = tangents.v[i, j], tangents.x[i, j], tangents.start[i, j]
             for k in range(len(v_row)):
                 v_row[k] = (x_row[k] - start[k]) / h
 
 
 @kernel
-def push_predict(model, seeds, t, s, x, v, many, work):
+def push_predict(model, seeds, t, s, x, v, tangents, work):
     """`predict`, and the changes of its results."""
     substep.set_world(model, t, s, work)
     h = model.h / model.substeps
-    many.start[:] = many.x
+    tangents.start[:] = tangents.x
     if len(model.faces.corners) > 0 and model.faces.drag[0] > 0.0:
-        push_air(model, seeds, x, v, h, many, work)
+        push_air(model, seeds, x, v, h, tangents, work)
     substep.predict(model, t, s, x, v, work)
     for i in range(len(x)):
         if not model.free[i]:
@@ -159,13 +159,13 @@ def push_predict(model, seeds, t, s, x, v, many, work):
         for j in range(3):
             pushed = h * model.inverse[i] * work.force[i, j]
             kept = v[i, j] - h * work.gravity[j] - pushed
-            v_row, x_row = many.v[i, j], many.x[i, j]
+            v_row, x_row = tangents.v[i, j], tangents.x[i, j]
             if seeds.damping[i] >= 0:
                 v_row[seeds.damping[i]] -= h * model.damping[i] * kept
             for k in range(len(v_row)):
                 v_row[k] *= slow
             if len(model.faces.corners) > 0 and model.faces.drag[0] > 0.0:
-                add_air(many, i, j)
+                add_air(tangents, i, j)
             if seeds.mass[i] >= 0:
                 v_row[seeds.mass[i]] -= pushed
             for k in range(len(v_row)):
@@ -173,25 +173,25 @@ def push_predict(model, seeds, t, s, x, v, many, work):
 
 
 @kernel
-def push_air(model, seeds, x, v, h, many, work):
+def push_air(model, seeds, x, v, h, tangents, work):
     """Write w h df, the change of the air's forces, to `start`, whose places are not asked for until `add_air`."""
-    dx, dv, force = many.one[0], many.one[1], many.one[2]
-    for k in range(many.x.shape[2]):
+    dx, dv, force = tangents.one[0], tangents.one[1], tangents.one[2]
+    for k in range(tangents.x.shape[2]):
         for i in range(len(x)):
             for j in range(3):
-                dx[i, j], dv[i, j], force[i, j] = many.x[i, j, k], many.v[i, j, k], 0.0
-        many.air.drag[0] = model.faces.drag[0] if seeds.drag[0] == k else 0.0
-        wind.add_pushforward(model.faces, x, v, v, work.still, dx, dv, many.air, h, force)
+                dx[i, j], dv[i, j], force[i, j] = tangents.x[i, j, k], tangents.v[i, j, k], 0.0
+        tangents.air.drag[0] = model.faces.drag[0] if seeds.drag[0] == k else 0.0
+        wind.add_pushforward(model.faces, x, v, v, work.still, dx, dv, tangents.air, h, force)
         wind.add_damping(model.faces, x, v, h, dv, force)
         for i in range(len(x)):
             for j in range(3):
-                many.start[i, j, k] = model.inverse[i] * force[i, j]
+                tangents.start[i, j, k] = model.inverse[i] * force[i, j]
 
 
 @kernel
-def add_air(many, i, j):
+def add_air(tangents, i, j):
     """Add what `push_air` left to the change of a velocity, and put back the change of the place."""
-    v_row, x_row, start = many.v[i, j], many.x[i, j], many.start[i, j]
+    v_row, x_row, start = tangents.v[i, j], tangents.x[i, j], tangents.start[i, j]
     for k in range(len(v_row)):
         # what damping slows is not the force
         v_row[k] += start[k]
@@ -199,7 +199,7 @@ def add_air(many, i, j):
 
 
 @kernel
-def project(model, seeds, c, h, x, p, multiplier, many, local):
+def project(model, seeds, c, h, x, p, multiplier, tangents, local):
     """Correct x by constraint c, and its changes; returns λ⁺."""
     g = local[0]
     stiff, gamma = substep.factors(model, c, h)
@@ -207,7 +207,7 @@ def project(model, seeds, c, h, x, p, multiplier, many, local):
     if below == 0.0:
         return multiplier
     count = substep.size_of(model.members, c)
-    turns(model, c, x, many.matrix, local[1], many.unit)
+    turns(model, c, x, tangents.matrix, local[1], tangents.unit)
     row = local[2]  # a
     for k in range(count):
         for j in range(3):
@@ -216,25 +216,25 @@ def project(model, seeds, c, h, x, p, multiplier, many, local):
                 i = model.members[c, m]
                 for q in range(3):
                     slip = gamma * (x[i, q] - p[i, q]) + 2.0 * (1.0 + gamma) * change * model.inverse[i] * g[m, q]
-                    row[k, j] += many.matrix[3 * k + j, 3 * m + q] * slip
+                    row[k, j] += tangents.matrix[3 * k + j, 3 * m + q] * slip
             row[k, j] *= -1.0 / below
-    gather(model, c, count, many)
-    change_of(model, c, count, gamma / below, stiff / below, g, row, many)
-    own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, many)
-    change = relaxed(model, seeds, c, change, many.change)
+    gather(model, c, count, tangents)
+    change_of(model, c, count, gamma / below, stiff / below, g, row, tangents)
+    own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, tangents)
+    change = relaxed(model, seeds, c, change, tangents.change)
     if count == 2:
-        spread_pair(model, c, g, change, many)
+        spread_pair(model, c, g, change, tangents)
     else:
-        spread(model, c, g, change, many)
+        spread(model, c, g, change, tangents)
     for k in range(count):
         i = model.members[c, k]
         for j in range(3):
             if seeds.mass[i] >= 0:
-                many.x[i, j, seeds.mass[i]] -= model.inverse[i] * g[k, j] * change
+                tangents.x[i, j, seeds.mass[i]] -= model.inverse[i] * g[k, j] * change
             x[i, j] += model.inverse[i] * g[k, j] * change
-    total = many.multiplier[c]
+    total = tangents.multiplier[c]
     for q in range(len(total)):
-        total[q] += many.change[q]
+        total[q] += tangents.change[q]
     return multiplier + change
 
 
@@ -266,65 +266,65 @@ def turns(model, c, x, matrix, out, unit):
 
 
 @kernel
-def gather(model, c, count, many):
+def gather(model, c, count, tangents):
     """Write the changes of the vertices of constraint c to `local`; of two, the difference, and before the substep."""
     first, second = model.members[c, 0], model.members[c, 1]
     for j in range(3):
         if count == 2:
-            held, a, b = many.local[j], many.x[first, j], many.x[second, j]
+            held, a, b = tangents.local[j], tangents.x[first, j], tangents.x[second, j]
             for q in range(len(held)):
                 held[q] = a[q] - b[q]
         else:
             for k in range(count):
-                many.local[3 * k + j, :] = many.x[model.members[c, k], j]
+                tangents.local[3 * k + j, :] = tangents.x[model.members[c, k], j]
 
 
 @kernel
-def change_of(model, c, count, slip, keep, g, row, many):
+def change_of(model, c, count, slip, keep, g, row, tangents):
     """Write the changes of the correction, but for the values' own, to `change`."""
-    found, own = many.change, many.multiplier[c]
+    found, own = tangents.change, tangents.multiplier[c]
     for q in range(len(found)):
         found[q] = -keep * own[q]
     if count == 2:  # both depend on the difference alone
         a, b, d = row[0, 0], row[0, 1], row[0, 2]
-        e, f, k = many.local[0], many.local[1], many.local[2]
+        e, f, k = tangents.local[0], tangents.local[1], tangents.local[2]
         for q in range(len(found)):
             found[q] += a * e[q] + b * f[q] + d * k[q]
     else:
         for r in range(3 * count):
-            a, held = row[r // 3, r % 3], many.local[r]
+            a, held = row[r // 3, r % 3], tangents.local[r]
             for q in range(len(found)):
                 found[q] += a * held[q]
     if slip != 0.0:
         for k in range(count):
             a, b, d = slip * g[k, 0], slip * g[k, 1], slip * g[k, 2]
-            place = many.start[model.members[c, k]]
+            place = tangents.start[model.members[c, k]]
             e, f, held = place[0], place[1], place[2]
             for q in range(len(found)):
                 found[q] += a * e[q] + b * f[q] + d * held[q]
 
 
 @kernel
-def own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, many):
+def own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, tangents):
     """Add what the values of constraint c and the masses of its vertices do to its correction by themselves."""
     stiff, gamma = substep.factors(model, c, h)
     if seeds.compliance[c] >= 0:
-        many.change[seeds.compliance[c]] -= stiff * (multiplier + change) / below
+        tangents.change[seeds.compliance[c]] -= stiff * (multiplier + change) / below
     if seeds.time[c] >= 0:
-        many.change[seeds.time[c]] -= gamma * (slide + change * weight) / below
+        tangents.change[seeds.time[c]] -= gamma * (slide + change * weight) / below
     if seeds.rest[c] >= 0:
-        many.change[seeds.rest[c]] += model.rest[c] / below
+        tangents.change[seeds.rest[c]] += model.rest[c] / below
     for k in range(substep.size_of(model.members, c)):
         i = model.members[c, k]
         if seeds.mass[i] >= 0:
             square = g[k, 0] * g[k, 0] + g[k, 1] * g[k, 1] + g[k, 2] * g[k, 2]
-            many.change[seeds.mass[i]] += (1.0 + gamma) * model.inverse[i] * square * change / below
+            tangents.change[seeds.mass[i]] += (1.0 + gamma) * model.inverse[i] * square * change / below
 
 
 @kernel
-def spread_pair(model, c, g, change, many):
+def spread_pair(model, c, g, change, tangents):
     """Change the two vertices of constraint c, whose H is P, −P, −P, P."""
-    e, f, d, along = many.local[0], many.local[1], many.local[2], many.change
+    e, f, d, along = tangents.local[0], tangents.local[1], tangents.local[2], tangents.change
     for k in range(2):
         i, sign = model.members[c, k], 1.0 - 2.0 * k
         w = model.inverse[i]
@@ -332,43 +332,44 @@ def spread_pair(model, c, g, change, many):
             continue
         for j in range(3):
             turn = sign * w * change
-            p, q, r, n = (turn * many.matrix[j, 0], turn * many.matrix[j, 1], turn * many.matrix[j, 2], w * g[k, j])
-            found = many.x[i, j]
+            row, n = tangents.matrix[j], w * g[k, j]
+            p, q, r = turn * row[0], turn * row[1], turn * row[2]
+            found = tangents.x[i, j]
             for m in range(len(found)):
                 found[m] += p * e[m] + q * f[m] + r * d[m] + n * along[m]
 
 
 @kernel
-def spread(model, c, g, change, many):
+def spread(model, c, g, change, tangents):
     """Change the vertices of constraint c."""
     count = substep.size_of(model.members, c)
     for r in range(3 * count):
         i = model.members[c, r // 3]
         w = model.inverse[i]
-        found, along, n = many.x[i, r % 3], many.change, w * g[r // 3, r % 3]
+        found, along, n = tangents.x[i, r % 3], tangents.change, w * g[r // 3, r % 3]
         for q in range(len(found)):
             found[q] += n * along[q]
         for m in range(3 * count):
-            factor, d = w * change * many.matrix[r, m], many.local[m]
+            factor, d = w * change * tangents.matrix[r, m], tangents.local[m]
             for q in range(len(found)):
                 found[q] += factor * d[q]
 
 
 @kernel
-def touch(model, seeds, stiff, r, i, x, multiplier, many, work):
+def contact_tangent(model, seeds, stiff, r, i, x, multiplier, tangents, work):
     """Correct vertex i by its contact with sphere r, and its changes; returns λ⁺."""
-    w, n, own = model.inverse[i], work.normal, many.pressing[r, i]
+    w, n, own = model.inverse[i], work.normal, tangents.pressing[r, i]
     depth, distance = substep.gap(work.centre[r], model.radius[r], x, i, n)
     change, presses = substep.push_out(stiff, w, depth, multiplier)
     for q in range(len(own)):
-        along = n[0] * many.x[i, 0, q] + n[1] * many.x[i, 1, q] + n[2] * many.x[i, 2, q]
+        along = n[0] * tangents.x[i, 0, q] + n[1] * tangents.x[i, 1, q] + n[2] * tangents.x[i, 2, q]
         dw = -w if seeds.mass[i] == q else 0.0
         dchange = -own[q]
         if presses:
             dchange = -(along + stiff * own[q] + change * dw) / (w + stiff)
         for j in range(3):
-            turn = (many.x[i, j, q] - along * n[j]) / distance
-            many.x[i, j, q] += w * (turn * change + n[j] * dchange) + dw * n[j] * change
+            turn = (tangents.x[i, j, q] - along * n[j]) / distance
+            tangents.x[i, j, q] += w * (turn * change + n[j] * dchange) + dw * n[j] * change
         own[q] += dchange
     for j in range(3):
         x[i, j] += w * n[j] * change

@@ -16,7 +16,7 @@ from clothfit.objective.experiment import experiments
 from clothfit.objective.target import Target, target
 from clothfit.scene.scene import Scene
 from clothfit.simulators import blender, xpbd
-from clothfit.simulators.values import MOST, Fit, Fitted, ManyFit
+from clothfit.simulators.values import MOST_ELEMENTS, ElementFit, Fit, Fitted
 
 SIMULATORS = ("xpbd", "blender")
 FEW, EACH = "G", "L"
@@ -60,26 +60,26 @@ def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any
     if not (goal.observed & (goal.places > 0)[:, None]).any():
         raise InvalidInput(f"{scene.name}: objects[{index}]: the target shows nothing after the start")
 
-    def told(error: float, simulations: int) -> None:
+    def say(error: float, simulations: int) -> None:
         if options.report:
             options.report(f"{tool.name}: RMSE {1e3 * error:.4g} mm after {simulations} simulations")
 
-    few = Fit(tool, goal, told).run(options.most)
+    few = Fit(tool, goal, say).run(options.most)
     if options.model != EACH:
         return few
     own = xpbd.each_of(scene, index, options.settings, scene.frames)  # from the few values on
     begin = xpbd.as_few(own, xpbd.groups_of(scene, index), few.found)
-    found = ManyFit(own.tool(scene.frames), goal, told, begin).run(options.most)
+    found = ElementFit(own.tool(scene.frames), goal, say, begin).run(options.most)
     return replace(found, few=few, simulations=few.simulations + found.simulations)
 
 
 def check_count(scene: Scene, index: int, settings: xpbd.Settings) -> None:
     """Raise InvalidInput where a cloth has more values of constraints and vertices than are fitted one by one."""
     count = len(xpbd.each_of(scene, index, settings, 2).values)
-    if count > MOST:
+    if count > MOST_ELEMENTS:
         raise InvalidInput(
-            f"{scene.name}: objects[{index}]: --model {EACH} fits at most {MOST} values in xpbd, and this cloth has "
-            f"{count}; use --model {FEW}, or a mesh of about 50 vertices"
+            f"{scene.name}: objects[{index}]: --model {EACH} fits at most {MOST_ELEMENTS} values in xpbd, and this "
+            f"cloth has {count}; use --model {FEW}, or a mesh of about 50 vertices"
         )
 
 

@@ -199,10 +199,10 @@ class Fit:
 
 
 
-MOST = 800
+MOST_ELEMENTS = 800
 """The most values of a cloth that are fitted one by one: JᵀJ is made of them, and there is more than one descent."""
 
-PULLS, LEAVING, NUDGED = (0.5, 0.2, 0.05), (0.05, 0.01), 12
+NUDGES, LEAVING, NUDGED = (0.5, 0.2, 0.05), (0.05, 0.01), 12
 """Parts of the way to the target, those with which a minimum is left, and the most steps of the fit with each."""
 
 FIRST, LEAST, RISE, FALL = 1e-4, 1e-14, 4.0, 0.2
@@ -216,11 +216,11 @@ TRIES = 10
 LONGEST = 1.0
 """Change of a logarithm in a step."""
 
-ENOUGH, PASSING = 2e-3, 1e-2
+SMALL_SAVING, PASSING = 2e-3, 1e-2
 """A descent ends where a step lowers the cost by less than this share of it; one that is nudged is only passed."""
 
 
-class Pull(NamedTuple):
+class Nudge(NamedTuple):
     """Where a target shows the ends of steps, 0 … T."""
 
     place: Array  # (T + 1, n, 3), m
@@ -229,7 +229,7 @@ class Pull(NamedTuple):
     goes: Flags  # (T + 1, n), where that is known
 
 
-def pull_of(goal: Target) -> Pull:
+def nudge_of(goal: Target) -> Nudge:
     """The pull of a target."""
     count, n = goal.last_step + 1, goal.positions.shape[1]
     place, way = np.zeros((2, count, n, 3))
@@ -238,10 +238,10 @@ def pull_of(goal: Target) -> Pull:
     place[goal.step[exact]], seen[goal.step[exact]] = goal.positions[exact], goal.observed[exact]
     goes[1:] = seen[1:] & seen[:-1]
     way[1:] = np.where(goes[1:, :, None], place[1:] - place[:-1], 0.0)
-    return Pull(place, seen, way, goes)
+    return Nudge(place, seen, way, goes)
 
 
-class ManyFit(Fit):
+class ElementFit(Fit):
     """A fit of a tool that has `sweep`; `begin` (V,) are the values that it begins with."""
 
     def __init__(self, tool: Tool, goal: Target, report: Callable[[float, int], None] | None, begin: Array) -> None:
@@ -251,21 +251,21 @@ class ManyFit(Fit):
     def search(self, most: int) -> None:
         """Levenberg–Marquardt, with at most so many steps of each descent."""
         self.descend(self.begin, most)
-        for pulls, y in ((PULLS, self.begin), (PULLS, self.start), (LEAVING, None)):
+        for nudges, y in ((NUDGES, self.begin), (NUDGES, self.start), (LEAVING, None)):
             if y is None:
                 y = self.begin if self.best is None else np.log(self.best[1])
-            for pull in pulls:
-                y = self.descend(y, min(most, NUDGED), pull)
+            for nudge in nudges:
+                y = self.descend(y, min(most, NUDGED), nudge)
             self.descend(y, most)
 
-    def descend(self, y: Array, most: int, pull: float = 0.0) -> Array:
+    def descend(self, y: Array, most: int, nudge: float = 0.0) -> Array:
         """Take steps from y, of motions that are pulled so far; returns the last logarithms."""
-        mu, r = FIRST, self.pulled(y, pull)
+        mu, r = FIRST, self.nudged_residuals(y, nudge)
         for _ in range(most):
-            steps, cost = self.by_normal_equations(y, r, pull, mu), float(r @ r)
+            steps, cost = self.by_normal_equations(y, r, nudge, mu), float(r @ r)
             for mu, step, predicted in steps:  # noqa: B007  the last one is kept
                 other = np.clip(y + step, self.lower, self.upper)
-                after = self.pulled(other, pull)
+                after = self.nudged_residuals(other, nudge)
                 if after @ after < cost:
                     break
             else:
@@ -273,21 +273,21 @@ class ManyFit(Fit):
             gain = (cost - after @ after) / max(cost - predicted, 1e-300)
             mu = max(FALL * mu, LEAST) if gain > 0.75 else RISE * mu if gain < 0.25 else mu
             y, r = other, after
-            if after @ after > (1.0 - (PASSING if pull else ENOUGH)) * cost:
+            if after @ after > (1.0 - (PASSING if nudge else SMALL_SAVING)) * cost:
                 return y
         return y
 
-    def pulled(self, y: Array, pull: float) -> Array:
+    def nudged_residuals(self, y: Array, nudge: float) -> Array:
         """The residuals of a motion with a pull."""
-        if not pull:
+        if not nudge:
             return self.residuals(y)
-        found = [rows for rows, _ in self.frames(y, pull, along=False)]
+        found = [rows for rows, _ in self.frames(y, nudge, along=False)]
         apart = np.concatenate(found) if found else np.zeros(0)
         if len(apart) < 3 * int(self.goal.observed.sum()):  # it ran away
             apart = np.full(3 * int(self.goal.observed.sum()), FAR)
         return np.concatenate([self.scale * apart, WEAK * (y - self.start)])
 
-    def frames(self, y: Array, pull: float, along: bool) -> Iterator[tuple[Array, Array]]:
+    def frames(self, y: Array, nudge: float, along: bool) -> Iterator[tuple[Array, Array]]:
         """Of each frame of the target, in turn: the distances (3 s,) of the s vertices that it shows, and their change
         (3 s, V) along each logarithm, or (3 s, 0). Ends early where the motion runs away.
         """
@@ -295,7 +295,7 @@ class ManyFit(Fit):
         interrupts.check()
         goal, own = self.goal, self.tool.sweep(np.exp(y), along)
         self.simulations += 1
-        pulls = pull_of(goal) if pull else None
+        nudges = nudge_of(goal) if nudge else None
         x, dx, frame = own.x.copy(), own.dx.copy(), 0
         for t in range(goal.last_step + 1):
             while frame < len(goal.step) and goal.step[frame] + (goal.fraction[frame] > 0) == t:
@@ -306,22 +306,22 @@ class ManyFit(Fit):
                 frame += 1
             if t == goal.last_step or not np.isfinite(own.x).all():
                 return
-            if pulls is not None and t:  # move the state a part of the way to the target, and its changes with it
-                shown, goes = pulls.seen[t] & own.free, pulls.goes[t] & own.free
-                own.x[shown] += pull * (pulls.place[t, shown] - own.x[shown])
-                own.v[goes] += pull * (pulls.way[t, goes] / own.h - own.v[goes])
-                own.dx[shown] *= 1.0 - pull
-                own.dv[goes] *= 1.0 - pull
+            if nudges is not None and t:  # move the state a part of the way to the target, and its changes with it
+                shown, goes = nudges.seen[t] & own.free, nudges.goes[t] & own.free
+                own.x[shown] += nudge * (nudges.place[t, shown] - own.x[shown])
+                own.v[goes] += nudge * (nudges.way[t, goes] / own.h - own.v[goes])
+                own.dx[shown] *= 1.0 - nudge
+                own.dv[goes] *= 1.0 - nudge
             x, dx = own.x.copy(), own.dx.copy()
             own.advance(t)
 
-    def by_normal_equations(self, y: Array, r: Array, pull: float, mu: float) -> Iterator[tuple[float, Array, float]]:
+    def by_normal_equations(self, y: Array, r: Array, nudge: float, mu: float) -> Iterator[tuple[float, Array, float]]:
         """Steps with growing μ: μ, the step, and the cost that is predicted after it."""
         from scipy.linalg import cho_factor, cho_solve
 
         size = len(y)
         square, slope, cost, row = WEAK**2 * np.eye(size), WEAK**2 * (y - self.start), float(r @ r), 0
-        for apart, change in self.frames(y, pull, along=True):
+        for apart, change in self.frames(y, nudge, along=True):
             square += self.scale**2 * (change.T @ change)
             slope += self.scale * (change.T @ r[row : row + len(apart)])
             row += len(apart)

@@ -93,9 +93,9 @@ def compliances(scene: Scene, found: list[Fitted], settings: Settings) -> dict[s
     return obi.files(scene, objects)
 
 
-def solver(found: Fitted, settings: Settings) -> dict[str, Any]:
+def solver(fitted: Fitted, settings: Settings) -> dict[str, Any]:
     """How a solver is set for an object, by Obi's names."""
-    value = {each.name: float(own) for each, own in zip(found.tool.values, found.found, strict=True)}
+    value = {each.name: float(own) for each, own in zip(fitted.tool.values, fitted.found, strict=True)}
     kinds = {kind: {"iterations": settings.iterations, "SORFactor": value[f"{kind} relaxation"]}
              for kind in SOLVED if f"{kind} relaxation" in value}
     return {"substeps": settings.substeps, **kinds}

@@ -18,16 +18,16 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
 from clothfit.scene.kinds import LETTERED
-from clothfit.strategy import ladder
+from clothfit.strategy import hierarchy
 from clothfit.strategy.trajectory_fit import (
     FAR_ERROR,
     NEAR_ERROR,
     ModelDiffers,
     by_gauss_newton,
-    is_explained,
     is_far,
     is_long,
     is_near,
+    leaves_noise,
 )
 
 ACCURATE = 3e-4
@@ -52,7 +52,7 @@ HALF = 0.5
 """Share of the error that another search along the target must leave at most to be followed by one more."""
 
 FINE = "ML"
-"""Models of a ladder with so many values that they follow noise."""
+"""Models of a hierarchy with so many values that they follow noise."""
 
 TRIED = momentum.TREATMENTS[:2]
 """The momentum fits that are worth their time beside a trajectory fit; and, where masses and stiffnesses are fitted,
@@ -60,7 +60,7 @@ TRIED = momentum.TREATMENTS[:2]
 """
 
 
-class SolvedLooser(Exception):
+class SolvedLoosely(Exception):
     """Ends a search whose target was solved less accurately than the search does, where that makes another motion."""
 
     def __init__(self, tolerance: float, p: Array) -> None:
@@ -69,48 +69,48 @@ class SolvedLooser(Exception):
         self.tolerance, self.p = tolerance, p
 
 
-def by_ladder(
+def by_hierarchy(
     search: Search, tau: float | None, starts: Sequence[Array], wanted: Sequence[str] | None = None
 ) -> Status:
     """Fit from coarse to fine, from `starts` (P,), all models or those that are `wanted`; where that comes to the noise
     of the target, Gauss–Newton goes on to the minimum.
 
     Single values are tried at once after the models of few: by a prior they may reproduce a target that windows from a
-    far start have not come to, where those of the ladder, without one, would follow its noise.
+    far start have not come to, where those of the hierarchy, without one, would follow its noise.
     """
     search.best.belief = search.best.descent = None
     search.visit(search.start)
-    models = ladder.models(search.objective.scene)
+    models = hierarchy.models(search.objective.scene)
     left = models if wanted is None else wanted
     coarse = [model for model in left if model not in FINE]
-    ladder.climb(search, coarse, starts, more=bool(left))
+    hierarchy.refine(search, coarse, starts, more=bool(left))
     status = by_single_values(search, tau) if left else None
     if status is not None:
         return status
     fine, begin = left[len(coarse):], [search.best.p] if coarse else starts
     if too_many(search) and "L" in fine:
-        ladder.climb(search, fine[:-1], begin, more=True)
+        hierarchy.refine(search, fine[:-1], begin, more=True)
         if np.isfinite(search.best.cost) and not is_far(search):
             return by_products(search, tau)
         fine, begin = fine[-1:], [search.best.p]
-    ladder.climb(search, fine, begin)
-    if not search.rungs:
-        search.rungs.append(ladder.reached(search, models[0]))
-    if is_far(search) or too_many(search) or (not is_near(search) and not is_explained(search)):
+    hierarchy.refine(search, fine, begin)
+    if not search.levels:
+        search.levels.append(hierarchy.level_result(search, models[0]))
+    if is_far(search) or too_many(search) or (not is_near(search) and not leaves_noise(search)):
         return ended(search)
     return by_gauss_newton(search, search.best.p, centre_of(search), tau, windows=False)
 
 
 def ended(search: Search) -> Status:
     """How a search ends at its best point."""
-    if not search.is_settled:
+    if not search.is_stationary:
         search(search.y)  # its gradient says whether this is a minimum
     return search.verdict()
 
 
 def centre_of(search: Search) -> Array:
-    """The values (P,) of the coarsest model that a ladder has fitted, which follow no noise; else the best point."""
-    return search.rungs[0].p if search.rungs else search.best.p
+    """The values (P,) of the coarsest model that a hierarchy has fitted, which follow no noise; else the best point."""
+    return search.levels[0].p if search.levels else search.best.p
 
 
 def by_products(search: Search, tau: float | None) -> Status:
@@ -119,7 +119,7 @@ def by_products(search: Search, tau: float | None) -> Status:
     """
     began = time.monotonic()
     status = by_gauss_newton(search, search.best.p, centre_of(search), tau, windows=False)
-    search.climbed(ladder.reached(search, "L", time.monotonic() - began))
+    search.add_level(hierarchy.level_result(search, "L", time.monotonic() - began))
     return status
 
 
@@ -127,14 +127,14 @@ def by_single_values(search: Search, tau: float | None) -> Status | None:
     """Fit single values from the best point of coarser models, by a prior around the coarsest; None where there are
     none, or where they cannot reproduce the target. Raises Stop.
     """
-    if ladder.model_of(search.objective.scene) != "L" or too_many(search) or search.is_late:
+    if hierarchy.model_of(search.objective.scene) != "L" or too_many(search) or search.is_late:
         return None
     return singly(search, search.best.p, centre_of(search), tau)
 
 
 def singly(search: Search, p: Array, centre: Array, tau: float | None) -> Status | None:
     """Gauss–Newton from p (P,), by a prior around `centre` (P,); None where the model cannot reproduce the target, and
-    then what that took does not count as time of a ladder. Raises Stop.
+    then what that took does not count as time of a hierarchy. Raises Stop.
     """
     began = search.progress.computing
     try:
@@ -154,14 +154,14 @@ def by_momentum(
     search: Search,
     start: Array,
     treatments: Sequence[momentum.Treatment] = momentum.TREATMENTS,
-    early: Objective | None = None,
+    beginning: Objective | None = None,
     balances: momentum.Momentum | None = None,
 ) -> list[Array]:
     """The momentum fits (P,), the best last, by `balances` where they are begun; none where the target does not show
     enough.
 
-    One that costs more over the frames of `early` than a cloth that keeps still is left out: of a target that the model
-    cannot reproduce it may be so soft that a whole motion takes minutes.
+    One that costs more over the frames of `beginning` than a cloth that keeps still is left out: of a target that the
+    model cannot reproduce it may be so soft that a whole motion takes minutes.
     """
     if not momentum.fits(search.objective):
         search.warn("too little memory for the balance of momentum, which was left out (--memory)")
@@ -173,8 +173,8 @@ def by_momentum(
         p = balances.fit(treatment, search.report)
         if np.array_equal(p, start):
             return []
-        begun = np.nan if early is None else early.cost_or_infinity(p)  # no evaluation of the whole
-        if early is not None and begun > early.still:
+        begun = np.nan if beginning is None else beginning.cost_or_infinity(p)  # no evaluation of the whole
+        if beginning is not None and begun > beginning.cost_at_rest:
             continue
         rounded = search.objective.rounding > 0.0 and treatment == TRIED[0] and search.fitted.sum() > MANY
         if rounded:
@@ -186,7 +186,7 @@ def by_momentum(
             break
         if is_exact(search) or is_accurate(search):
             break
-        if early is not None and begun <= NEAR_ERROR**2 * early.still and not is_near(search):
+        if beginning is not None and begun <= NEAR_ERROR**2 * beginning.cost_at_rest and not is_near(search):
             check_tolerance(search, p)
     return [p for _, p in sorted(found, key=lambda pair: -pair[0])]
 
@@ -195,26 +195,26 @@ def check_tolerance(search: Search, p: Array) -> None:
     """Raise SolvedLooser where the motion with p (P,) is the target's if the linear systems are solved as `simulate`
     does: a cloth that buckles may fall to one side or the other by the error of a solver.
     """
-    if search.looser is None:
+    if search.loose_tolerance is None:
         return
-    own = search.objective.until(search.objective.steps + 1, search.looser)
-    if own.cost_or_infinity(p) <= NEAR_ERROR**2 * own.still:
-        raise SolvedLooser(search.looser, p)
+    own = search.objective.until(search.objective.steps + 1, search.loose_tolerance)
+    if own.cost_or_infinity(p) <= NEAR_ERROR**2 * own.cost_at_rest:
+        raise SolvedLoosely(search.loose_tolerance, p)
 
 
-def balances_can_hold(search: Search, balances: momentum.Momentum, early: Objective) -> bool:
+def balances_can_hold(search: Search, balances: momentum.Momentum, beginning: Objective) -> bool:
     """Whether the momentum fit is worth its time: in a long fit, where steps agree on the values, or the balances hold
-    over the frames of `early`.
+    over the frames of `beginning`.
     """
     if not is_long(search):
         return True
-    search.enter("momentum", early)
+    search.enter("momentum", beginning)
     agree = momentum.fits(search.objective) and balances.agree()
     search.own |= balances.own
     if agree:
         return True
-    p = momentum.Momentum(early, balances.p, search.fitted).fit(waiting=search.report)
-    return early.cost_or_infinity(p) <= FAR_ERROR**2 * early.still
+    p = momentum.Momentum(beginning, balances.p, search.fitted).fit(waiting=search.report)
+    return beginning.cost_or_infinity(p) <= FAR_ERROR**2 * beginning.cost_at_rest
 
 
 def takes_each_step(search: Search) -> bool:
@@ -242,12 +242,12 @@ def as_whole_motions(search: Search, balances: momentum.Momentum) -> None:
 
 def is_exact(search: Search) -> bool:
     """Whether the best point reproduces the target but for what a cloth that buckles makes of rounding."""
-    return bool(search.best.cost <= EXACT**2 * search.objective.still)
+    return bool(search.best.cost <= EXACT**2 * search.objective.cost_at_rest)
 
 
 def is_accurate(search: Search) -> bool:
     """Whether the best point is so near the target that noise has hardly scattered its values."""
-    return search.best.cost < ACCURATE**2 * search.objective.still
+    return search.best.cost < ACCURATE**2 * search.objective.cost_at_rest
 
 
 def one_value_each(search: Search) -> bool:

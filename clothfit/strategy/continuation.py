@@ -9,7 +9,7 @@ families of easier problems lead to it, each from the values that the one before
 
   What is left of a motion that is pulled is what the model does wrong in about 1 / ω. What was not seen is not pulled.
 - Implicit Euler steps of a frame's length damp what differs between two motions; shorter steps, and BDF2, come after.
-- Few values come before many (`ladder`).
+- Few values come before many (`hierarchy`).
 
 Each problem is solved by a few steps of Gauss–Newton in coordinates in which a motion changes evenly,
 
@@ -55,7 +55,7 @@ from clothfit.scene.kinds import AIR as BY_AREA
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
 
-PULLS, WEAKER = (0.5, 0.3, 0.2, 0.1, 0.05, 0.0), (0.2, 0.05, 0.0)
+NUDGES, WEAKER = (0.5, 0.3, 0.2, 0.1, 0.05, 0.0), (0.2, 0.05, 0.0)
 """ω, in radians per frame, one after the other: from values that may be far off, and from those of another step
 or model.
 """
@@ -89,7 +89,7 @@ SMALL = 0.01
 """s of dampings and drags, relative to what is typical, and to the drag of real air: less hardly moves a cloth."""
 
 
-class Enough(Exception):
+class StepLimit(Exception):
     """Ends Gauss–Newton after some steps."""
 
 
@@ -196,13 +196,13 @@ def can_nudge(objective: Objective) -> bool:
     return list(objective.weights) == ["position"] and free
 
 
-def nudged(objective: Objective, pull: float) -> Objective:
+def nudged(objective: Objective, omega: float) -> Objective:
     """The objective of motions with a pull, in radians per frame."""
-    given = [Experiment(motion, pulled(scene, motion, pull)) for motion, scene in objective.experiments]
+    given = [Experiment(motion, with_nudging(scene, motion, omega)) for motion, scene in objective.experiments]
     return objective.in_scenes(given, max(NUDGED_TOLERANCE, objective.tolerance))
 
 
-def pulled(scene: Scene, motion: Motion, pull: float) -> Scene:
+def with_nudging(scene: Scene, motion: Motion, omega: float) -> Scene:
     """A scene whose vertices are pulled to where a motion shows them, with springs of the masses that it has; between
     frames to places on the line from one to the next, unless all frames are at ends of steps.
     """
@@ -211,7 +211,7 @@ def pulled(scene: Scene, motion: Motion, pull: float) -> Scene:
     gap = max(float(np.median(np.diff(at))), 1.0) if len(at) > 1 else 1.0
     mass = np.concatenate([cloth.mass for cloth in scene.cloths])
     per_step = gap if aligned else 1.0  # the same impulse for each frame
-    stiffness = np.minimum(per_step * mass * (pull / (gap * scene.delta)) ** 2, STRONGEST)
+    stiffness = np.minimum(per_step * mass * (omega / (gap * scene.delta)) ** 2, STRONGEST)
     count = max(int(at[-1]), 1)
     places = np.tile(np.concatenate([cloth.positions for cloth in scene.cloths]), (count, 1, 1)).astype(float)
     gain = np.zeros(places.shape[:2])
@@ -248,36 +248,36 @@ def some_steps(
     def model(y: Array) -> Model:
         points.append(y)
         if len(points) > most or (len(points) > 1 and part.search.is_late):
-            raise Enough
+            raise StepLimit
         return part.model(y)
 
     problem = replace(part.problem(saving, patience), model=model, widths=part.widths)
-    with contextlib.suppress(Enough):
+    with contextlib.suppress(StepLimit):
         return gauss_newton.minimise(problem, y, prior or none(part.size), part.passed)[0].y
     return points[-1]
 
 
-def through_pulls(
-    own: Search, pulls: Sequence[float] = WEAKER, start: Array | None = None, limit: float = np.inf,
+def through_nudging(
+    own: Search, omegas: Sequence[float] = WEAKER, start: Array | None = None, limit: float = np.inf,
     doubtful: bool = True,
 ) -> None:  # fmt: skip
     """Steps of Gauss–Newton on motions that are pulled more and more weakly, from `start` (P,) or the best point; given
     up where such a motion costs more than `limit`, m². Values that are not `doubtful` have no prior. Raises Stop.
     """
     p = own.best.p if start is None else start
-    near = own.measure(p) <= NEAR**2 * own.objective.still
-    for pull in pulls[-1:] if near or not can_nudge(own.objective) else pulls:
-        part = Even(own, nudged(own.objective, pull) if pull else own.objective)
+    near = own.measure(p) <= NEAR**2 * own.objective.cost_at_rest
+    for omega in omegas[-1:] if near or not can_nudge(own.objective) else omegas:
+        part = Even(own, nudged(own.objective, omega) if omega else own.objective)
         own.enter("continuation", part.objective)
         y = part.y(p)
         if own.is_late or not np.isfinite(part.cost(y)):
             continue
-        share = (DOUBT * pull + LEAST) * part.residuals()
+        share = (DOUBT * omega + LEAST) * part.residuals()
         every = np.arange(part.size, dtype=np.int32)
         prior = first(part.y(own.origin), [every], share**-0.5) if doubtful else none(part.size)
         with contextlib.suppress(Diverged), np.errstate(over="ignore", invalid="ignore"):
-            p = part.parameters(some_steps(part, y, STEPS if pull else LAST_STEPS, prior=prior))
-        if pull and own.visit(p) > limit and part.objective.cost_or_infinity(p) > limit:
+            p = part.parameters(some_steps(part, y, STEPS if omega else LAST_STEPS, prior=prior))
+        if omega and own.visit(p) > limit and part.objective.cost_or_infinity(p) > limit:
             break
 
 
@@ -288,17 +288,17 @@ def hops(own: Search, took: float, share: float = SHARE, far: float = FAR, reach
     random, part = np.random.default_rng(SEED), Even(own, own.objective)
     for _ in range(HOPS):
         began = own.progress.computing
-        if began + took > share * own.longest or own.best.cost <= far**2 * own.objective.still:
+        if began + took > share * own.longest or own.best.cost <= far**2 * own.objective.cost_at_rest:
             break
         lower, upper = part.bounds
         y = np.clip(part.y(own.best.p) + 0.5 * random.uniform(-reach, reach, part.size), lower, upper)
-        through_pulls(own, PULLS[2:], part.parameters(y), own.best.cost)
+        through_nudging(own, NUDGES[2:], part.parameters(y), own.best.cost)
         took = max(took, own.progress.computing - began)
 
 
-def through_weak_pulls(own: Search) -> None:
+def through_weak_nudging(own: Search) -> None:
     """Steps of Gauss–Newton from the best point of a coarser model. Raises Stop."""
-    through_pulls(own, WEAKER[1:])
+    through_nudging(own, WEAKER[1:])
 
 
 def coarse(objective: Objective) -> Objective:
@@ -309,19 +309,19 @@ def coarse(objective: Objective) -> Objective:
 def from_afar(own: Search) -> None:
     """Come from values that may be far off to the target, by coarse steps. Raises Stop."""
     began = own.progress.computing
-    through_pulls(own, PULLS)
+    through_nudging(own, NUDGES)
     took = own.progress.computing - began
-    if own.best.cost < NEAR**2 * own.objective.still:  # it shows what its values are
-        through_pulls(own, PULLS, own.start, doubtful=False)
+    if own.best.cost < NEAR**2 * own.objective.cost_at_rest:  # it shows what its values are
+        through_nudging(own, NUDGES, own.start, doubtful=False)
     hops(own, took)
 
 
 def by_coarse_steps(own: Search) -> None:
     """Come to the target by coarse steps first, and then by those of a search. Raises Stop."""
-    rough = own.beside(coarse(own.objective), own.best.p, np.inf)
+    rough = own.subsearch(coarse(own.objective), own.best.p, np.inf)
     rough.fitted = own.fitted
     from_afar(rough)
-    through_pulls(own, WEAKER, rough.best.p)
+    through_nudging(own, WEAKER, rough.best.p)
 
 
 ROUNDING = 1e-6

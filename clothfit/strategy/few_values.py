@@ -38,19 +38,19 @@ from clothfit.scene.scene import Scene
 from clothfit.strategy import continuation
 from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
 
-FEW_VALUES = preconditioned.FEW
+FEW_VALUES = preconditioned.FEW_VALUES
 """Values up to which a step of Gauss–Newton costs no more than a few gradients."""
 
-FEW_OVER_TIME = 128
+FEW_KEYED = 128
 """The same where the others are values over time, of which most do not change the beginning."""
 
-STEPS, STEPS_OVER_TIME = 4, 12
+STEPS, STEPS_KEYED = 4, 12
 """Steps of Gauss–Newton over all frames; by values over time each of them saves more than a round of L-BFGS."""
 
 PATIENCE = Patience(1, 1e-3, 1e-3)
 """A step of it that saves less than this fraction of the cost is the last."""
 
-POLLS = 3
+POLL_STEPS = 3
 """How often points around the end of a window are polled."""
 
 PAYS = 0.01
@@ -59,7 +59,7 @@ PAYS = 0.01
 
 def in_a_round(own: Search) -> None:
     """A short descent, enough for a comparison. Raises Stop."""
-    if not settled(own):
+    if not minimised(own):
         preconditioned.one_round(own, preconditioned.metric(preconditioned.for_metric(own), own.y))
 
 
@@ -69,7 +69,7 @@ def to_the_minimum(own: Search) -> None:
         preconditioned.minimise(own)
         return
     before = np.inf
-    while own.best.cost < (1.0 - PAYS) * before and not settled(own):
+    while own.best.cost < (1.0 - PAYS) * before and not minimised(own):
         before, root = own.best.cost, preconditioned.metric(preconditioned.for_metric(own), own.y)
         if root is None:
             preconditioned.minimise(own)
@@ -77,30 +77,30 @@ def to_the_minimum(own: Search) -> None:
             preconditioned.one_round(own, root, preconditioned.ROUND)
 
 
-def settled(own: Search) -> bool:
+def minimised(own: Search) -> bool:
     """Whether a few steps of Gauss–Newton come to the minimum, which they do only where few values are fitted. Raises
     Stop.
     """
     whole, part = Trajectory(own, own.objective), preconditioned.for_metric(own)
     if not (is_for_few(own) and part.fits()):
         return False
-    problem = replace(whole.problem(preconditioned.SETTLED, PATIENCE), model=part.model, widths=part.widths)
-    status, steps = Status.STALLED, STEPS_OVER_TIME if over_time(own) else STEPS
+    problem = replace(whole.problem(preconditioned.STATIONARY, PATIENCE), model=part.model, widths=part.widths)
+    status, steps = Status.STALLED, STEPS_KEYED if keyed_values(own) else STEPS
     with contextlib.suppress(Diverged), np.errstate(over="ignore", invalid="ignore"):
         status = gauss_newton.minimise(problem, own.y, none(part.size), iterations=steps)[2]
     if status == Status.CONVERGED:
-        own.settled = own.best.p
-    return own.is_settled
+        own.stationary = own.best.p
+    return own.is_stationary
 
 
 def is_for_few(own: Search) -> bool:
     """Whether a search is of few values, has a point, and has time."""
-    others = int(own.fitted.sum()) - over_time(own)
-    few = others <= FEW_VALUES and over_time(own) <= FEW_OVER_TIME
+    others = int(own.fitted.sum()) - keyed_values(own)
+    few = others <= FEW_VALUES and keyed_values(own) <= FEW_KEYED
     return bool(few and np.isfinite(own.best.cost) and not own.is_late)
 
 
-def over_time(own: Search) -> int:
+def keyed_values(own: Search) -> int:
     """How many values of a search are those of keys."""
     return sum(int(own.fitted[block.part].sum()) for block in own.objective.blocks if block.name == "gusts")
 
@@ -113,7 +113,7 @@ a long fit.
 WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
 """Relative savings that end a window."""
 
-TOUCHING_GROWTH, TOUCHING_SAVING, TOUCHING = 1.3, 1e-4, Patience(1, 1e-4, 1e-4)
+CONTACT_GROWTH, CONTACT_SAVING, CONTACT_PATIENCE = 1.3, 1e-4, Patience(1, 1e-4, 1e-4)
 """The ratio of one window to the one before, and the savings that end one, where a cloth may touch colliders: each
 contact that switches narrows the valley of the minimum. A window must end within that of the next one, and the noise of
 a target hides much of what it shows.
@@ -140,13 +140,13 @@ def through_windows(
         own.enter("windows", window)
         if own.is_late or not own.has_time(pace * window.steps) or not np.isfinite(part.cost(y)):
             break
-        most = LATER_STEPS if number and not touches(window) else FIRST_STEPS
+        most = LATER_STEPS if number and not may_touch(window) else FIRST_STEPS
         y = some_steps(part, y, most // (2 if is_long(own) else 1))
-        if touches(window) and not is_long(own):
+        if may_touch(window) and not is_long(own):
             y = beyond_switches(part, y, most)
         pace = (own.progress.computing - began) / window.steps
         own.visit(own.parameters(y))
-        if part.cost(y) > bar**2 * window.still:
+        if part.cost(y) > bar**2 * window.cost_at_rest:
             break
         if reproduced is not None:
             reproduced.append((window, own.parameters(y)))
@@ -155,7 +155,7 @@ def through_windows(
 
 def some_steps(part: Trajectory, y: Array, most: int) -> Array:
     """Where some steps of Gauss–Newton on a window lead from y (Q,). Raises Diverged."""
-    ends = (TOUCHING_SAVING, TOUCHING) if touches(part.objective) else (WINDOW_SAVING, HASTY)
+    ends = (CONTACT_SAVING, CONTACT_PATIENCE) if may_touch(part.objective) else (WINDOW_SAVING, HASTY)
     return continuation.some_steps(part, y, most, *ends)
 
 
@@ -164,8 +164,8 @@ def beyond_switches(part: Trajectory, y: Array, most: int) -> Array:
     its way: along the axes of M = V diag(μ) Vᵀ = H / c + 1 / w², y ± r vᵢ / √μᵢ, with the cost c and the widths w.
     """
     lower, upper = part.bounds
-    for _ in range(POLLS):
-        if part.cost(y) <= CLOSE**2 * part.objective.still or part.search.is_late:
+    for _ in range(POLL_STEPS):
+        if part.cost(y) <= CLOSE**2 * part.objective.cost_at_rest or part.search.is_late:
             break
         model = part.model(y)
         values, axes = np.linalg.eigh(model.H / model.cost + np.diag(1.0 / part.own_widths**2))
@@ -182,13 +182,13 @@ def beyond_switches(part: Trajectory, y: Array, most: int) -> Array:
 def windows_of(objective: Objective) -> list[Objective]:
     """The objective over the first frames, over more and more, all of them left out."""
     first = objective.first_step + FIRST_WINDOW * frame_steps(objective)
-    if touches(objective):
-        lengths = window_lengths(first, objective.steps + 1, TOUCHING_GROWTH)[:-1]
+    if may_touch(objective):
+        lengths = window_lengths(first, objective.steps + 1, CONTACT_GROWTH)[:-1]
         return [objective.until(frames, objective.tolerance) for frames in lengths]
     return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1)[:-1]]
 
 
-def touches(objective: Objective) -> bool:
+def may_touch(objective: Objective) -> bool:
     """Whether a cloth may touch something."""
     return objective.scene.obstacles > 0 or objective.scene.self_contact is not None
 
@@ -215,11 +215,11 @@ SHARE, SPAN = 0.2, 0.2
 """Share of the error that the twins must be apart, and of all steps that must be reproduced."""
 
 
-def begins(objective: Objective, exact: Sequence[tuple[Objective, Array]]) -> int:
+def steps_before_chaos(objective: Objective, exact: Sequence[tuple[Objective, Array]]) -> int:
     """The steps that are reproduced before rounding decides, from windows with the values (P,) that do so; 0 where it
     does not decide, or they are too few.
     """
-    good = [(window, p) for window, p in exact if window.cost_or_infinity(p) <= EXACT**2 * window.still]
+    good = [(window, p) for window, p in exact if window.cost_or_infinity(p) <= EXACT**2 * window.cost_at_rest]
     if not good or len(good) < len(exact) or len(objective.experiments) > 1:
         return 0
     window, p = good[-1]

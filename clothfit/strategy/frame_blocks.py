@@ -46,7 +46,7 @@ from clothfit.optimise.trajectory import Kept
 from clothfit.scene.fit_vector import of_kinds, with_parameters
 from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
-from clothfit.strategy.continuation import Even, through_pulls
+from clothfit.strategy.continuation import Even, through_nudging
 
 PAYS = 0.3
 """Share of the cost that is worth another direction at once. What a wrong model leaves is so alike from frame to frame,
@@ -204,9 +204,9 @@ def ended_without(own: Search, left: Flags) -> BestSoFar:
     whole = np.zeros(len(own.fitted), bool)
     whole[own.fitted] = left
     start = np.where(whole, own.origin, own.best.p)
-    other = own.beside(own.objective, start, np.inf)
+    other = own.subsearch(own.objective, start, np.inf)
     other.fitted, other.origin = own.fitted & ~whole, own.origin
-    through_pulls(other, (0.0,))
+    through_nudging(other, (0.0,))
     return other.best
 
 

@@ -136,18 +136,18 @@ SELF_STARTING = ("auto", "momentum")
 
 
 def first_point(
-    objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str
+    objective: Objective, start: float | Array | Scene | None, twin: bool, method: str
 ) -> tuple[Array, float, list[str]]:
     """The first point (P,) of a method, its cost, as far as that is known, else infinite, and warnings; `start` is what
     the user gives.
 
-    `hidden`: the scene's own values are the truth, which the fit may not know. Raises InvalidInput as `choose_start`.
+    `twin`: the scene's own values are the truth, which the fit may not know. Raises InvalidInput as `choose_start`.
     """
     scene = objective.scene
-    if hidden and start is None and method in SELF_STARTING:
+    if twin and start is None and method in SELF_STARTING:
         p = np.where(objective.identifiable, fabric(scene), parameters(scene))
         return p, np.inf, start_warnings(objective, p)
-    p = choose_start(objective, start, hidden)
+    p = choose_start(objective, start, twin)
     warnings = start_warnings(objective, p)
     cost = objective.cost_or_infinity(p)
     if not np.isfinite(cost):
@@ -157,21 +157,21 @@ def first_point(
     return p, cost, warnings
 
 
-def choose_start(objective: Objective, start: float | Array | Scene | None, hidden: bool) -> Array:
+def choose_start(objective: Objective, start: float | Array | Scene | None, twin: bool) -> Array:
     """Starting values (P,) of all parameters. Raises InvalidInput when they are not numbers within the bounds."""
     scene = objective.scene
-    if hidden and start is None:
+    if twin and start is None:
         return np.where(identifiable(scene), neutral_start(objective), parameters(scene))
-    return start_of(scene, start, hidden)
+    return start_of(scene, start, twin)
 
 
-def start_of(scene: Scene, start: float | Array | Scene | None, hidden: bool = False) -> Array:
+def start_of(scene: Scene, start: float | Array | Scene | None, twin: bool = False) -> Array:
     """What is given as a start as values (P,); those of the scene where nothing is. Raises InvalidInput."""
     if start is None:
         return parameters(scene)
     if isinstance(start, Scene):
         return parameters(start, flags=scene)
-    return given_start(scene, start, neutral(scene) if hidden else parameters(scene))
+    return given_start(scene, start, neutral(scene) if twin else parameters(scene))
 
 
 def given_start(scene: Scene, start: float | Array, others: Array) -> Array:
@@ -207,16 +207,16 @@ def neutral_start(objective: Objective) -> Array:
     return best_scales(objective, (fabric(objective.scene), neutral(objective.scene)))[0]
 
 
-def other_starts(objective: Objective, start: Array, hidden: bool, given: bool = False) -> list[Array]:
+def other_starts(objective: Objective, start: Array, twin: bool, given: bool = False) -> list[Array]:
     """Values (P,) to try beside the `start` (P,), best first: in the proportions of a fabric, equal ones, and, where
-    the scene's values are not `hidden`, in those of the start, with the start's values of the other kinds; of a start
+    the scene's values are not `twin`, in those of the start, with the start's values of the other kinds; of a start
     that the user has `given` only in its own.
     """
     scene = objective.scene
     if given:
         return best_scales(objective, [start])
     patterns = [fabric(scene), neutral(scene)]
-    if not hidden:
+    if not twin:
         patterns = [start, *(np.where(of_kinds(scene, LETTERED), p, start) for p in patterns)]
     return best_scales(objective, patterns)
 

@@ -1,7 +1,7 @@
 """The choice of a time step: how many steps to a frame of the target, and by which integrator.
 
 A step as long as a frame damps more than most targets do, and no values make up for that. So models of few values
-(`ladder`) come to their target by `continuation`: by one step of implicit Euler to a frame, then by two, then by the
+(`hierarchy`) come to their target by `continuation`: by one step of implicit Euler to a frame, then by two, then by the
 scene's own step, which comes first near the target, and by K = 2, 4 … steps of BDF2 or of implicit Euler, each from the
 best values before. Finer models come before the shorter steps, which then start from their maps. It ends where two
 finer steps in a row do not pay, or the time is up; what comes nearest is kept. A target that the scene's own step
@@ -29,11 +29,11 @@ from clothfit.optimise import momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.kinds import INTEGRATORS
-from clothfit.strategy import continuation, ladder
+from clothfit.strategy import continuation, hierarchy
 from clothfit.strategy.auto import balances_can_hold, by_momentum
 from clothfit.strategy.continuation import ROUNDING, frame_interval, with_substeps
 from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
-from clothfit.strategy.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_explain
+from clothfit.strategy.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_leave_noise
 
 LONGEST, CLOSE, LONGEST_TRIAL = 25.0, 12.0, 10.0
 """Seconds of computing that a choice may take, those more where coarse steps come close, from where finer models soon
@@ -58,7 +58,7 @@ MAPS = 1.5
 FINER = 2.5
 """Times that a trial takes as long as one with steps twice as long, and more of them."""
 
-LOOK, MOMENT = 4, 4.0
+FINE_SUBSTEPS, FINE_SECONDS = 4, 4.0
 """Steps to a frame with which a look at finer steps is taken, and the seconds of computing that it may take."""
 
 EVALUATIONS = 10_000
@@ -86,7 +86,7 @@ class Stepped(NamedTuple):
     p: Array  # (P,), the best values of a model of few
     cost: float  # there
     tried: tuple[Step, ...]
-    explained: bool  # whether the motion is the target's but for noise
+    leaves_noise: bool  # whether the motion is the target's but for noise
 
 
 class Trial:
@@ -113,7 +113,7 @@ class Trial:
         count = max(round(frame_interval(given) / scene.delta), 1)
         return Step(count, INTEGRATORS[scene.method], self.rmse, self.seconds)
 
-    def look(self) -> None:
+    def try_step(self) -> None:
         """Try whether the step explains the target: by the balances of momentum, which an exact target of that step
         fulfils, and in the first frames by single values and by few.
         """
@@ -124,17 +124,17 @@ class Trial:
             balances = momentum.Momentum(objective, search.start, search.fitted)
             if momentum.fits(objective) and balances_can_hold(search, balances, first_frames(objective)):
                 by_momentum(search, search.start, momentum.TREATMENTS[:1], balances=balances)
-            single = ladder.model_of(objective.scene) == "L"
-            self.explains = is_near(search) or search.proven is not None or (single and may_explain(search, None))
+            single = hierarchy.model_of(objective.scene) == "L"
+            self.explains = is_near(search) or search.proven is not None or (single and may_leave_noise(search, None))
             if not (self.explains or single):
-                ladder.carried(search, ladder.part_of(search, model, search.start), by_windows_of_noise)
+                hierarchy.run_subproblem(search, hierarchy.subproblem(search, model, search.start), by_windows_of_noise)
 
         self.run(look)
-        self.explains = not self.ended and (self.explains or is_enough(self.search))
+        self.explains = not self.ended and (self.explains or is_best_possible(self.search))
 
     def arrive(self, model: str, p: Array, method: Callable[[Search], object]) -> None:
         """Fit a model by a method, from p (P,)."""
-        self.run(lambda own: ladder.carried(own, ladder.part_of(own, model, p), method))
+        self.run(lambda own: hierarchy.run_subproblem(own, hierarchy.subproblem(own, model, p), method))
 
     def run(self, method: Callable[[Search], object]) -> None:
         """Let a method search; whatever ends it ends the trial alone."""
@@ -165,20 +165,21 @@ def chosen(root: Search, counts: Sequence[int], origin: Objective | None = None,
     that was changed. Without `finer` the coarsest model alone is fitted.
     """
     origin, own = origin or root.objective, Trial(root, first=True)
-    own.look()
+    own.try_step()
     if own.explains or own.ended:
         made, best = [own], own
     else:
         root.longest = root.progress.computing + LONGEST
-        made, best = compared(own, root.start, counts, origin, ladder.models(root.objective.scene)[1:] if finer else [])
+        models = hierarchy.models(root.objective.scene)[1:] if finer else []
+        made, best = compared(own, root.start, counts, origin, models)
     if best.chosen == (1, IMPLICIT):  # solved as tightly as a fit does
         p = best.search.best.p
-        best = Trial(root.beside(with_substeps(origin, 1, IMPLICIT), p, np.inf), best.chosen)
+        best = Trial(root.subsearch(with_substeps(origin, 1, IMPLICIT), p, np.inf), best.chosen)
         best.run(lambda search: search.visit(p))
         best = best if np.isfinite(best.search.best.cost) else own  # it was interrupted
-    explained = own.explains or is_enough(best.search)
+    no_better = own.explains or is_best_possible(best.search)
     found, tried = best.search.best, tuple(each.step for each in made)
-    return Stepped(best.search.objective, best.chosen, found.p, found.cost, tried, explained)
+    return Stepped(best.search.objective, best.chosen, found.p, found.cost, tried, no_better)
 
 
 def compared(
@@ -189,23 +190,23 @@ def compared(
     with coarse steps, or of the best step before.
     """
     root, objective = own.search, own.search.objective
-    model, finer = ladder.models(objective.scene)[0], [each for each in finer if each != "L"]
+    model, finer = hierarchy.models(objective.scene)[0], [each for each in finer if each != "L"]
     is_coarse = objective.scene.method == IMPLICIT and own.step.substeps == 1
     rough, step = (objective, None) if is_coarse else (continuation.coarse(origin), (1, IMPLICIT))
-    coarse = own if is_coarse else Trial(root.beside(rough, start, np.inf), step)
+    coarse = own if is_coarse else Trial(root.subsearch(rough, start, np.inf), step)
     coarse.arrive(model, start, continuation.from_afar)
     root.longest += CLOSE if is_close(coarse.search) else 0.0
     made, freer = [coarse], with_finer(coarse, finer)
     for step in steps_of(made, counts, own, origin):
         best = nearest(made)
         late = root.progress.computing + min(FINER * made[-1].seconds, LONGEST_TRIAL) > root.longest
-        if (late and len(made) > 1) or made[-1].ended or is_enough(best.search) or is_poor(made):
+        if (late and len(made) > 1) or made[-1].ended or is_best_possible(best.search) or is_poor(made):
             break
         p = (freer if best is coarse else best).search.best.p
-        made.append(own if step is None else Trial(root.beside(with_substeps(origin, *step), p, np.inf), step))
+        made.append(own if step is None else Trial(root.subsearch(with_substeps(origin, *step), p, np.inf), step))
         if step is None and is_close(best.search):
             own.arrive(model, start, through_windows_to_the_minimum)
-        made[-1].arrive(model, p, through_pulls_to_the_minimum)
+        made[-1].arrive(model, p, through_nudging_to_the_minimum)
     if not (1 in counts or is_coarse):
         made = made[1:] or [own]  # coarse steps are the way alone
     best = nearest(made)
@@ -220,7 +221,7 @@ def compared(
 def with_finer(trial: Trial, models: Sequence[str]) -> Trial:
     """The trial of finer models with the step of another one, from its best values."""
     own = trial.search
-    found = Trial(own.beside(own.objective, own.best.p, own.best.cost), trial.chosen)
+    found = Trial(own.subsearch(own.objective, own.best.p, own.best.cost), trial.chosen)
     go_on(found, models)
     return found
 
@@ -228,8 +229,8 @@ def with_finer(trial: Trial, models: Sequence[str]) -> Trial:
 def go_on(trial: Trial, models: Sequence[str]) -> None:
     """Fit models from the best values of a trial, one after the other, as far as their steps are quick."""
     for model in models:
-        if ladder.is_quick(ladder.part_of(trial.search, model, trial.search.best.p)):
-            trial.arrive(model, trial.search.best.p, continuation.through_weak_pulls)
+        if hierarchy.is_quick(hierarchy.subproblem(trial.search, model, trial.search.best.p)):
+            trial.arrive(model, trial.search.best.p, continuation.through_weak_nudging)
 
 
 def shorter(
@@ -239,11 +240,11 @@ def shorter(
     """The trial of a model `by` steps half as long, of either method, from the best values of a search; None where it
     is no nearer, or there is no time. Methods that were `tried` with a coarser model come last.
     """
-    own, took = Trial(search), search.rungs[-1].seconds
+    own, took = Trial(search), search.levels[-1].seconds
     count, known = 2 * own.step.substeps, [(each.substeps, each.integrator) for each in tried]
     for step in sorted([(count, IMPLICIT), (count, BDF2)], key=lambda step: (step[0], INTEGRATORS[step[1]]) in known):
         if count in counts and search.has_time(min(took, LONGEST_TRIAL)):
-            trial = Trial(search.beside(by(step), search.best.p, np.inf), step)
+            trial = Trial(search.subsearch(by(step), search.best.p, np.inf), step)
             go_on(trial, [model])
             if trial.rmse < (1.0 - PAYS) * own.rmse:
                 return trial
@@ -281,7 +282,7 @@ def by_windows_of_noise(own: Search) -> None:
     first = windows_of(own.objective)[:1]
     if own.fitted.sum() <= FEW_VALUES and first:
         p = through_windows(own, slice(0, 1))
-        if first[0].cost_or_infinity(p) < UNLIKE**2 * first[0].still or is_noise(first[0], p):
+        if first[0].cost_or_infinity(p) < UNLIKE**2 * first[0].cost_at_rest or is_noise(first[0], p):
             own.visit(through_windows(own, slice(1, None)))
             to_the_minimum(own)
 
@@ -292,7 +293,7 @@ def by_exact_windows(own: Search, exact: list[tuple[Objective, Array]]) -> None:
     """
     if own.fitted.sum() <= FEW_VALUES:
         through_windows(own, bar=NEAR_ERROR, reproduced=exact)
-        if own.best.cost < UNLIKE**2 * own.objective.still:
+        if own.best.cost < UNLIKE**2 * own.objective.cost_at_rest:
             to_the_minimum(own)
 
 
@@ -303,15 +304,15 @@ def through_windows_to_the_minimum(own: Search) -> None:
         in_a_round(own)
 
 
-def through_pulls_to_the_minimum(own: Search) -> None:
+def through_nudging_to_the_minimum(own: Search) -> None:
     """Come from values that another step has found nearly to the minimum. Raises Stop."""
-    continuation.through_pulls(own)
+    continuation.through_nudging(own)
     in_a_round(own)
 
 
 def is_close(search: Search) -> bool:
     """Whether a search has come so near that windows from the start may lead to the minimum."""
-    return search.best.cost < continuation.NEAR**2 * search.objective.still
+    return search.best.cost < continuation.NEAR**2 * search.objective.cost_at_rest
 
 
 def nearest(made: Sequence[Trial]) -> Trial:
@@ -341,8 +342,9 @@ def is_own(objective: Objective, origin: Objective, count: int) -> bool:
 
 def few_valued(objective: Objective) -> list[str]:
     """The coarsest model of an objective, and those after it that have few values as well."""
-    first, *others = ladder.models(objective.scene)
-    return [first, *(model for model in others if ladder.count(ladder.as_model(objective.scene, model)) <= FEW_VALUES)]
+    first, *others = hierarchy.models(objective.scene)
+    counts = {model: hierarchy.count(hierarchy.as_model(objective.scene, model)) for model in others}
+    return [first, *(model for model, count in counts.items() if count <= FEW_VALUES)]
 
 
 def finer(objective: Objective, p: Array) -> float | None:
@@ -350,12 +352,12 @@ def finer(objective: Objective, p: Array) -> float | None:
     pays; None where it is not, or where a moment's look does not find it.
     """
     now = objective.rmse(objective.cost(p))
-    if seconds_of(objective, p) * LOOK * EXPECTED > MOMENT:
+    if seconds_of(objective, p) * FINE_SUBSTEPS * EXPECTED > FINE_SECONDS:
         return None
-    search = Search(with_substeps(objective, LOOK, BDF2), p, 0.0, EVALUATIONS)
-    search.longest = MOMENT
+    search = Search(with_substeps(objective, FINE_SUBSTEPS, BDF2), p, 0.0, EVALUATIONS)
+    search.longest = FINE_SECONDS
     with contextlib.suppress(Stop, Diverged, InvalidInput, interrupts.OutOfTime):
-        ladder.stage(search, ladder.models(objective.scene)[0], [p], rough=True)
+        hierarchy.stage(search, hierarchy.models(objective.scene)[0], [p], rough=True)
     found = search.objective.rmse(search.best.cost)
     return found if found < (1.0 - PAYS) * now else None
 
@@ -368,7 +370,7 @@ def seconds_of(objective: Objective, p: Array) -> float:
     return clock() - began
 
 
-def is_enough(search: Search) -> bool:
+def is_best_possible(search: Search) -> bool:
     """Whether the step can be no better: the motion is the target's but for noise. A request to end counts as no, and
     is heard by the next simulation.
     """

@@ -32,7 +32,7 @@ from clothfit.optimise.prior import Prior
 from clothfit.optimise.search import Search
 from clothfit.strategy.continuation import nudged
 
-PULLS = (3.0, 1.0, 0.3, 0.0)
+NUDGES = (3.0, 1.0, 0.3, 0.0)
 """ω of the springs, in radians per frame, one after the other."""
 
 BEYOND = 10
@@ -79,14 +79,14 @@ def through_forms(search: Search, y: Array, prior: Prior, fitted: Fitted) -> Hel
     whole = search.objective
     if any(meets_itself(run.system) for run in whole.runs):
         return None
-    last = last_of_first(whole.forms_along(nudged(whole, PULLS[0]), search.parameters(y)))
+    last = last_of_first(whole.forms_along(nudged(whole, NUDGES[0]), search.parameters(y)))
     if last is None:
         return None
     search.enter("forms of steps")
     part, held = whole.until(last + 1 + BEYOND), Held([], y, prior, np.inf)
-    for pull in PULLS:
-        held = best_forms(search, nudged(part, pull) if pull else part, part, held, fitted)
-    weak = nudged(whole, min(pull for pull in PULLS if pull))
+    for omega in NUDGES:
+        held = best_forms(search, nudged(part, omega) if omega else part, part, held, fitted)
+    weak = nudged(whole, min(omega for omega in NUDGES if omega))
     later = whole.forms_along(weak, search.parameters(held.y))
     forms = [joined(own, its) for own, its in zip(held.forms, later, strict=True)]
     trials = Trials(search, whole, fitted)

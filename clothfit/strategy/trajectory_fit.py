@@ -6,7 +6,7 @@ else the matrix-free method, else L-BFGS-B.
 
 Where what a window finds makes the next longer one worse, small differences grow along it: a compressed cloth buckles
 one way or the other, and its steps switch their form. Then springs pull the whole motion to its target, strongly, and
-then weakly (`pulls`): such a motion forgets what was wrong before, and hardly ever takes another form than its target.
+then weakly (`NUDGES`): such a motion forgets what was wrong before, and hardly ever takes another form than its target.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import matrix_free, scipy_methods
 from clothfit.optimise.checkpoint import State
-from clothfit.optimise.gauss_newton import PATIENT, SMALL, Model, Patience, minimise
+from clothfit.optimise.gauss_newton import PATIENT, SMALL_GAIN, Model, Patience, minimise
 from clothfit.optimise.prior import FIRST_TAU, Prior, none
 from clothfit.optimise.search import SAME_POINT, Descent, Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
-from clothfit.strategy.continuation import Enough, can_nudge, nudged
+from clothfit.strategy.continuation import StepLimit, can_nudge, nudged
 from clothfit.strategy.step_forms import Held, through_forms
 
 NEAR_ERROR = 2e-3
@@ -68,7 +68,7 @@ LONG_POSITIONS = 100_000
 those of all, has looser stages before the last one, and ends early where the motion stays far from its target.
 """
 
-PULLS, PULLED_ITERATIONS = (3.0, 0.3), 12
+NUDGES, NUDGED_ITERATIONS = (3.0, 0.3), 12
 """ω of the springs that pull motions to their target, in radians per frame, one after the other; and the iterations of
 Gauss–Newton with each.
 """
@@ -76,10 +76,10 @@ Gauss–Newton with each.
 SAME_COST = 1e-3
 """Relative difference of costs at one minimum."""
 
-LOOK_FRAMES = 30
+TRIAL_FRAMES = 30
 """Steps after the first that shows something, in which a look finds whether single values may explain a target."""
 
-LOOK_SECONDS = 8.0
+TRIAL_SECONDS = 8.0
 """Seconds of computing that it may take. Where a model is right, Gauss–Newton comes to the noise of so few frames in a
 few steps.
 """
@@ -121,7 +121,7 @@ def go_on(search: Search, state: State, tau: float | None, watched: bool = False
     prior = resumed_prior(search, state, tau)
     search.best.found_with(best_prior(search, state, tau))
     *found, last = stages(search, False, windows=True)
-    last = last._replace(patience=last.patience._replace(flat=SMALL))  # it may begin where no step lowers the cost
+    last = last._replace(patience=last.patience._replace(flat=SMALL_GAIN))  # as no step may lower the cost
     left = [stage for stage in found if stage.objective.frames >= state.window and not state.radius] + [last]
     descent = Descent(prior, state.y, state.radius, state.window, state.before, state.before_cost)
     status = by_stages(search, descent, left, watched)
@@ -165,23 +165,23 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
     search is never worse than before. Raises Stop, and ModelDiffers where it is `watched`.
     """
     routes, status = [Route(list(parts), descent.y, descent.prior)], Status.STALLED
-    may_turn = bool(parts) and may_pull(search)
+    may_turn = bool(parts) and may_nudge(search)
     while routes:
         route, before, known = routes.pop(0), search.best.p, search.best.cost
-        ended, y, astray = along(search, descent, route, watched, may_turn)
+        ended, y, remaining = along(search, descent, route, watched, may_turn)
         descent = descent._replace(radius=0.0, window=0)
         if search.best.p is not before or status == Status.STALLED:
             status = ended
-        if astray is not None:
+        if remaining is not None:
             last, may_turn = [parts[-1]], False
-            found = pulled(search, descent.prior) if not watched or may_explain(search, None) else None
-            if watched and found is None and astray.differs:
+            found = by_nudging(search, descent.prior) if not watched or may_leave_noise(search, None) else None
+            if watched and found is None and remaining.differs:
                 raise ModelDiffers
             routes = [Route(last, y, prior, learned=True) for y, prior in found or []]
-            routes += [astray] if astray.stages else []
+            routes += [remaining] if remaining.stages else []
         elif routes:
             cost = search.measure(search.parameters(y))  # two routes may have come to one minimum
-            if (np.isfinite(cost) and np.isclose(cost, known, rtol=SAME_COST, atol=0.0)) or is_explained(search):
+            if (np.isfinite(cost) and np.isclose(cost, known, rtol=SAME_COST, atol=0.0)) or leaves_noise(search):
                 break
     search.best.descent = None
     return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
@@ -218,7 +218,7 @@ def along(
         late = len(route.stages) < 2 or stage is route.stages[-2]
         other = watched and not whole and has_model(part) and differs(stage, search.parameters(found), status, late)
         best.belief = None
-        if may_turn and (other or not better or (whole and not is_near(search) and not is_explained(search))):
+        if may_turn and (other or not better or (whole and not is_near(search) and not leaves_noise(search))):
             return status, y, Route(list(route.stages[number + 1 :]), y, prior, differs=other or whole)
         if other:
             raise ModelDiffers
@@ -251,13 +251,13 @@ def has_model(part: Trajectory) -> bool:
     return part.operations() <= LARGEST and part.fits()
 
 
-def is_explained(search: Search) -> bool:
+def leaves_noise(search: Search) -> bool:
     """Whether what is left at the best point is noise."""
     test = residual_test(search.objective, search.best.p)
     return test is None or test.is_noise
 
 
-def pulled(search: Search, prior: Prior) -> list[tuple[Array, Prior]] | None:
+def by_nudging(search: Search, prior: Prior) -> list[tuple[Array, Prior]] | None:
     """Coordinates (Q,) that bring motions nearest to their target which springs pull there, more and more weakly, from
     the centre of a prior on, with the priors that were learned; those first with which the whole motion costs least
     without springs. None where more than noise is left with the strongest: the model cannot reproduce the target.
@@ -266,9 +266,9 @@ def pulled(search: Search, prior: Prior) -> list[tuple[Array, Prior]] | None:
     prior = replace(prior, tau=(FIRST_TAU,) * len(prior.tau)) if prior.learns else prior  # a resumed fit has another
     y, ends = np.clip(prior.centre, *Trajectory(search, search.objective).bounds), list[tuple[float, Array, Prior]]()
     first = y, prior
-    for pull in PULLS:
-        part = Trajectory(search, nudged(search.objective, pull))
-        stage = Stage(part.objective, least_saving(search, part.objective), PULLED_ITERATIONS, PATIENT)
+    for omega in NUDGES:
+        part = Trajectory(search, nudged(search.objective, omega))
+        stage = Stage(part.objective, least_saving(search, part.objective), NUDGED_ITERATIONS, PATIENT)
         search.enter("nudging", stage.objective)
         if not np.isfinite(part.cost(y)):  # explicit steps are unstable with the stiffest springs
             continue
@@ -279,7 +279,7 @@ def pulled(search: Search, prior: Prior) -> list[tuple[Array, Prior]] | None:
         held = with_forms(search, *first) if len(ends) == 1 else None
         if held is not None:
             ends.append((search.visit(search.parameters(held.y)), held.y, held.prior))
-            if is_explained(search):
+            if leaves_noise(search):
                 return [(held.y, held.prior)]
     return [(y, prior) for _, y, prior in sorted(ends, key=lambda end: end[0])]
 
@@ -300,20 +300,20 @@ def with_forms(search: Search, y: Array, prior: Prior) -> Held | None:
         return None
 
 
-def may_pull(search: Search) -> bool:
+def may_nudge(search: Search) -> bool:
     """Whether springs may pull the motions of a search to their target."""
     return can_nudge(search.objective) and not is_long(search)
 
 
-def may_explain(search: Search, tau: float | None) -> bool:
+def may_leave_noise(search: Search, tau: float | None) -> bool:
     """Whether what single values leave of the first frames may be noise, where springs pull these to their target: what
     is wrong with a model shows there, what a motion makes of small differences does not. One that takes too long says
     no. Raises Stop.
     """
-    if not may_pull(search):
+    if not may_nudge(search):
         return False
-    frames = search.objective.first_step + LOOK_FRAMES
-    part = Trajectory(search, nudged(loosened(search.objective, frames), PULLS[0]))
+    frames = search.objective.first_step + TRIAL_FRAMES
+    part = Trajectory(search, nudged(loosened(search.objective, frames), NUDGES[0]))
     problem, y = part.problem(least_saving(search, part.objective)), part.y(search.best.p)
     if not (has_model(part) and np.isfinite(part.cost(y))):
         return False
@@ -322,12 +322,12 @@ def may_explain(search: Search, tau: float | None) -> bool:
 
     def accepted(prior: Prior, model: Model, radius: float) -> None:
         part.passed(prior, model, radius)
-        if search.progress.computing - began > LOOK_SECONDS:
-            raise Enough
+        if search.progress.computing - began > TRIAL_SECONDS:
+            raise StepLimit
 
     try:
         model, _, _ = minimise(problem, y, part.prior(y, tau), accepted, WINDOW_ITERATIONS)
-    except Enough:
+    except StepLimit:
         return False
     test = residual_test(part.objective, search.parameters(model.y))
     return test is not None and test.is_noise
@@ -348,7 +348,7 @@ def differs(stage: Stage, p: Array, status: Status, last: bool) -> bool:
     but for the `last` one.
     """
     part = stage.objective
-    if not (last or status == Status.CONVERGED) or part.cost_or_infinity(p) <= UNLIKE**2 * part.still:
+    if not (last or status == Status.CONVERGED) or part.cost_or_infinity(p) <= UNLIKE**2 * part.cost_at_rest:
         return False
     test = residual_test(part, p)
     return test is not None and not test.is_noise and test.structured > MOSTLY
@@ -409,9 +409,9 @@ def is_long(search: Search) -> bool:
 def is_near(search: Search, cost: float | None = None) -> bool:
     """Whether a cost, by default that of the best point, means that the motion is nearly the target's."""
     best = search.best.cost if cost is None else cost
-    return bool(np.isfinite(best)) and best < NEAR_ERROR**2 * search.objective.still
+    return bool(np.isfinite(best)) and best < NEAR_ERROR**2 * search.objective.cost_at_rest
 
 
 def is_far(search: Search) -> bool:
     """Whether the best point is so far from the target that the model cannot reproduce it."""
-    return search.best.cost > FAR_ERROR**2 * search.objective.still
+    return search.best.cost > FAR_ERROR**2 * search.objective.cost_at_rest

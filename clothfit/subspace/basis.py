@@ -25,8 +25,8 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import System
-from clothfit.subspace.carrier import relative
 from clothfit.subspace.recording import Data
+from clothfit.subspace.translation import relative
 
 MOST_FRAMES, WORK = 1500, 1e10
 """Frames that the decomposition sees, spread over all motions, and multiplications within which it sees more: those of

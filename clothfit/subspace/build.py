@@ -20,13 +20,13 @@ from clothfit.engine.system import build as build_system
 from clothfit.motion.motion import rms
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
-from clothfit.subspace import carrier, frames
-from clothfit.subspace.judge import FORGOTTEN, SOUGHT, bands, cost, floor, relative, whole
+from clothfit.subspace import frames, translation
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.march import roll
-from clothfit.subspace.physics.samples import Reduced, check, decode
-from clothfit.subspace.recording import TOLERANCE, Data
+from clothfit.subspace.physics.samples import Reduced, check_reducible, decode
+from clothfit.subspace.recording import SOLVE_TOLERANCE, Data
+from clothfit.subspace.validation import FORGOTTEN, SOUGHT, bands, cost, floor, relative, whole
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 
@@ -88,7 +88,7 @@ class Report:
     def judged(self, found: Fitness, part: Part, system: System, x: Array) -> None:
         """Keep how a recorded motion (frames, n, 3) is followed, with its floor where that matters."""
         self.sampled = found
-        self.floor = floor(part.basis, system, x, TOLERANCE) if found.relative > SOUGHT else 0.0
+        self.floor = floor(part.basis, system, x, SOLVE_TOLERANCE) if found.relative > SOUGHT else 0.0
 
 
 def build(
@@ -103,7 +103,7 @@ def build(
     parts, reports = [], []
     limits: dict[str, list[list[float]]] = {}
     for c in range(len(scene.cloths)):
-        check(build_system(scene, c, steps=1))
+        check_reducible(build_system(scene, c, steps=1))
         part, found = of_object(data, c, kept, options, limits, report)
         for e in beside:
             x, _ = data.motion(e, c)
@@ -176,10 +176,10 @@ def on_basis(
     """Of each recorded motion its run, the displacements (frames, n, 3), m, which frames are good, and the coordinates
     (frames, r).
     """
-    onto = carrier.projection(runs[0].basis, runs[0].system)
+    onto = translation.projection(runs[0].basis, runs[0].system)
     for run, episode in zip(runs, kept, strict=True):
         x, good = data.motion(episode, c)
-        yield run, x, good, carrier.coordinates(x, run.system, onto)
+        yield run, x, good, translation.coordinates(x, run.system, onto)
 
 
 def normals_of(data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced]) -> NDArray[np.float32]:
@@ -222,14 +222,14 @@ def widen(limits: dict[str, list[list[float]]], system: System) -> None:
             limits[name] = [np.minimum(before[0], low).tolist(), np.maximum(before[1], high).tolist()]
 
 
-def summary(found: Report) -> dict[str, Any]:
+def summary(report: Report) -> dict[str, Any]:
     """A report as JSON holds it."""
-    made: dict[str, Any] = {"vectors": found.vectors, "elements": found.elements, "errors": found.errors}
-    made |= {"us_per_frame": found.us_per_frame, "full_us_per_step": found.full_us_per_step}
-    made["floor"] = found.floor
-    made["left_out"] = {str(k): value for k, value in found.left_out.items()}
+    made: dict[str, Any] = {"vectors": report.vectors, "elements": report.elements, "errors": report.errors}
+    made |= {"us_per_frame": report.us_per_frame, "full_us_per_step": report.full_us_per_step}
+    made["floor"] = report.floor
+    made["left_out"] = {str(k): value for k, value in report.left_out.items()}
     for name in ("whole", "sampled"):
-        own = getattr(found, name)
+        own = getattr(report, name)
         made[name] = None if own is None else {"rmse": own.rmse, "relative_rmse": own.relative}
     return made
 

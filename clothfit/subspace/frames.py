@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.forces import spheres, touch
+from clothfit.engine.forces import collider_rows, spheres
 from clothfit.engine.inputs.tables import set_frame
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
@@ -186,10 +186,10 @@ def out_of_colliders(colliders, x, i, distance):
     for c in range(len(colliders.rows)):
         own = colliders.rows[c]
         p = pack(x[i, 0], x[i, 1], x[i, 2], 0.0)
-        delta, _, _, inner, _, _ = touch.measured(colliders.bodies, own, i, p)
+        delta, _, _, inner, _, _ = collider_rows.measured(colliders.bodies, own, i, p)
         depth = distance - delta
         if depth > 0.0:
-            n = touch.outward(own, inner)
+            n = collider_rows.outward(own, inner)
             x[i, 0] += depth * lane0(n)
             x[i, 1] += depth * lane1(n)
             x[i, 2] += depth * lane2(n)

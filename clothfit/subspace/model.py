@@ -6,7 +6,7 @@ and the elements that its steps evaluate with their weights: `springs{c}`, `spri
 `face_weight{c}`, `vertices{c}`, `vertex_weight{c}`; `envelope{c}` (2, r), the least and largest coordinates of the
 recorded motions; and where it was asked for `normals{c}` (n, 3, 1 + r), single precision (`frames`). Where that was
 asked for, bases and normals have half precision. A network has none of the elements, and the arrays of
-`network.weights`. For players that read no scenes there are the arrays of `Still`, which this program ignores.
+`network.weights`. For players that read no scenes there are the arrays of `InitialState`, which this program ignores.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import Data, write_atomically
 from clothfit.engine.system import build
 from clothfit.scene.scene import Scene, load
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 from clothfit.subspace.network import weights
 from clothfit.subspace.network.weights import Network
 from clothfit.subspace.physics.samples import Selection
@@ -84,7 +84,7 @@ def arrays(model: Model) -> dict[str, Any]:
     scene = model.scene()
     for c, part in enumerate(model.parts):
         found[f"basis{c}"] = part.basis.astype(part.precision)
-        found |= {f"{name}{c}": array for name, array in still(scene, c, part.basis)._asdict().items()}
+        found |= {f"{name}{c}": array for name, array in initial_state(scene, c, part.basis)._asdict().items()}
         found[f"envelope{c}"] = part.envelope
         for name, value in part.chosen._asdict().items():
             found[f"{name}{c}"] = value
@@ -121,7 +121,7 @@ def load_model(path: str | os.PathLike[str]) -> Model:
     except (*npz.FAULTS, KeyError, TypeError, AttributeError, IndexError) as error:
         why = getattr(error, "strerror", None)
         raise InvalidInput(f"{name}: {why}" if why else f"{name}: it is no model of clothfit subspace build") from None
-    check(model, name)
+    check_arrays(model, name)
     return model
 
 
@@ -134,11 +134,11 @@ def _part(file: IO[bytes], c: int, about: dict[str, Any]) -> Part:
     pairs = zip(Selection._fields[::2], Selection._fields[1::2], strict=True)
     chosen = Selection(*(array for index, weight in pairs for array in (of(index, np.int32), of(weight))))
     normals = of("normals", np.float32) if f"normals{c}" in found else None
-    network = weights.read(file, about["networks"][c], c) if about["method"] == NETWORK else None
+    network = weights.read_network(file, about["networks"][c], c) if about["method"] == NETWORK else None
     return Part(of("basis"), chosen, of("envelope"), normals, network, found[f"basis{c}"].dtype == np.float16)
 
 
-def check(model: Model, name: str) -> None:
+def check_arrays(model: Model, name: str) -> None:
     """Raise InvalidInput where the arrays do not fit the scene."""
     scene = model.scene()
     fits = len(scene.cloths) == len(model.parts)
@@ -158,11 +158,11 @@ def check(model: Model, name: str) -> None:
         raise InvalidInput(f"{name}: its arrays do not fit its scene; build it again")
 
 
-STAYS, CARRIED = -1, 0
+STAYS, TRANSLATED = -1, 0
 """Of `way`: a vertex that is fixed, and one that the mean of the pins carries; 1 + p follows pin p."""
 
 
-class Still(NamedTuple):
+class InitialState(NamedTuple):
     """An object at the start, which only the scene tells; the names of the fields are those of the arrays in MODEL."""
 
     start: NDArray[np.float32]  # x₀, (n, 3), m
@@ -176,12 +176,12 @@ class Still(NamedTuple):
         return max(0, int(self.way.max(initial=0)))
 
 
-def still(scene: Scene, c: int, basis: Array) -> Still:
+def initial_state(scene: Scene, c: int, basis: Array) -> InitialState:
     """Object c of a scene, with its basis (n, 3, r)."""
     system = build(scene, c, steps=1)
-    way = np.where(system.vertex.free, CARRIED, STAYS).astype(np.int32)
+    way = np.where(system.vertex.free, TRANSLATED, STAYS).astype(np.int32)
     if system.inputs is not None:
         way[system.inputs.pins] = 1 + np.arange(len(system.inputs.pins))
-    before = -system.h * carrier.start_velocity(system, basis)
+    before = -system.h * translation.start_velocity(system, basis)
     triangles = np.ascontiguousarray(scene.cloths[c].triangles, np.int32)
-    return Still(system.x0.astype(np.float32), before.astype(np.float32), triangles, way)
+    return InitialState(system.x0.astype(np.float32), before.astype(np.float32), triangles, way)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.errors import InvalidInput
-from clothfit.subspace.model import Model, Part, Still, still
+from clothfit.subspace.model import InitialState, Model, Part, initial_state
 from clothfit.subspace.network.weights import Network
 
 IR, OPERATORS = 7, 13
@@ -83,13 +83,13 @@ def files(model: Model) -> dict[str, bytes]:
     found, scene = {}, model.scene()
     for c, part in enumerate(model.parts):
         number = "" if len(model.parts) == 1 else str(c)
-        found[f"decode{number}.onnx"] = decoder(part, still(scene, c, part.basis))
+        found[f"decode{number}.onnx"] = decoder(part, initial_state(scene, c, part.basis))
         if part.network is not None:
-            found[f"step{number}.onnx"] = step(part.network, still(scene, c, part.basis))
+            found[f"step{number}.onnx"] = step(part.network, initial_state(scene, c, part.basis))
     return found
 
 
-def decoder(part: Part, own: Still) -> bytes:
+def decoder(part: Part, own: InitialState) -> bytes:
     """The graph of positions, and of normals by regression."""
     n, r = len(part.basis), part.basis.shape[2]
     graph = Graph("decode")
@@ -128,7 +128,7 @@ def double(graph: Graph, single: str) -> str:
     return graph.node("Cast", single, to=DOUBLE)
 
 
-def step(own: Network, at_rest: Still) -> bytes:
+def step(own: Network, at_rest: InitialState) -> bytes:
     """The graph of a network's step."""
     graph = Graph("step")
     q1, q2 = (graph.input(name, own.r, kind=DOUBLE) for name in ("q1", "q2"))

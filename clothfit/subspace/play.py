@@ -26,7 +26,7 @@ from clothfit.engine.inputs.tables import Inputs
 from clothfit.engine.system import System, build
 from clothfit.motion.motion import Motion, in_scene
 from clothfit.scene.scene import Scene
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 from clothfit.subspace.frames import Decoder, push_all
 from clothfit.subspace.inputs import Ranges, episodes, varied
 from clothfit.subspace.model import Model, Part
@@ -167,7 +167,7 @@ WITHIN = 2.0 / 3.0
 
 
 @dataclass(frozen=True)
-class Crowded:
+class PlayedGroup:
     """What became of the instances."""
 
     coordinates: list[Array]  # of each object, (N, frames, r)
@@ -224,7 +224,7 @@ class Networks:
         self.before, self.now = self.now, np.clip(linear + layer, *own.range)
 
 
-class Crowd:
+class Instances:
     """N instances of one object of a model, at the start."""
 
     def __init__(self, model: Model, c: int, scenes: Sequence[Scene], steps: int) -> None:
@@ -253,7 +253,7 @@ class Crowd:
         for own, system in zip(x, self.runs.systems, strict=True):
             held = system.inputs
             if held is not None and held.path.size:
-                own[system.vertex.free] += carrier.shift(held, 1, self.t)[0].astype(np.float32)
+                own[system.vertex.free] += translation.shift(held, 1, self.t)[0].astype(np.float32)
                 own[held.pins] = held.path[self.t]
         return x
 
@@ -271,14 +271,14 @@ def kind_of(inputs: Inputs | None) -> Any:
     return tuple(len(getattr(inputs, name)) > 0 for name in ("wind", "gravity", "centre", "path")), len(inputs.pins)
 
 
-def play_all(model: Model, scenes: Sequence[Scene], frames: int) -> Crowded:
+def play_all(model: Model, scenes: Sequence[Scene], frames: int) -> PlayedGroup:
     """Play an instance of the model in each of some scenes. Raises Diverged, InvalidInput."""
     for scene in scenes:
         check_objects(model, scene)
-    crowds = [Crowd(model, c, scenes, frames - 1) for c in range(len(model.parts))]
-    found = [np.zeros((len(scenes), frames, each.q.shape[1])) for each in crowds]
+    groups = [Instances(model, c, scenes, frames - 1) for c in range(len(model.parts))]
+    found = [np.zeros((len(scenes), frames, each.q.shape[1])) for each in groups]
     spent = np.zeros(3)
-    for each, q in zip(crowds, found, strict=True):
+    for each, q in zip(groups, found, strict=True):
         each.normals(each.positions())  # compiled, and its memory touched
         for t in range(1, frames):
             times = [process_time()]
@@ -290,9 +290,9 @@ def play_all(model: Model, scenes: Sequence[Scene], frames: int) -> Crowded:
             spent += np.diff([*times, process_time()])
             q[:, t] = each.q
             interrupts.check()
-    said = {sentence.partition(",")[0]: sentence for each in crowds for sentence in each.said}  # one of each kind
+    said = {sentence.partition(",")[0]: sentence for each in groups for sentence in each.said}  # one of each kind
     us = 1e6 * spent / max(1, (frames - 1) * len(scenes))
-    return Crowded(found, list(said.values()), dict(zip(("state", "decode", "normals"), us.tolist(), strict=True)))
+    return PlayedGroup(found, list(said.values()), dict(zip(("state", "decode", "normals"), us.tolist(), strict=True)))
 
 
 def instances(model: Model, scene: Scene, count: int, frames: int, seed: int = 0) -> list[Scene]:
@@ -304,7 +304,7 @@ def instances(model: Model, scene: Scene, count: int, frames: int, seed: int = 0
     return [varied(scene, each) for each in own]
 
 
-def motion_in(model: Model, scene: Scene, found: Crowded, instance: int) -> Motion:
+def motion_in(model: Model, scene: Scene, found: PlayedGroup, instance: int) -> Motion:
     """The motion of one of the instances, which was played in a scene."""
     x = []
     for c, part in enumerate(model.parts):

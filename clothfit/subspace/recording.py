@@ -42,7 +42,7 @@ from clothfit.scene.scene import Scene, dumps, load
 from clothfit.subspace import inputs
 from clothfit.subspace.inputs import Episode, Ranges, varied
 
-TOLERANCE = 1e-6
+SOLVE_TOLERANCE = 1e-6
 """Of the linear systems, relative: what they miss a subspace would learn."""
 
 ALONE = 3_000_000
@@ -121,12 +121,12 @@ def motions(text: bytes, folder: str, own: Episode, steps: int, stem: str) -> li
     found = []
     for c in range(len(scene.cloths)):
         system = build(scene, c, steps=steps)
-        tape = Tape(system, steps, TOLERANCE)
+        tape = Tape(system, steps, SOLVE_TOLERANCE)
         x, good = np.zeros((steps + 1, len(system.x0), 3), np.float32), np.ones(steps + 1, bool)
         end = 1
         for part in tape.forward():
             x[part.first : part.first + part.steps + 1] = part.x - system.x0
-            good[part.first + 1 : part.first + 1 + part.steps] = (part.theta == 1.0) & ~part.clamped & ~part.early
+            good[part.first + 1 : part.first + 1 + part.steps] = (part.theta == 1.0) & ~part.clamped & ~part.predicted
             end = part.first + part.steps + 1
         end = end if tape.fault is None else tape.good + 1
         keep(stem, c, x[:end], good[:end])

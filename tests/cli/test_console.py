@@ -13,7 +13,7 @@ from rich.console import Console as Rich
 from clothfit.base.messages import metres
 from clothfit.cli.common import progress as shows
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.progress import BARS, CURVE_WIDTH, Pace, Shown, pace, progress, sparkline
+from clothfit.cli.common.progress import BARS, CURVE_WIDTH, Pace, PanelState, pace, progress, sparkline
 from clothfit.optimise.progress import Progress
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -140,7 +140,7 @@ def screen(shown, width=100):
 
 
 def test_the_panel_tells_all_there_is_to_know():
-    shown = Shown()
+    shown = PanelState()
     assert "looking at target and start" in screen(shown)
     for evaluations in range(1, 41):
         shown.update(far(evaluations))
@@ -154,7 +154,7 @@ def test_the_panel_tells_all_there_is_to_know():
 
 @pytest.mark.parametrize("width", [20, 76, 200])
 def test_the_panel_has_lines_of_one_length_that_fit(width):
-    shown = Shown(min(width, 76))
+    shown = PanelState(min(width, 76))
     shown.update(far(1)), shown.update(far(2))
     lengths = {len(line) for line in screen(shown, width).splitlines()}
     assert lengths == {min(width, 76)}
@@ -193,7 +193,7 @@ def test_the_pace_is_that_of_the_last_seconds_and_no_time_is_left_after_the_budg
 
 
 def test_the_panel_shows_roughly_what_the_trend_leaves():
-    shown = Shown()
+    shown = PanelState()
     for k in range(1, 41):  # to 1 by a factor e in 2 s, for 10 s
         shown.update(replace(far(k, window=100), cost=1.0 + 1e3 * math.exp(-0.125 * k)))
     # the cost is 7.7; in the last third it fell by 27.5, 3600 times its thousandth: 2 s · ln 3600 = 16 s are left

@@ -93,7 +93,7 @@ def test_no_force_is_above_its_bound():
 @pytest.mark.parametrize("costs", [Costs(), Costs(smooth=0.1, most=0.2, even=0.5)])
 def test_the_gradient_of_all_costs(flag, method, newton, costs, monkeypatch):
     """Against central differences, with springs, penalties and multipliers."""
-    monkeypatch.setattr(closed_loop, "TOLERANCE", 1e-14)
+    monkeypatch.setattr(closed_loop, "SOLVE_TOLERANCE", 1e-14)
     own = flag(method, delta=0.005, forwardSubSteps=newton)
     rng, held = np.random.default_rng(4), own.cloths[0].fixed
     pushed = ~held & np.isin(np.arange(12), [1, 5, 6, 9])

@@ -11,7 +11,7 @@ from helpers.physics import METHODS, full, relative, scene, sheet, thing, xyz
 from helpers.surfaces import block, body, sphere, torus
 from scipy.spatial import cKDTree
 
-from clothfit.engine.forces import bodies, touch
+from clothfit.engine.forces import bodies, collider_rows
 from clothfit.engine.forces import contact as forces
 from clothfit.engine.inputs import poses, sampling
 from clothfit.engine.inputs.body_files import body_of
@@ -38,7 +38,7 @@ def test_a_block_has_the_distances_of_a_box():
     one = around(block((0.5, 0.35, 0.35)), len(y), **placed, scale=xyz((2, 1, 3)))
     box = {"type": 3, "scale": xyz((1.0, 0.35, 1.05)), **placed}
     other = full(colliders=[{"friction": 0, **box}]).colliders
-    for found, expected in zip(touch.depths(one, y), touch.depths(other, y), strict=True):
+    for found, expected in zip(collider_rows.depths(one, y), collider_rows.depths(other, y), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
@@ -46,7 +46,7 @@ def test_distances_are_those_of_the_nearest_triangle_inside_and_outside_of_a_tor
     points, faces = torus(24, 16)
     own = around((points, faces), 400)
     y = np.random.default_rng(2).uniform(-1.5, 1.5, (400, 3)) * [1, 0.5, 1]
-    depth, normal = (found[0] for found in touch.depths(own, y))
+    depth, normal = (found[0] for found in collider_rows.depths(own, y))
     # the foot of the normal is on the mesh, and none of dense samples of it is nearer
     share = np.random.default_rng(3).dirichlet(np.ones(3), 200)
     samples = np.einsum("sc,fcd->fsd", share, points[faces]).reshape(-1, 3)
@@ -54,7 +54,7 @@ def test_distances_are_those_of_the_nearest_triangle_inside_and_outside_of_a_tor
     assert (np.abs(depth) <= nearest + 1e-14).all()
     assert np.abs(nearest - np.abs(depth)).max() < 0.02  # some millimetres between samples
     feet = y + depth[:, None] * normal
-    np.testing.assert_allclose(np.abs(touch.depths(own, feet)[0]), 0.0, atol=1e-14)
+    np.testing.assert_allclose(np.abs(collider_rows.depths(own, feet)[0]), 0.0, atol=1e-14)
     inside = np.hypot(np.hypot(y[:, 0], y[:, 2]) - 1, y[:, 1]) < 0.35
     far = np.abs(np.hypot(np.hypot(y[:, 0], y[:, 2]) - 1, y[:, 1]) - 0.35) > 0.02  # beyond the edges' chords
     assert ((depth > 0) == inside)[far].all()
@@ -65,9 +65,9 @@ def test_where_the_search_begins_changes_no_bit():
     own = around(torus(24, 16), 500)
     y = np.random.default_rng(5).uniform(-1.5, 1.5, (500, 3))
     y[:16] = torus(24, 16)[0][:16] * 1.2  # nearest to corners, of which each belongs to six triangles
-    first = touch.depths(own, y)
+    first = collider_rows.depths(own, y)
     own.bodies.last[:] = np.random.default_rng(6).integers(0, 768, own.bodies.last.shape)
-    again = touch.depths(own, y)
+    again = collider_rows.depths(own, y)
     assert np.array_equal(first[0], again[0])
     assert np.array_equal(first[1], again[1])
 
@@ -77,11 +77,11 @@ def test_an_edge_or_a_corner_has_one_number_whichever_triangle_it_is_found_from(
     sides = [(a + b) / 2 for i, a in enumerate(corners) for b in corners[:i] if np.linalg.norm(a - b) == 1.0]
     y = 1.2 * np.concatenate([corners, sides])
     own = around(block(), len(y))
-    found = touch.spots(own, y)[0]
+    found = collider_rows.contact_points(own, y)[0]
     assert len(np.unique(found)) == 8 + 12
     for step in 1e-9 * np.concatenate([np.eye(3), -np.eye(3)]):
         own.bodies.last[:] = np.random.default_rng(9).integers(0, 12, own.bodies.last.shape)
-        assert np.array_equal(touch.spots(own, y + step)[0], found)
+        assert np.array_equal(collider_rows.contact_points(own, y + step)[0], found)
 
 
 def test_two_meshes_are_two_colliders():
@@ -90,7 +90,7 @@ def test_two_meshes_are_two_colliders():
     y = np.random.default_rng(8).uniform(-1, 1, (9, 3))
     for c, each in enumerate((one, other)):
         alone = full(colliders=[each]).colliders
-        assert np.array_equal(touch.depths(both, y)[0][c], touch.depths(alone, y)[0][0])
+        assert np.array_equal(collider_rows.depths(both, y)[0][c], collider_rows.depths(alone, y)[0][0])
 
 
 # --- motion of the mesh
@@ -195,14 +195,14 @@ def test_a_vertex_that_ends_in_a_mesh_is_held_by_an_implicit_spring():
     m, h, kappa, y = 0.01, 0.02, 1000.0, 0.012
     part = rollout(build(flat(y, 0.0, m, colliders=[FLOOR]), 0), 1, TIGHT)[0]
     assert part.used[0] == 1
-    assert part.met[0, 0].all()
+    assert part.active[0, 0].all()
     expected = (-9.81 * h * m + h * kappa * (0.01 - y)) / (m + h * h * kappa)
     np.testing.assert_allclose(part.velocity(1)[:, 1], expected, rtol=1e-12)
 
 
 def test_what_the_step_knew_or_does_not_reach_is_not_met():
     for y, speed in ((0.05, 1.0), (0.05, 3.0), (0.009, 3.0)):
-        assert not rollout(build(flat(y, speed, 0.01, colliders=[FLOOR]), 0), 1, TIGHT)[0].met.any()
+        assert not rollout(build(flat(y, speed, 0.01, colliders=[FLOOR]), 0), 1, TIGHT)[0].active.any()
 
 
 def over(turning, method="implicit", newton=1, frames=3):
@@ -232,7 +232,7 @@ TURNS = [("implicit", 1, False), ("implicit", 1, True), ("implicit", 3, True), (
 def test_gradient_and_tangent_of_contacts_that_a_step_ends_in(method, newton, turning):
     made = over(turning, method, newton)
     part = rollout(build(made, 0), 2, TIGHT)[0]
-    assert part.met.any() or turning
+    assert part.active.any() or turning
     assert (part.used > newton).any() == turning  # the other side is no part of what the first solution knows
     # systems are solved to 1e-13, and friction makes their condition about 1e4
     assert_derivatives(made, TIGHT, 1e-10, 1e-9)

@@ -10,7 +10,7 @@ from helpers.surfaces import block, body, sphere, torus
 from clothfit import InvalidScene, load
 from clothfit.engine.inputs.body_files import body_of
 from clothfit.engine.inputs.sampling import arrays_from_files
-from clothfit.evaluation.forecast import check, inputs_of
+from clothfit.evaluation.forecast import check_inputs, inputs_of
 from clothfit.optimise.checkpoint import identity
 
 
@@ -106,7 +106,7 @@ BAD = {
 def test_faults_are_named_with_their_place(name):
     points, faces, fields, said = BAD[name]
     with pytest.raises(InvalidScene) as caught:
-        check(with_mesh((points, faces), **fields))
+        check_inputs(with_mesh((points, faces), **fields))
     assert any(problem.startswith(f"colliders[0].{said}") for problem in caught.value.problems)
 
 
@@ -119,5 +119,5 @@ def test_motions_that_do_not_fit_the_mesh(tmp_path, change, said):
     frames = change(np.repeat(POINTS[None], 2, axis=0))
     np.savez(tmp_path / "bad.npz", positions=frames, times=np.arange(2.0))
     with pytest.raises(InvalidScene) as caught:
-        check(with_mesh((POINTS, FACES), motion={"file": str(tmp_path / "bad.npz")}))
+        check_inputs(with_mesh((POINTS, FACES), motion={"file": str(tmp_path / "bad.npz")}))
     assert caught.value.problems[0].startswith(f"colliders[0].{said}")

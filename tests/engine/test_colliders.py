@@ -11,7 +11,7 @@ from helpers.scenes import document, problems
 from helpers.surfaces import block, body
 
 from clothfit import InvalidScene, simulate
-from clothfit.engine.forces import contact, law, touch
+from clothfit.engine.forces import collider_rows, contact, law
 from clothfit.engine.inputs import sampling
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.rollout import rollout
@@ -42,8 +42,8 @@ def reference(name, p):
 def test_distances_are_those_of_the_shapes(name):
     made = touching(SHAPES[name]).colliders
     points = np.random.default_rng(1).uniform(-1.2, 1.2, (300, 3))
-    turn, place = made.state[0, touch.AXES : touch.SIZE], made.state[0, touch.PLACE]
-    depth, normal = touch.depths(made, points @ turn + place)
+    turn, place = made.state[0, collider_rows.AXES : collider_rows.SIZE], made.state[0, collider_rows.PLACE]
+    depth, normal = collider_rows.depths(made, points @ turn + place)
     # samples of the axis 5 µm apart miss the minimum by their square
     np.testing.assert_allclose(made.thickness[0] - depth[0], reference(name, points), atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(normal[0], axis=1), 1.0, atol=1e-14)
@@ -53,17 +53,17 @@ def test_distances_are_those_of_the_shapes(name):
 def test_normals_are_the_gradients_of_the_distances(name, wobble):
     made = with_room(touching(SHAPES.get(name) or ring(wobble)).colliders, 200)
     y, t = made.state[0, 0] + np.random.default_rng(2).uniform(-1.2, 1.2, (200, 3)), 1e-6
-    both = [[touch.depths(made, y + side * t * e)[0][0] for side in (-1, 1)] for e in np.eye(3)]
+    both = [[collider_rows.depths(made, y + side * t * e)[0][0] for side in (-1, 1)] for e in np.eye(3)]
     rows = [(before - after) / (2 * t) for before, after in both]
     # rounding at 1e-6, and curvatures that jump where two parts of a surface meet, within 1e-6 of a point
-    np.testing.assert_allclose(np.transpose(rows), touch.depths(made, y)[1][0], atol=1e-5)
+    np.testing.assert_allclose(np.transpose(rows), collider_rows.depths(made, y)[1][0], atol=1e-5)
 
 
 def test_a_cone_whose_one_end_holds_the_other_is_a_ball():
     made = full(colliders=[capsule(radius=0.2, radius2=0.5, height=0.25)]).colliders
     y = np.random.default_rng(3).normal(size=(50, 3))
     ball = np.linalg.norm(y - [0, 0.125, 0], axis=1) - 0.5
-    np.testing.assert_allclose(-touch.depths(made, y)[0][0], ball, atol=1e-14)
+    np.testing.assert_allclose(-collider_rows.depths(made, y)[0][0], ball, atol=1e-14)
 
 
 # --- the force
@@ -74,7 +74,7 @@ def test_a_cone_whose_one_end_holds_the_other_is_a_ball():
 def test_force_matrix_and_right_hand_side(name, at):
     system = touching(SHAPES[name])
     made, point = system.colliders, state(system, at)
-    depth, normal = (found[0] for found in touch.depths(made, point.y))
+    depth, normal = (found[0] for found in collider_rows.depths(made, point.y))
     d, n = np.maximum(depth, 0.0)[:, None], normal
     assert (d > 0).any()
     V = made.state[0, 1] + np.cross(made.state[0, 2], point.y - made.state[0, 0])
@@ -83,7 +83,7 @@ def test_force_matrix_and_right_hand_side(name, at):
         return v - n * (n * v).sum(axis=1, keepdims=True)
 
     slip = across(point.u - V)
-    gamma = 0.6 * 700 * d / np.sqrt((slip * slip).sum(axis=1, keepdims=True) + law.CREEP**2)
+    gamma = 0.6 * 700 * d / np.sqrt((slip * slip).sum(axis=1, keepdims=True) + law.STICTION_SPEED**2)
     f = 700 * d * n - gamma * slip
     assert relative(physics.total_force(contact, made, point.y, point.u), f) < 1e-13
     A, b = physics.step_terms(system, contact, made, point.y, point.u)
@@ -141,7 +141,7 @@ def test_a_block_holds_up_to_the_coefficient_of_friction(method, newton):
     angle = 0.5
     held, t = sliding(angle, np.tan(angle) / 0.99, method, newton, 500)
     creep = (held[-1] - held[-100]) / (t[-1] - t[-100])
-    assert creep == pytest.approx(law.CREEP * 0.99 / np.sqrt(1 - 0.99**2), rel=0.01)
+    assert creep == pytest.approx(law.STICTION_SPEED * 0.99 / np.sqrt(1 - 0.99**2), rel=0.01)
     gone, t = sliding(angle, np.tan(angle) / 1.01, method, newton, 900)
     # a difference of two forces a hundred times as large, of which v/q < 1 leaves out some
     assert acceleration(gone, t, 100) == pytest.approx(GRAVITY * np.sin(angle) * (1 - 1 / 1.01), rel=0.03)
@@ -166,7 +166,7 @@ def test_what_lies_on_a_collider_that_moves_goes_with_it(method):
     w = (motion.positions[-1, 0] - motion.positions[-2, 0]) / made.delta
     spin = np.radians(10)
     x, z = motion.positions[-1, 0, 0] - 0.3 * t, motion.positions[-1, 0, 2]
-    np.testing.assert_allclose(w[[0, 2]], [0.3 + spin * z, -spin * x], atol=law.CREEP)
+    np.testing.assert_allclose(w[[0, 2]], [0.3 + spin * z, -spin * x], atol=law.STICTION_SPEED)
 
 
 @pytest.mark.slow
@@ -178,7 +178,7 @@ def test_gradient_of_steps_that_begin_an_iteration_with_contacts_outside(speed):
         colliders=[capsule(friction=0.3, stiffness=300.0, thickness=0)], integrationMethod=2, forwardSubSteps=3,
         delta=0.02, optimizationIterations=4, tolerance=TIGHT, gravity=xyz((0, -9.81, 0)), fit={"gravity": True},
     )  # fmt: skip
-    assert rollout(build(made, 0), 3, TIGHT)[0].met[2, 1].any()
+    assert rollout(build(made, 0), 3, TIGHT)[0].active[2, 1].any()
     assert_derivatives(made, TIGHT, 1e-10)
 
 
@@ -231,7 +231,7 @@ def test_its_surface_has_the_velocity_of_its_points(kind, method):
     system, h = build(made, 0), made.delta
     which = {2: [0, 1, 0], 3: [0, 1, 2]}[kind]
     values = np.array([[value[axis] for axis in "xyz"] for value in GROWS["values"]])[:, which]
-    axes = sampling.states(made.colliders, np.zeros(1), h, 0)[0, 0, touch.AXES : touch.SIZE]
+    axes = sampling.states(made.colliders, np.zeros(1), h, 0)[0, 0, collider_rows.AXES : collider_rows.SIZE]
     for t in (0, 5, 9, 15):
         set_inputs(system.inputs, system, t)
         begins, now, ends = (
@@ -240,7 +240,7 @@ def test_its_surface_has_the_velocity_of_its_points(kind, method):
         )
         p = axes @ system.x0[0]
         expected = axes.T @ (p * (ends - begins) / (h * now))
-        depth, normal = touch.depths(system.colliders, system.x0)
+        depth, normal = collider_rows.depths(system.colliders, system.x0)
         along, still = np.zeros((1, 3)), np.zeros((1, 3))
         contact.add_force(system.colliders, system.x0, expected[None], along)  # which does not slide
         contact.add_force(system.colliders, system.x0, np.zeros((1, 3)), still)

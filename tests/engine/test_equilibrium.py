@@ -95,7 +95,7 @@ def test_stiff_edges_have_a_shape_at_rest():
 
 
 def test_a_shape_that_is_not_found_is_said_so(monkeypatch):
-    monkeypatch.setattr("clothfit.engine.equilibrium.MOST", 3)
+    monkeypatch.setattr("clothfit.engine.equilibrium.MOST_STEPS", 3)
     scene = hung(CANTILEVER, 4)
     with pytest.raises(clothfit.Diverged, match=r"objects\[0\]: no shape at rest was found: "):
         clothfit.simulate(scene)

@@ -22,7 +22,7 @@ from helpers.physics import (
     xyz,
 )
 
-from clothfit.engine.forces import spheres, springs, touch
+from clothfit.engine.forces import collider_rows, spheres, springs
 from clothfit.engine.system import clamped
 
 SYSTEM = full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)])
@@ -71,7 +71,7 @@ def test_what_is_stored_has_the_force_as_its_slope(name, at, wobble):
     module, force = parts(system)[KIND.get(name, "colliders")]
     if module is physics.contact:
         force = force._replace(rows=force.rows.copy())
-        force.rows[:, touch.LAW, touch.FRICTION] = 0.0
+        force.rows[:, collider_rows.LAW, collider_rows.FRICTION] = 0.0
     point, t = state(system, at), 1e-6
     slope = (module.energy(force, point.y + t * point.dy) - module.energy(force, point.y - t * point.dy)) / (2 * t)
     f = physics.total_force(module, force, point.y, 0 * point.u)
@@ -136,7 +136,7 @@ EMPTY = {
 @pytest.mark.parametrize("name", EMPTY)
 def test_where_a_direction_is_missing_the_derivatives_stay_finite(name):
     kind, system, y = EMPTY[name]
-    y = np.tile(system.colliders.state[0, touch.PLACE], (9, 1)) if y is None else y
+    y = np.tile(system.colliders.state[0, collider_rows.PLACE], (9, 1)) if y is None else y
     (module, force), at = parts(system)[kind], state(system, "random")._replace(y=y)
     out = physics.pushforward(system, module, force, at, physics.direction(system))
     A, b = step_terms(system, module, force, at.y, at.u)
@@ -253,4 +253,4 @@ def test_which_contacts_begin():
     y = np.array([[2.0, 0, 0], [2.0, 0, 0], [2.0, 0, 0], [2.0, 0.0, 0], [2.0, 0.9, 0], [2.0, 1.1, 0]])
     u = np.array([[-1.1, 0, 0], [-0.9, 0, 0], [1.1, 0, 0], [-9.0, 0, 0], [-9.0, 0, 0], [-9.0, 0, 0]])
     # also where the way leads through the sphere and out again
-    assert [spheres.begins(made, y, u, 1.0, i, 0) for i in range(6)] == [True, False, False, True, True, False]
+    assert [spheres.enters(made, y, u, 1.0, i, 0) for i in range(6)] == [True, False, False, True, True, False]

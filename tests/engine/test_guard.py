@@ -131,7 +131,7 @@ def points(method, heights, speed, mass=0.1):
 @BOTH
 def test_only_what_meets_the_sphere_is_stopped(method):
     memory, alone = (rollout(points(method, (y, 0.6), 30.0), 10, TIGHT)[0] for y in (0.6, 50.0))
-    assert memory.early[0]
+    assert memory.predicted[0]
     assert (memory.theta == 1).all()
     np.testing.assert_allclose(memory.x[:2, 1], alone.x[:2, 1], rtol=1e-14)
     if method == IMPLICIT:  # the step after it is a BDF2 step in one, an Euler step in the other
@@ -143,7 +143,7 @@ def test_only_what_meets_the_sphere_is_stopped(method):
 def test_the_early_contact_is_an_implicit_spring_from_the_surface_on():
     m, h, k, speed, gap = 0.1, 0.02, spheres.STIFFNESS, 30.0, 0.1
     memory, _ = rollout(points(IMPLICIT, (0.5 + gap,), speed), 1, TIGHT)
-    assert memory.early[0]
+    assert memory.predicted[0]
     # m (w − v) = h (−m g + k d), d = −gap − h w: the depth after the step
     w = (-m * speed - h * m * GRAVITY - h * k * gap) / (m + h * h * k)
     np.testing.assert_allclose(memory.w[0, 0, 0], (0.0, w, 0.0), rtol=1e-9, atol=1e-12)
@@ -154,8 +154,8 @@ def test_an_ordinary_contact_is_that_of_the_format_to_the_last_bit():
     (memory, _), (plain, _) = (rollout(each, 30, 1e-5) for each in (given, given._replace(guarded=False)))
     assert (np.linalg.norm(memory.x[-1] - given.spheres.centre[0], axis=1) < given.spheres.radius[0]).any()
     np.testing.assert_array_equal(memory.x, plain.x)
-    assert not memory.early.any()
-    assert not rollout(given._replace(method=BDF2), 30, 1e-5)[0].early.any()
+    assert not memory.predicted.any()
+    assert not rollout(given._replace(method=BDF2), 30, 1e-5)[0].predicted.any()
 
 
 # --- derivatives
@@ -174,11 +174,11 @@ SWITCHED = [
 ]
 
 
-@pytest.mark.parametrize(("system", "rungs", "error"), SWITCHED)
-def test_the_derivatives_are_those_of_the_steps_that_were_taken(system, rungs, error):
+@pytest.mark.parametrize(("system", "count", "error"), SWITCHED)
+def test_the_derivatives_are_those_of_the_steps_that_were_taken(system, count, error):
     memory, good = rollout(system, 4, TIGHT)
     assert good == 4
-    assert memory.early.any() if rungs else (memory.theta < 1).any()
+    assert memory.predicted.any() if count else (memory.theta < 1).any()
     change = physics.direction(system)
     # wind would end the guard
     change = change._replace(velocity=change.velocity * system.vertex.free[:, None], wind=0 * change.wind)
@@ -186,14 +186,14 @@ def test_the_derivatives_are_those_of_the_steps_that_were_taken(system, rungs, e
 
     def moved(t):
         found, _ = rollout(physics.shifted(system, change, t), 4, TIGHT)
-        for name in ("theta", "clamped", "early", "euler"):  # no switch between the points
+        for name in ("theta", "clamped", "predicted", "euler"):  # no switch between the points
             np.testing.assert_array_equal(getattr(found, name), getattr(memory, name))
         return found.x
 
-    sizes = 2e-4 / 4.0 ** np.arange(rungs + 2 if rungs else 0)
+    sizes = 2e-4 / 4.0 ** np.arange(count + 2 if count else 0)
     rest = np.array([np.abs(moved(t) - memory.x - t * forward).max() for t in sizes])
     seen = rest[1:] > 1e-12
-    assert seen.sum() >= rungs
+    assert seen.sum() >= count
     assert (np.log(rest[:-1] / rest[1:])[seen] / np.log(4.0) > 1.9).all()
     # rounding 1e-16/1e-7, truncation 1e-14
     assert relative(forward, (moved(1e-7) - moved(-1e-7)) / 2e-7) < error
@@ -206,6 +206,6 @@ def test_the_derivatives_are_those_of_the_steps_that_were_taken(system, rungs, e
 @BOTH
 def test_every_column_of_the_sensitivity_is_a_tangent(method):
     made = falling(12.0, side=4, spacing=0.15, integrationMethod=method, optimizationIterations=6)
-    assert rollout(build(made, 0), 5, TIGHT)[0].early.any()
+    assert rollout(build(made, 0), 5, TIGHT)[0].predicted.any()
     # linear systems are solved to 1e-14, of a condition below 1000, a few in a row
     assert_dense_sensitivity(made, TIGHT, 1e-10)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.engine.solve.guess import TERMS, advance, past
+from clothfit.engine.solve.guess import TERMS, next_guess, past
 
 TIMES = range(12)
 
@@ -12,7 +12,7 @@ def guesses(solutions):
     """What is guessed before each of a series of solutions (n, 3)."""
     memory, x, made = past(len(solutions[0])), np.full_like(solutions[0], 7.0), []
     for count, solution in enumerate(solutions):
-        advance(memory, count, x)
+        next_guess(memory, count, x)
         made.append(x.copy())
         x[:] = solution
     return made

@@ -10,9 +10,9 @@ from helpers.physics import rotation, scene, thing, xyz
 from helpers.surfaces import body, torus
 
 from clothfit import InvalidInput, find_controls, load, simulate
-from clothfit.cli.validate import judge
-from clothfit.engine import touching
-from clothfit.engine.forces import touch
+from clothfit.cli.validate import examine
+from clothfit.engine import contact_steps
+from clothfit.engine.forces import collider_rows
 from clothfit.engine.forces.selfcontact import pairs, zones
 from clothfit.engine.rollout import rollout
 from clothfit.engine.starts import sentences
@@ -112,15 +112,15 @@ def test_balances_of_layers_know_the_pairs_that_press(method):
     system = build(made, 0)
     part = rollout(system, 40, 1e-12)[0]
     found = balances(system, Track(part.x, np.ones(part.x.shape[:2], bool)))
-    plain = np.array([touch.zones is None for touch in part.touches]) & (part.theta == 1.0) & ~part.clamped
+    plain = np.array([touch.zones is None for touch in part.active_pairs]) & (part.theta == 1.0) & ~part.clamped
     if method == 3:  # an Euler step has other velocities, which the two after it begin with
         plain[1:] &= ~part.euler[1:]
         for after in (2, 3):
             plain[after:] &= ~part.euler[1 : 41 - after]
-    pressed = np.array([len(touch.numbers) > 0 for touch in part.touches])
+    pressed = np.array([len(touch.numbers) > 0 for touch in part.active_pairs])
     known = np.zeros(found.valid.shape, bool)
     for t in np.flatnonzero(pressed):
-        known[t, pairs.touching(system.surface, part.x[t]).vertices] = True
+        known[t, pairs.contact_at(system.surface, part.x[t]).vertices] = True
     assert pressed.mean() > 0.3
     assert (found.valid & known)[plain].sum() > 0.5 * known[plain].sum()  # the others meet the ball, too
     left = np.abs(np.where(found.valid[..., None], found.residual, 0.0)).max(axis=(1, 2))[plain]
@@ -164,7 +164,7 @@ def test_derivatives_where_a_later_iteration_lets_go_of_what_an_earlier_one_met(
     made = scene(cloth, colliders=[twisting(tmp_path, 5, 1.76, 10.5)], tolerance=1e-13, **given)
     part = rollout(build(made, 0), 4, 1e-13)[0]
     assert part.used.tolist() == [2] * 4
-    assert part.met[3].any()
+    assert part.active[3].any()
     assert_derivatives(made, 1e-13, 1e-10, switches=True)
 
 
@@ -196,7 +196,7 @@ def test_what_zones_join_in_a_shortened_step_is_what_they_would_join_in_one_of_t
     w = np.random.default_rng(0).normal(size=(18, 3))
     made = zones.of_pairs(np.array([[0, 9, 10, 12], [4, 5, 13, 14]]), 18, w)
     zones.join(made, system.vertex, w)
-    touching.shorten(0.25, system, system.x0, w, np.empty((18, 3)), made)
+    contact_steps.shorten(0.25, system, system.x0, w, np.empty((18, 3)), made)
     other = w.copy()
     other[made.member] = made.found
     zones.join(made, system.vertex, other)
@@ -220,7 +220,8 @@ def test_a_start_inside_a_collider_is_let_go(shape, thickness):
     made = layers(sheet(9, 0.5, 0.29), gravity=xyz((0, 0, 0)), colliders=[obstacle])
     system = build(made, 0)
     x = simulate(made).positions
-    below = [touch.depths(system.colliders._replace(begin=touch.NOBODY), y)[0].max() - thickness for y in x]
+    colliders = system.colliders._replace(begin=collider_rows.NOBODY)
+    below = [collider_rows.depths(colliders, y)[0].max() - thickness for y in x]
     assert below[0] == pytest.approx(0.01, rel=1e-9)
     assert below[15] < 1e-3  # out, but for what the spring of the contact needs to move the cloth
     speed = np.linalg.norm(np.diff(x, axis=0), axis=2).max() / made.delta
@@ -300,6 +301,6 @@ def test_what_takes_each_object_for_itself_refuses_layers(use):
 def test_what_layers_cannot_have_is_refused(tmp_path):
     one, other = sheet(3, 0.3, 0.0, held=True), sheet(3, 0.3, 0.1, held=True, dragLaw="air", dragCoefficient=1.0)
     (tmp_path / "s.json").write_bytes(dumps(layers(one, one)).replace(b'"betweenObjects"', b'"betweenObject"'))
-    assert "betweenObjects" in " ".join(judge(str(tmp_path / "s.json")).warnings)
+    assert "betweenObjects" in " ".join(examine(str(tmp_path / "s.json")).warnings)
     with pytest.raises(Exception, match="the objects need one dragLaw"):
         layers(one, other)

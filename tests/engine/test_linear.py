@@ -320,7 +320,7 @@ def test_an_indefinite_matrix_needs_no_factorisation(beyond):
     values = np.linalg.eigvalsh(in_order(A))
     assert values[0] < -0.9 * beyond
     iterations, direct = solve(A, b, w, 1e-10)
-    assert (0 < iterations < minres.MOST, direct) == (True, 0)
+    assert (0 < iterations < minres.MOST_ITERATIONS, direct) == (True, 0)
     residual = dense_matrix(A) @ w.reshape(-1) - b.reshape(-1)
     assert np.linalg.norm(residual * np.repeat(FREE, 3)) <= 1.001e-10 * np.linalg.norm(b)  # the tolerance, and rounding
     # times the condition number, below 1e5

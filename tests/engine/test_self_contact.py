@@ -12,13 +12,13 @@ from helpers.derivatives import assert_derivatives
 from helpers.physics import METHODS, keys, relative, rotation, scene, thing, xyz
 
 from clothfit import energies, simulate
+from clothfit.engine.contact_steps import with_pairs
 from clothfit.engine.forces import boxes, contact
 from clothfit.engine.forces.selfcontact import nearest, pairs, rows, zones
 from clothfit.engine.rollout import rollout
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build, zeros
-from clothfit.engine.touching import with_pairs
 from clothfit.evaluation.gradient_check import contacts, first_switch, name_of
 
 TIGHT = 1e-13
@@ -140,7 +140,7 @@ def test_the_derivatives_of_the_model(kind, friction):
         one, direction = one._replace(contact=made), zeros(one)
 
         def model(y, u, made=made, s=s, w=w, one=one):
-            A = sparse.zeros(one.pattern, 4)._replace(joined=sparse.pairs.joined(made.vertices, made.free))
+            A = sparse.zeros(one.pattern, 4)._replace(contacts=sparse.pairs.no_blocks(made.vertices, made.free))
             sparse.reset(A, np.zeros(4))
             b, out = np.zeros((4, 3)), np.zeros((4, 3))
             contact.add_step(made, y, u, h, False, A, b)
@@ -221,7 +221,7 @@ def test_near_pairs_are_those_of_brute_force(d):
 def passing(system, after):
     """The numbers of the pairs that would pass through each other from the start on."""
     start = system.surface.start
-    return pairs.crossing(system.surface, start, after, pairs.meeting(system.surface, start, after))
+    return pairs.crossing(system.surface, start, after, pairs.colliding(system.surface, start, after))
 
 
 def test_pairs_that_pass_through_each_other_are_found():
@@ -246,7 +246,7 @@ def test_a_sheet_on_a_sheet_rests_where_the_push_carries_its_weight():
     )  # fmt: skip
     motion = simulate(made)  # long before it slides off, for it stands on points
     system, x, half = build(made, 0), motion.positions[-1], 9
-    near = pairs.touching(system.surface, x)
+    near = pairs.contact_at(system.surface, x)
     up = push(near, x, 0 * x)[half:, 1].sum()
     assert up == pytest.approx(half * 0.01 * G, rel=1e-6)
     # each vertex of the upper sheet over one of the lower: it is as near to all triangles there as to that vertex
@@ -307,10 +307,10 @@ def test_gradient_tangent_and_columns(name):
     method, newton, friction, own = MOTIONS[name]
     made = colliding(method, newton, friction, **LETTERED, **own)
     part = rollout(build(made, 0), made.frames - 1, TIGHT)[0]
-    assert max(len(each.numbers) for each in part.touches) > 10
+    assert max(len(each.numbers) for each in part.active_pairs) > 10
     # in another order they would be of another type, for which all is compiled again
-    assert all(each.on.flags.c_contiguous for each in part.touches if each.on is not None)
-    assert any(each.zones is not None for each in part.touches) == (name == "zones")
+    assert all(each.on.flags.c_contiguous for each in part.active_pairs if each.on is not None)
+    assert any(each.zones is not None for each in part.active_pairs) == (name == "zones")
     # systems are solved to 1e-13, and friction makes their condition about 1e4
     assert_derivatives(made, TIGHT, 1e-10, 1e-9, switches=name == "bdf2")
 
@@ -324,7 +324,7 @@ def test_pins_push_as_heavy_vertices_do():
     heavy = colliding(**own, fixed=[], mass=[1e5] * 15 + [0.02] * 15, vertVel=[xyz(a) for a in v])
     part = rollout(build(pinned, 0), 7, TIGHT)[0]
     np.testing.assert_allclose(part.w[3, 0, :15], np.broadcast_to([0, 1.5, 0], (15, 3)), atol=1e-9)
-    assert max(len(each.numbers) for each in part.touches) > 10
+    assert max(len(each.numbers) for each in part.active_pairs) > 10
     # the heavy ones are moved by some 0.1 N s/1e5 kg, and systems are solved to 1e-13 of these masses
     np.testing.assert_allclose(part.x, simulate(heavy).positions, atol=1e-6)
 

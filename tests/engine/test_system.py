@@ -76,6 +76,8 @@ def test_a_scene_is_of_one_of_two_types_of_arguments():
     )
     found = [[*map(build, scenes, [0] * len(scenes))] for scenes in (plain, others)]
     found[1] += [build(MADE, 1, whole=True)]
-    parts = [[(each, workspace(each), empty(each, 2)._replace(touches=None)) for each in systems] for systems in found]
+    parts = [
+        [(each, workspace(each), empty(each, 2)._replace(active_pairs=None)) for each in systems] for systems in found
+    ]
     kinds = [set(map(numba.typeof, each)) for each in parts]
     assert [len(each) for each in kinds] == [1, 1]

@@ -59,7 +59,7 @@ def assert_states(parts, memory):
     for part in parts:
         begin, end = part.first, part.first + part.steps
         whole = memory.part(begin, end)
-        for name in ("x", "used", "solves", "clamped", "theta", "euler", "early", "carried"):
+        for name in ("x", "used", "solves", "clamped", "theta", "euler", "predicted", "guard_state"):
             np.testing.assert_array_equal(getattr(part, name), getattr(whole, name))
         for t in range(part.steps):
             np.testing.assert_array_equal(part.w[t, : part.used[t]], whole.w[t, : part.used[t]])
@@ -91,11 +91,11 @@ def test_the_states_are_the_same_there_and_back(name, chosen):
     memory, _ = kept(system)
     assert memory.euler[1:].any() == ("BDF2" in name)
     assert (memory.theta < 1).any() == name.startswith("shortened")
-    assert memory.early.any() == name.startswith("early")
+    assert memory.predicted.any() == name.startswith("early")
     made = Tape(system, STEPS, TIGHT, chosen)
     for tell in (made.forward, made.backward, made.forward, made.backward):
         assert_states(tell(), memory)
-    assert made.fallbacks.early_contacts == memory.early.sum()
+    assert made.fallbacks.early_contacts == memory.predicted.sum()
 
 
 @pytest.mark.parametrize("name", list(SYSTEMS)[-4:])

@@ -19,7 +19,7 @@ def test_the_memory_of_a_fit_is_what_the_fit_foresees(name):
     scene = load(EXAMPLES / f"{name}.json")
     motion = simulate(scene)
     assert forecast(scene).motion == motion.positions.nbytes
-    assert forecast(scene).fit == pytest.approx(Objective(scene, motion).needs.foreseen, rel=0.05)  # small arrays
+    assert forecast(scene).fit == pytest.approx(Objective(scene, motion).needs.predicted, rel=0.05)  # small arrays
     assert forecast(load(trial("nn", 5))).fit is None
 
 

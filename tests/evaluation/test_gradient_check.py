@@ -7,7 +7,7 @@ from helpers.physics import METHODS, ball, scene, sheet, thing, xyz
 from helpers.scenes import cloth, trial
 
 from clothfit import Diverged, InvalidInput, load, parameters, simulate, verify, with_parameters
-from clothfit.engine.forces import touch
+from clothfit.engine.forces import collider_rows
 from clothfit.engine.forces.surfaces import BOX, CONE
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
@@ -155,11 +155,11 @@ def test_contacts_with_what_moves_are_those_where_forces_are_taken(method):
 @pytest.mark.parametrize(("kind", "size"), [(BOX, (0.5, 0.3, 0.4)), (CONE, (0.5, 0.2, 0.9)), (CONE, (0.3, 0.3, 0.8))])
 def test_a_normal_bends_smoothly_within_a_part_of_a_surface_and_nowhere_else(kind, size):
     state = np.concatenate([np.zeros((3, 3)), np.eye(3), [size], np.zeros((1, 3))])[None]
-    one, rng = touch.build([kind], [(2.0, 1.0, 0.0)], state), np.random.default_rng(5)
+    one, rng = collider_rows.build([kind], [(2.0, 1.0, 0.0)], state), np.random.default_rng(5)
     share, kinks = np.linspace(0, 1, 4001)[:, None], 0
     for begin, end in rng.uniform(-1.2, 1.2, (30, 2, 3)):
         y = (1 - share) * begin + share * end
-        part, (depth, normal) = part_of(one.rows[0], y), touch.depths(one, y)
+        part, (depth, normal) = part_of(one.rows[0], y), collider_rows.depths(one, y)
         bend = np.linalg.norm(np.diff(normal[0], 2, axis=0), axis=1)
         same = (part[2:] == part[1:-1]) & (part[:-2] == part[1:-1])
         # a normal turns by less than the step, up to 1 mm, over the distance to what it turns about

@@ -13,7 +13,7 @@ from helpers.scenes import cloth, document
 from clothfit import Diverged, InvalidInput, load, simulate
 from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.reference import Reference, converged
-from clothfit.evaluation.work_precision import Setting, Trial, expected, grid, judge, own, table, work_precision
+from clothfit.evaluation.work_precision import Setting, Trial, expected, grid, measured, own, table, work_precision
 
 slow = pytest.mark.slow  # compiles
 
@@ -96,7 +96,7 @@ def test_in_free_fall_every_integrator_is_off_by_h_g_t_over_2(name, sign, ratio)
     fallen = np.outer(9.81 * t**2 / 2, (0.0, 1.0, 0.0))[:, None]
     exact = np.array([(0.0, 2.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]) - fallen
     run_of = Trial(Setting(name, ratio, 1e-8, 1), Setting(name, ratio, 1e-8, 1).steps(11))
-    judge(FALL, run_of, exact)
+    measured(FALL, run_of, exact)
     gap = sign * 0.1 * ratio * 9.81 * t / 2
     np.testing.assert_allclose(run_of.squares, gap**2, atol=1e-13)  # rounding of metres, times a gap of up to 1 m
     np.testing.assert_allclose(run_of.largest, np.abs(gap), atol=1e-13)
@@ -108,7 +108,7 @@ def test_in_free_fall_every_integrator_is_off_by_h_g_t_over_2(name, sign, ratio)
 def test_what_diverges_says_so():
     stiff = scene(thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], stiffness=1e7, fixed=(0,)), delta=0.1)
     run_of = Trial(Setting("symplectic", 1.0, None, None), 30)
-    judge(stiff, run_of, np.zeros((31, 2, 3)))
+    measured(stiff, run_of, np.zeros((31, 2, 3)))
     assert (run_of.status, run_of.squares, run_of.seconds) == ("diverged", None, [])
 
 
@@ -263,7 +263,7 @@ def test_on_side_symplectic_quarter_steps_are_nearer_than_the_editors():
     known = converged(side, side.frames, error=1e-5)
     trials = [Trial(s, s.steps(side.frames)) for s in (own(side), Setting("symplectic", 0.25, None, None))]
     for trial in trials:
-        judge(side, trial, known.positions)
+        measured(side, trial, known.positions)
     found = table(side, trials, known)
     assert len(found.reference.positions) == side.frames
     assert found.reference.error < 1e-4

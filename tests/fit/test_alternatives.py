@@ -30,7 +30,7 @@ def linear(seed, doubt=0.5, wrong=0.0):
 
 def test_the_score_is_what_least_squares_by_all_columns_saves():
     J, r, made = linear(0, wrong=0.2)
-    (found,) = made.shown(SIGMA**2)
+    (found,) = made.improbable(SIGMA**2)
     best = np.linalg.lstsq(J, r, rcond=None)[0]
     saved = r @ r - np.square(r - J @ best).sum()
     assert found.squares == pytest.approx(saved, rel=1e-8)  # the ridge is 1e-12, refined
@@ -40,7 +40,7 @@ def test_the_score_is_what_least_squares_by_all_columns_saves():
 
 def test_noise_fails_the_test_as_rarely_as_it_says(monkeypatch):
     monkeypatch.setattr("clothfit.fit.alternatives.RARE", 0.1)
-    count = sum(bool(linear(seed)[2].shown(SIGMA**2)) for seed in range(400))
+    count = sum(bool(linear(seed)[2].improbable(SIGMA**2)) for seed in range(400))
     assert 400 * 0.1 - 18 < count < 400 * 0.1 + 18  # three standard deviations of 6
     assert RARE < 0.1
 

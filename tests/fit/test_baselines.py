@@ -10,7 +10,7 @@ from helpers.scenes import even
 from clothfit import as_motion, load, parameters
 from clothfit.cli.parts.estimate_results import ending
 from clothfit.fit.estimate import record_target
-from clothfit.fit.residual_hints import as_it_came, still
+from clothfit.fit.residual_hints import as_it_came, picture_error
 from clothfit.objective.objective import Objective
 from clothfit.optimise.status import Status
 
@@ -32,7 +32,7 @@ def test_the_still_picture_is_the_mean_of_each_vertex_over_the_frames_that_show_
     mean = np.full((16, 3), np.nan)
     mean[shown] = [motion.positions[motion.observed[:, i], i].mean(axis=0) for i in np.flatnonzero(shown)]
     squares = ((motion.positions - mean) ** 2).sum(axis=2)[motion.observed]
-    assert still(Objective(scene, motion)) == pytest.approx(np.sqrt(squares.mean()), rel=1e-12)  # rounding of sums
+    assert picture_error(Objective(scene, motion)) == pytest.approx(np.sqrt(squares.mean()), rel=1e-12)  # rounding
 
 
 def test_the_scene_as_it_came_is_judged_by_its_own_values_whatever_is_flagged():

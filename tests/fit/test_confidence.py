@@ -15,10 +15,10 @@ from scipy import stats
 from clothfit import degrade, load
 from clothfit.cli.parts.estimate_results import certainty
 from clothfit.fit import confidence, posterior, result
-from clothfit.fit.confidence import not_shown
+from clothfit.fit.confidence import null_space_of
 from clothfit.fit.estimate import looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, Request
-from clothfit.fit.posterior import blocks_of, half_width, inverse_beside, null_space
+from clothfit.fit.posterior import blocks_of, half_width, inverse_outside, null_space
 from clothfit.fit.routes import ALIKE
 from clothfit.optimise import trajectory
 from clothfit.optimise.scipy_methods import METHODS
@@ -169,7 +169,7 @@ def test_the_null_space_does_not_depend_on_units():
     # The vector is dominated by its first entry; 1e-8 is the square root of rounding.
     np.testing.assert_allclose(np.abs(null[:, 0]), np.abs(expected / np.linalg.norm(expected)), atol=1e-8)
     assert null.shape == (6, 1)
-    K = inverse_beside(H, null)
+    K = inverse_outside(H, null)
     np.testing.assert_allclose(K[2:5, 2:5], np.linalg.pinv(J.T @ J)[2:5, 2:5] / np.outer(scale[2:5], scale[2:5]))
 
 
@@ -179,7 +179,7 @@ def test_the_short_way_to_the_null_space_and_beside_it_is_the_long_one(least, mo
     Q = np.linalg.qr(np.random.default_rng(1).normal(size=(8, 8)))[0]
     H = (Q * np.append(np.linspace(1.0, 2.0, 7), least)) @ Q.T
     null = null_space(H)
-    K = inverse_beside(H, null)
+    K = inverse_outside(H, null)
     monkeypatch.setattr(posterior, "is_regular", lambda unit: False)
     assert null_space(H).shape == null.shape == (8, int(least < 1e-12))
     wanted = np.linalg.pinv(H, rcond=1e-10, hermitian=True)
@@ -261,7 +261,7 @@ def test_variances_beyond_numbers_hide_what_they_belong_to():
         local=local, free=np.arange(3), null=never, deviation=np.array([np.inf, 0.1, np.inf]),
         at_minimum=np.ones(3, bool), sigma2=1.0, K=np.diag([np.inf, 0.01, np.nan]),
     )  # fmt: skip
-    hidden = not_shown(known, True)
+    hidden = null_space_of(known, True)
     assert hidden.flags.tolist() == [True, False, True]
     np.testing.assert_allclose(np.abs(hidden.directions), [[1, 0], [0, 0], [0, 1]])
 
@@ -340,10 +340,10 @@ def test_they_say_so_wherever_intervals_are_shown(by_samples):
         assert findings.scope({**given, "samples": wrong}) == findings.ONLY
 
 
-@pytest.mark.parametrize(("prior", "seconds"), [("none", confidence.LEAST), (0.5, 0.0)])
+@pytest.mark.parametrize(("prior", "seconds"), [("none", confidence.LEAST_SECONDS), (0.5, 0.0)])
 def test_without_a_prior_or_time_to_settle_there_are_none(monkeypatch, sparse, prior, seconds):
     monkeypatch.setattr(confidence, "SHARE", 0.0)
-    monkeypatch.setattr(confidence, "LEAST", seconds)
+    monkeypatch.setattr(confidence, "LEAST_SECONDS", seconds)
     found = by_products(monkeypatch, *sparse, prior=prior)
     assert found.samples is None
     assert np.isnan(intervals(found)).all()

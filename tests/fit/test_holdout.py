@@ -26,8 +26,8 @@ from clothfit.motion.motion import as_motion, at_frames
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
-from clothfit.optimise.status import Rung
-from clothfit.strategy import ladder
+from clothfit.optimise.status import ModelFit
+from clothfit.strategy import hierarchy
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -170,7 +170,7 @@ def test_a_model_that_came_nearer_to_what_was_fitted_is_named():
 
 def target_of(scene, model, values, noise=1e-3):
     """The motion of a scene with factors of a model, with noise, m."""
-    truth = ladder.as_model(scene, model)
+    truth = hierarchy.as_model(scene, model)
     return degrade(simulate(with_parameters(truth, values(truth)), tolerance=1e-12), noise=noise, seed=1)
 
 
@@ -193,7 +193,7 @@ def choice(truth, of="frames", budget=BUDGET, letters="nL"):
 )
 def test_a_truth_of_few_values_has_a_model_of_few_values_whatever_is_flagged(truth, of, letters):
     found, whole = choice(truth, of, letters=letters)
-    scene = ladder.as_model(whole.scene, found.model, exactly=True)
+    scene = hierarchy.as_model(whole.scene, found.model, exactly=True)
     assert found.model == found.judged[-1].model == truth  # what is left is noise, so no finer one is tried
     assert len(found.p) == found.judged[-1].values == len(parameters(scene))
     assert found.evaluations > 0
@@ -209,21 +209,21 @@ def test_a_budget_that_is_used_up_ends_the_choice_with_what_it_has():
     assert [each.model for each in found.judged] in ([], ["F"])
     assert found.model == "F"
     assert found.evaluations <= 5
-    start = parameters(ladder.as_model(whole.scene, "F"))
-    flagged = whole.flagging(ladder.as_model(whole.scene, "F", exactly=True))
+    start = parameters(hierarchy.as_model(whole.scene, "F"))
+    flagged = whole.flagging(hierarchy.as_model(whole.scene, "F", exactly=True))
     assert flagged.cost(found.p) <= flagged.cost(start)
 
 
 @pytest.mark.parametrize("fault", [Diverged("far", 1), MemoryError(), np.linalg.LinAlgError("singular")], ids=repr)
 def test_a_fault_ends_the_choice_with_what_it_has(monkeypatch, fault):
-    original = ladder.rung
+    original = hierarchy.fit_level
 
     def rung(search, model, starts):
         if model == "R":
             raise fault
         original(search, model, starts)
 
-    monkeypatch.setattr(ladder, "rung", rung)
+    monkeypatch.setattr(hierarchy, "fit_level", rung)
     found, _ = choice("R")
     assert [each.model for each in found.judged] == ["F"]
     assert found.model == "F"
@@ -253,7 +253,7 @@ def test_the_error_of_values_is_that_of_their_motion_and_those_that_diverge_are_
     p = parameters(goal.scene)
     assert error_of(goal, p) < 1e-9  # m; its own motion, systems solved to 1e-10
     assert error_of(goal, 1.5 * p) == pytest.approx(goal.rmse(goal.cost(1.5 * p)))
-    assert judged([Rung("F", 1, 0.1, np.array([1e12]), 2.0)], explicit) == [Judged("F", 1, 0.1, np.inf, 2.0)]
+    assert judged([ModelFit("F", 1, 0.1, np.array([1e12]), 2.0)], explicit) == [Judged("F", 1, 0.1, np.inf, 2.0)]
 
 
 @pytest.mark.parametrize(("factor", "noise", "enough"), [(2.0, 1e-3, ENOUGH), (1.3, 0.0, 1e-6)])
@@ -261,6 +261,6 @@ def test_finer_models_are_left_out_where_noise_is_left_or_nothing(factor, noise,
     scene = small("nL", 30)
     motion = target_of(scene, "F", lambda _: np.array([factor]), noise)
     search = Search(Objective(scene, motion, 1e-10, scene.frames), parameters(scene), enough, BUDGET)
-    holdout.climb(search, [search.start])
-    assert [each.model for each in search.rungs] == ["F"]
-    assert noise or search.rungs[0].rmse < enough
+    holdout.fit_models(search, [search.start])
+    assert [each.model for each in search.levels] == ["F"]
+    assert noise or search.levels[0].rmse < enough

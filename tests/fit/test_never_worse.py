@@ -12,7 +12,7 @@ from clothfit import Diverged, Scene, degrade, load, parameters, simulate, with_
 from clothfit.fit import result
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import BestSoFar
-from clothfit.strategy.ladder import as_model
+from clothfit.strategy.hierarchy import as_model
 
 pytestmark = pytest.mark.slow
 

@@ -25,7 +25,7 @@ from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
 from clothfit.scene.scene import dumps
-from clothfit.strategy import ladder
+from clothfit.strategy import hierarchy
 from clothfit.strategy.step_choice import COUNTS
 
 FRAMES = 24
@@ -39,7 +39,7 @@ def objective(scene, motion):
 def one_factor(letters="nL", noise=1e-3, **fields):
     """A scene, and a noisy motion of twice its stiffness."""
     scene = small(letters, FRAMES, **fields)
-    truth = with_parameters(ladder.as_model(small("nL", FRAMES, method=scene.method), "F"), np.array([2.0]))
+    truth = with_parameters(hierarchy.as_model(small("nL", FRAMES, method=scene.method), "F"), np.array([2.0]))
     return scene, degrade(simulate(truth, tolerance=1e-12), noise=noise, seed=1)
 
 
@@ -214,7 +214,7 @@ def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(chosen_by)
 @pytest.mark.slow
 def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_path, monkeypatch):
     scene, motion = finer("nL")
-    fitted, rung, done = [], ladder.rung, 2
+    fitted, rung, done = [], hierarchy.fit_level, 2
 
     def noted(search, model, *others, **more):
         if len(fitted) == done:
@@ -222,12 +222,12 @@ def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_pa
         rung(search, model, *others, **more)
         fitted.append(model)
 
-    monkeypatch.setattr(ladder, "rung", noted)
+    monkeypatch.setattr(hierarchy, "fit_level", noted)
     first = estimate(scene, motion, intervals=False, checkpoint=tmp_path / "c", keep_step=True)
     assert (first.status, [each.model for each in first.ladder]) == ("interrupted", fitted)
     done = -1
     found = estimate(scene, motion, intervals=False, checkpoint=tmp_path / "c", keep_step=True, resume=True)
-    assert fitted == ladder.models(scene)  # each once
+    assert fitted == hierarchy.models(scene)  # each once
     assert [each.model for each in found.ladder] == fitted
     assert [each.rmse for each in found.ladder][: len(first.ladder)] == [each.rmse for each in first.ladder]
     assert found.cost <= first.cost

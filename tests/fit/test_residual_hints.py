@@ -28,7 +28,7 @@ def motion(noise=0.0, **fields):
 def late_hints(target, **options):
     """Code and text of the hints after a fit, bounds apart."""
     found = estimate(sheet(50.0), target, intervals=False, **options)
-    return {hint.code: hint.text for hint in found.hints if not hint.early and hint.code != "bounds"}
+    return {hint.code: hint.text for hint in found.hints if not hint.before_fit and hint.code != "bounds"}
 
 
 def early():

@@ -23,7 +23,7 @@ from clothfit.formats import glb
 from clothfit.formats.axes import SCENE as OWN
 from clothfit.formats.axes import Axes, Convention, Reading, facing, from_scene, to_scene
 from clothfit.formats.registry import FORMATS, foreign
-from clothfit.formats.registry import read as read_known
+from clothfit.formats.registry import read_format as read_known
 from clothfit.motion.foreign import load
 
 SCENE = clothfit.load(trial("nG", 5))
@@ -38,7 +38,7 @@ def blenders(name):
 # Suffix: the largest error of a coordinate, m (text is exact but for the unit), and what the file tells of its axes.
 PRECISION = {
     "_*.obj": (0.0, ""), ".pc2": (HALF, ""), ".mdd": (HALF, ""), ".usda": (HALF, "up scale"),
-    ".usdc": (HALF, "up scale"), ".glb": (glb.TOLERANCE, ""), ".gltf": (glb.TOLERANCE, ""),
+    ".usdc": (HALF, "up scale"), ".glb": (glb.LARGEST_ERROR, ""), ".gltf": (glb.LARGEST_ERROR, ""),
     ".c3d": (HALF, "up scale"), ".trc": (1e-15, "scale"), ".csv": (0.0, "up handedness scale"),
 }  # fmt: skip
 AXES = [Axes(up, hand, scale) for up, hand, scale in product("yz", ("left", "right"), (1.0, 0.01))]

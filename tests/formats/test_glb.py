@@ -153,7 +153,7 @@ def test_round_trip_to_the_tolerance_that_is_told(read):
     found = read(data)
     largest = np.linalg.norm(found.positions - motion.positions, axis=2).max()
     extras = json.loads(split(data)[0])["meshes"][0]["extras"]
-    assert largest <= glb.TOLERANCE
+    assert largest <= glb.LARGEST_ERROR
     assert extras["largestError"] == pytest.approx(largest, rel=1e-6)  # the same numbers, added in another order
     assert extras["targets"] == len(extras["targetNames"])
     np.testing.assert_array_equal(found.triangles, motion.triangles)
@@ -205,7 +205,7 @@ def test_pygltflib_finds_base_targets_and_weights(tmp_path):
     assert animation.channels[0].target.path == "weights"
     assert 0 <= weights.min() <= weights.max() <= 1  # Blender and Unity clamp others
     np.testing.assert_array_equal(np.float32(mesh.weights), weights[0])  # the first frame, where nothing plays
-    assert np.linalg.norm(positions - motion.positions, axis=2).max() <= glb.TOLERANCE
+    assert np.linalg.norm(positions - motion.positions, axis=2).max() <= glb.LARGEST_ERROR
     np.testing.assert_allclose(array(sampler.input, 1)[:, 0], motion.times, rtol=6e-8)
 
 

@@ -10,7 +10,7 @@ from helpers.scenes import cloth, document
 
 from clothfit import InvalidInput, InvalidMotion, InvalidScene, load
 from clothfit.engine.inputs.sampling import paths, poses
-from clothfit.evaluation.forecast import check, inputs_of
+from clothfit.evaluation.forecast import check_inputs, inputs_of
 from clothfit.formats import joints
 from clothfit.formats.axes import RIGHT, Axes
 
@@ -121,7 +121,7 @@ def test_faults_of_a_scene_have_a_place(keys, message, tmp_path):
     if "file" in keys:
         keys = {**keys, "file": str(FOLDER / keys["file"])}
     with pytest.raises(InvalidScene, match=message):
-        check(load(document(cloth(pins=[{"vertices": [0], "posKeys": keys}]))))
+        check_inputs(load(document(cloth(pins=[{"vertices": [0], "posKeys": keys}]))))
 
 
 def test_axes_that_the_scene_names_go_before_those_of_the_file():

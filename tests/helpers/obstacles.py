@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.engine.forces.touch import Colliders
+from clothfit.engine.forces.collider_rows import Colliders
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.system import System
 from helpers.physics import ball, full, keys, xyz

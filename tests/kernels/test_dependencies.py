@@ -79,7 +79,7 @@ def test_kernels_of_another_module_are_followed_where_they_are_called_through_it
 
 def test_the_engines_code_depends_on_its_forces_and_not_on_its_fits():
     from clothfit.engine import march
-    from clothfit.engine.forces import contact, springs, touch
+    from clothfit.engine.forces import collider_rows, contact, springs
     from clothfit.engine.forces.selfcontact import rows
     from clothfit.kernels.dependencies import reached
 
@@ -89,7 +89,7 @@ def test_the_engines_code_depends_on_its_forces_and_not_on_its_fits():
     assert springs.add_step.py_func not in functions  # compiled by itself
     assert not any(each.__module__.startswith(("clothfit.fit", "clothfit.optimise")) for each in functions | of_force)
     assert reached(march.run.py_func, plain=True) < functions
-    assert {touch.row.py_func, rows.row.py_func} < reached(contact.energy.py_func)  # of whatever kind the rows are
+    assert {collider_rows.row.py_func, rows.row.py_func} < reached(contact.energy.py_func)  # of each kind
 
 
 class Old(NamedTuple):

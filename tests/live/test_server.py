@@ -126,7 +126,7 @@ def test_a_client_that_reads_nothing_is_cut_off(serving, client):
         client._wait(lambda: len(serving.server.clients) == 2)
         for _ in range(60):  # the other client takes each before the next: else it might be cut off itself
             client.heard.pop("news", None)
-            serving.server.tell({"type": "news", "text": "x" * (1 << 20)})
+            serving.server.send_all({"type": "news", "text": "x" * (1 << 20)})
             assert client._wait(lambda: "news" in client.heard)
         while len(serving.server.clients) > 1:
             assert client.send("status")["type"] == "done"

@@ -42,12 +42,12 @@ def test_a_change_counts_when_the_file_is_still(watched, clock):
     assert not files.changed()
     path.write_text("two, longer")
     assert not files.changed()
-    clock[0] += watch.STILL / 2
+    clock[0] += watch.QUIET_SECONDS / 2
     path.write_text("three, longer still")
     assert not files.changed()
-    clock[0] += 0.9 * watch.STILL
+    clock[0] += 0.9 * watch.QUIET_SECONDS
     assert not files.changed()  # it has been still for less than that
-    clock[0] += 0.2 * watch.STILL
+    clock[0] += 0.2 * watch.QUIET_SECONDS
     assert files.changed()
 
 

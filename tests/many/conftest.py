@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 
 from clothfit.fit.options import Request
-from clothfit.many.job import Job, read
+from clothfit.many.job import Job, read_file
 
 
 @pytest.fixture
@@ -14,6 +14,6 @@ def makers():
 
     def made(paths, start=None, **options):
         chosen = Request(**options)
-        return [partial(lambda path, number: Job(read(path), (), start, options=chosen), path) for path in paths]
+        return [partial(lambda path, number: Job(read_file(path), (), start, options=chosen), path) for path in paths]
 
     return made

@@ -15,7 +15,7 @@ from clothfit.fit.estimate import record_target
 from clothfit.fit.options import Request
 from clothfit.many import warmup
 from clothfit.many.cluster import stop, work
-from clothfit.many.job import FACTOR, NOT_STARTED, File, Job, drawn, failed, numbered, read, run
+from clothfit.many.job import FACTOR, NOT_STARTED, File, Job, drawn, failed, numbered, read_file, run
 from clothfit.many.processes import is_cold
 from clothfit.motion.motion import save_motion
 from clothfit.objective.identifiability import identifiable
@@ -35,8 +35,8 @@ def test_a_job_and_its_outcome_survive_a_journey_and_give_the_fit_of_its_files(t
     path = write_scene(tmp_path, trial("LL"))
     guess = write_scene(tmp_path, trial("nn", vertMass=[0.03] * 16), "guess.json")
     save_motion(record_target(load(path)), str(tmp_path / "t.npz"))
-    goals = ((read(tmp_path / "t.npz"), None), (read(tmp_path / "t.npz"), read(path)))
-    job = pickle.loads(pickle.dumps(Job(read(path), goals, read(guess), options=Request(**FEW))))
+    goals = ((read_file(tmp_path / "t.npz"), None), (read_file(tmp_path / "t.npz"), read_file(path)))
+    job = pickle.loads(pickle.dumps(Job(read_file(path), goals, read_file(guess), options=Request(**FEW))))
     outcome = pickle.loads(pickle.dumps(run(job)))
     motion = record_target(load(path))
     same = estimate(load(path), [motion, motion], load(guess), **FEW)
@@ -63,7 +63,7 @@ def test_a_target_that_does_not_fit_a_file_that_is_not_there_and_another_version
     assert run(Job(packed(trial("Ln")), ((motion, None),))).error.startswith("scene: its objects")
     assert run(Job(packed(trial("Ln")), ((File(b"x", "t.npz"), other),))).error.startswith("t.npz: cannot be read")
     with pytest.raises(InvalidInput, match=r"^none\.json: there is no such file"):
-        read("none.json")
+        read_file("none.json")
     outcome = run(replace(Job(packed(trial("Ln"))), version="0.0.1"))
     assert (outcome.exit_code, "the job comes from 0.0.1" in outcome.error) == (3, True)
 

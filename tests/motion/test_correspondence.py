@@ -9,7 +9,7 @@ from helpers.strangers import sheet
 
 from clothfit import InvalidMotion, cost_and_gradient, simulate, with_parameters
 from clothfit.formats.axes import Reading
-from clothfit.motion.correspondence import TooFar, carried, normals
+from clothfit.motion.correspondence import TooFar, embedded, normals
 from clothfit.motion.foreign import load
 from clothfit.registration.record import rotation
 
@@ -72,9 +72,9 @@ def test_a_mesh_that_is_bound_moves_as_its_triangles_do():
     turns = [rotation(np.array([0.3 * k, -0.2 * k, 0.5 * k])) for k in range(4)]
     x = np.stack([CLOTH.positions @ R.T + [k, 0.0, -k] for k, R in enumerate(turns)])
     others = points(2e-3)[0]
-    found = carried(x, SCENE, others, "render.obj")
+    found = embedded(x, SCENE, others, "render.obj")
     wanted = np.stack([others @ R.T + [k, 0.0, -k] for k, R in enumerate(turns)])
     np.testing.assert_allclose(found, wanted, atol=1e-12)  # rounding
-    np.testing.assert_allclose(carried(MOTION.positions, SCENE, CLOTH.positions, "a"), MOTION.positions, atol=1e-12)
+    np.testing.assert_allclose(embedded(MOTION.positions, SCENE, CLOTH.positions, "a"), MOTION.positions, atol=1e-12)
     with pytest.raises(TooFar):
-        carried(x, replace(SCENE, name="a.json"), others + 1.0, "render.obj")
+        embedded(x, replace(SCENE, name="a.json"), others + 1.0, "render.obj")

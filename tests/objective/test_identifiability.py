@@ -6,21 +6,21 @@ from helpers.physics import ball, chain, scene, thing
 from helpers.scenes import even
 
 from clothfit import load, parameters, simulate, with_parameters
-from clothfit.objective.identifiability import FEW, MOST, NOTABLE, STRONG, Value, hidden, identifiable, strongest
+from clothfit.objective.identifiability import FEW, MOST, NOTABLE, STRONG, Value, identifiable, strongest, unobservable
 
 
 def test_fixed_masses_and_springs_between_fixed_vertices_are_hidden():
     one = scene(chain(4, "LL", fixed=[0, 1])).cloths[0]
-    assert hidden(one, "mass", 0).tolist() == [True, True, False, False]
-    assert hidden(one, "stiffness", 0).tolist() == [True, False, False]
+    assert unobservable(one, "mass", 0).tolist() == [True, True, False, False]
+    assert unobservable(one, "stiffness", 0).tolist() == [True, False, False]
 
 
 def test_the_mass_of_a_vertex_that_only_falls_is_hidden_unless_something_pushes_it():
     points, triangles = [(0, 0, 0), (1, 0, 0), (0, 0, 1), (5, 0, 0)], [(0, 1, 2)]
     made = {drag: scene(thing(points, triangles=triangles, dragCoefficient=drag)).cloths[0] for drag in (0.0, 0.5)}
-    assert hidden(made[0.0], "mass", 0).tolist() == [True] * 4
-    assert hidden(made[0.5], "mass", 0).tolist() == [False, False, False, True]
-    assert hidden(made[0.0], "mass", 1).tolist() == [False] * 4
+    assert unobservable(made[0.0], "mass", 0).tolist() == [True] * 4
+    assert unobservable(made[0.5], "mass", 0).tolist() == [False, False, False, True]
+    assert unobservable(made[0.0], "mass", 1).tolist() == [False] * 4
 
 
 def test_what_is_hidden_is_not_fitted():

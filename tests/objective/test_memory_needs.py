@@ -76,8 +76,8 @@ def test_what_is_foreseen():
     n, steps = 16, FRAMES - 1
     state = 24 * n * 2 + 31  # a position, a velocity, three counters, three flags, the part that was taken, the budget
     assert needs.held >= motion.positions.nbytes + 16 * FRAMES  # … and what was observed
-    assert needs.foreseen == needs.held + steps * state
-    assert needs.summary() == {"foreseen": needs.foreseen, "budget": 10**9, "snapshots": None}
+    assert needs.predicted == needs.held + steps * state
+    assert needs.summary() == {"foreseen": needs.predicted, "budget": 10**9, "snapshots": None}
     robust = Objective(made, motion, memory="1GB", loss="huber").needs
     assert robust.held >= needs.held + 5 * motion.positions.nbytes
 

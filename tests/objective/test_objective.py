@@ -237,9 +237,9 @@ def test_each_experiment_has_its_own_end():
 
 def test_still_is_the_cost_of_a_cloth_that_does_not_move():
     aim = Objective(SCENE, MOTION, TIGHT)
-    assert aim.still == pytest.approx(((MOTION.positions - SCENE.cloths[0].positions) ** 2).sum(), rel=1e-12)
+    assert aim.cost_at_rest == pytest.approx(((MOTION.positions - SCENE.cloths[0].positions) ** 2).sum(), rel=1e-12)
     resting = Motion(np.array([SCENE.cloths[0].positions] * 12), MOTION.times, MOTION.vertex_counts)
-    assert Objective(SCENE, resting).still == 0.0
+    assert Objective(SCENE, resting).cost_at_rest == 0.0
 
 
 def test_the_first_step_is_the_first_at_which_anything_is_seen():

@@ -18,7 +18,7 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import save_motion
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import Checkpoint, State, decoded
-from clothfit.optimise.status import Rung, Status
+from clothfit.optimise.status import ModelFit, Status
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
@@ -30,7 +30,7 @@ STATE = State(
     start=np.array([1.0, 2.0, 0.1 + 0.2]), best=np.array([0.5, 1.0, 5e-324]), cost=1.0 / 3.0, gradient=np.arange(3.0),
     centre=np.zeros(2), tau=(0.3, np.inf), y=np.ones(2), radius=0.5, window=20, before=np.ones(3), before_cost=np.inf,
     history=(np.inf, 2.0), beside=2, seconds=12.5, warnings=["a word"], status=Status.LIMIT, model="R", substeps=4,
-    rungs=[Rung("F", 2, 1.0 / 3.0, np.array([1.0, 2.0, 5e-324]), 1.5), Rung("R", 3, 0.1, np.ones(3), 0.0)],
+    rungs=[ModelFit("F", 2, 1.0 / 3.0, np.array([1.0, 2.0, 5e-324]), 1.5), ModelFit("R", 3, 0.1, np.ones(3), 0.0)],
     best_centre=np.full(2, 0.1), best_tau=(0.2,),
 )  # fmt: skip
 SAME = {"scene": "#1", "method": "auto"}
@@ -47,7 +47,7 @@ def same(one, other):
     """Whether two states are equal to the bit."""
     for a, b in zip(one, other, strict=True):
         assert type(a) is type(b)
-        if isinstance(a, (tuple, list)) and a and isinstance(a[0], Rung):
+        if isinstance(a, (tuple, list)) and a and isinstance(a[0], ModelFit):
             for mine, theirs in zip(a, b, strict=True):
                 same(mine, theirs)
             continue

@@ -7,7 +7,7 @@ import pytest
 
 from clothfit.optimise.gauss_newton import (
     LEFT,
-    SMALL,
+    SMALL_GAIN,
     SMALLEST,
     Model,
     Patience,
@@ -243,7 +243,7 @@ def test_two_steps_that_would_save_next_to_nothing_are_the_end():
     found, _, status = minimise(many(made), np.array([3.0, 1.0]), none(2))
     assert status == "converged"
     # each step would save (1.9 d)² of 1e4, 1.9 d² are left, with d the distance to the minimum: less than half of it
-    assert 1e4 < found.cost < 1e4 * (1 + SMALL)
+    assert 1e4 < found.cost < 1e4 * (1 + SMALL_GAIN)
     assert len(made.models) > 4  # a problem without such residuals takes two
 
 

@@ -237,7 +237,7 @@ def learned(truth, found, seed=0):
         prior, y = first(np.zeros(size), [np.arange(size)], None, [own] if own else ()), np.zeros(size)
         for _ in range(3):
             now = r + J @ y
-            prior, sigma2 = prior.settled(J.T @ J, J.T @ now, y, float(now @ now), rows)
+            prior, sigma2 = prior.learned_fully(J.T @ J, J.T @ now, y, float(now @ now), rows)
             A = prior.matrix(sigma2)
             y = y - np.linalg.solve(J.T @ J + A, J.T @ now + A @ y)
         results.append((prior, float(np.sqrt(np.mean((y - truth) ** 2)))))

@@ -7,7 +7,7 @@ from helpers.scenes import cloth, even
 
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.scan import POINTS, Course, brackets, grid, is_minimum, minima, scan, scannable
+from clothfit.optimise.scan import POINTS, PartialCost, brackets, grid, is_minimum, minima, scan, scannable
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters
 from clothfit.scene.scene import load
 
@@ -60,7 +60,7 @@ def test_the_other_cloth_keeps_its_values_and_does_not_count():
 @pytest.mark.parametrize("frames", [2, 3, 7, 40])
 def test_a_motion_that_is_followed_has_its_whole_cost(frames):
     aim = Objective(flag(frames=frames), simulate(flag(frames=frames, stiffness=60.0), tolerance=1e-10), 1e-4)
-    course, p = Course(aim, 0), np.array([3.0])
+    course, p = PartialCost(aim, 0), np.array([3.0])
     whole = course.cost(p, np.inf)
     assert whole == pytest.approx(aim.cost(p), rel=1e-3)  # systems solved to 3e-4
     assert course.cost(p, 1.001 * whole) == whole
@@ -70,7 +70,7 @@ def test_a_motion_that_is_followed_has_its_whole_cost(frames):
 def test_where_it_diverges_it_is_infinite():
     made = load(even("nG", 60, integrationMethod=0, delta=0.004))
     aim = Objective(made, simulate(made), TIGHT)
-    assert Course(aim, 0).cost(np.array([1e4]), np.inf) == np.inf
+    assert PartialCost(aim, 0).cost(np.array([1e4]), np.inf) == np.inf
     ((low, _, high),) = scan(aim, 0, np.array([1.0]))[0]
     assert low < 30.0 < high
 
@@ -78,7 +78,7 @@ def test_where_it_diverges_it_is_infinite():
 def test_a_spectrum_is_not_a_sum_over_frames():
     made = flag(frames=30)
     aim = Objective(made, simulate(flag(frames=30, stiffness=60.0), tolerance=1e-10), 1e-6, objective="spectrum")
-    course = Course(aim, 0)
+    course = PartialCost(aim, 0)
     assert [shorter for _, shorter in course.legs] == [{}]
     assert course.cost(np.array([60.0]), np.inf) < 1e-6 < course.cost(np.array([3.0]), np.inf)
 
@@ -111,8 +111,8 @@ def test_minima_and_brackets():
 @pytest.mark.parametrize("frames", [4, 80])
 def test_a_few_dozen_motions_find_one_value(frames, monkeypatch):
     followed = []
-    original = Course.cost
-    monkeypatch.setattr(Course, "cost", lambda course, p, most: followed.append(1) or original(course, p, most))
+    original = PartialCost.cost
+    monkeypatch.setattr(PartialCost, "cost", lambda course, p, most: followed.append(1) or original(course, p, most))
     aim = Objective(flag(frames=frames), simulate(flag(frames=frames, stiffness=123.0), tolerance=1e-10), 1e-6)
     ((low, _, high),) = scan(aim, 0, np.array([1.0]))[0]
     assert low < 123.0 < high

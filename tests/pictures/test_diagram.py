@@ -12,7 +12,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.reference import Reference
 from clothfit.evaluation.work_precision import Setting, Trial, grid, table
 from clothfit.pictures.diagram import draw, save_diagram
-from clothfit.pictures.picture_file import GIF, check
+from clothfit.pictures.picture_file import GIF, check_picture
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
 
@@ -93,7 +93,7 @@ def test_what_cannot_be_drawn_or_written_is_refused(tmp_path, monkeypatch):
         with pytest.raises(InvalidInput, match=message):
             save_diagram(FOUND, tmp_path / name)
     with pytest.raises(InvalidInput, match=r"ends in \.gif$"):
-        check(tmp_path / "x.png", GIF)
+        check_picture(tmp_path / "x.png", GIF)
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InvalidInput, match="a picture needs matplotlib; install it with: pip install"):

@@ -13,8 +13,8 @@ from helpers.surfaces import body, torus
 from numpy.testing import assert_allclose, assert_array_equal
 
 from clothfit import Forces, Key, load, simulate
-from clothfit.control.control import course
-from clothfit.engine.forces.touch import build, depths
+from clothfit.control.control import controlled_motion
+from clothfit.engine.forces.collider_rows import build, depths
 from clothfit.engine.inputs.sampling import states
 from clothfit.engine.system import build as build_system
 from clothfit.kernels.raster import fill, fill_sphere, lit
@@ -253,7 +253,7 @@ def own():
         Key(8, 0, np.arange(12, dtype=np.int32), np.array([[0.0, 1.0, 0.0]]), share=np.full(12, 1 / 12)),
         Key(20, 0, np.arange(12, dtype=np.int32), x[20]),
     ]
-    return course(made, pushed, keys, motion), x, u
+    return controlled_motion(made, pushed, keys, motion), x, u
 
 
 def test_the_course_beside_its_keys(own):
@@ -294,11 +294,11 @@ def test_no_more_arrows_than_can_be_told_apart_and_none_without_forces():
     pushed = many.with_forces(Forces(np.zeros(1), np.ones((1, 3 * scenery.MOST_ARROWS, 3))))
     x = many.cloths[0].positions
     keys = [Key(1, 0, np.arange(len(x), dtype=np.int32), x)]
-    made = scenery.marks(course(many, pushed, keys, simulate(pushed)))
+    made = scenery.marks(controlled_motion(many, pushed, keys, simulate(pushed)))
     assert 0.5 * scenery.MOST_ARROWS < made.arrows[0].any(axis=1).sum() <= scenery.MOST_ARROWS
     still = physics.scene(physics.thing([(0, 0, 0)]), delta=H, optimizationIterations=3, gravity=physics.xyz((0, 0, 0)))
     motion = simulate(still)
-    made = scenery.marks(course(still, still, [Key(2, 0, np.zeros(1, np.int32), np.ones((1, 3)))], motion))
+    made = scenery.marks(controlled_motion(still, still, [Key(2, 0, np.zeros(1, np.int32), np.ones((1, 3)))], motion))
     assert not made.arrows.any()
     assert [name for name, _ in made.legend] == ["key", "cloth"]
 

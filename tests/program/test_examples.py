@@ -7,7 +7,7 @@ from helpers.modules import script
 from helpers.paths import EXAMPLES
 
 import clothfit
-from clothfit.engine.forces.touch import depths
+from clothfit.engine.forces.collider_rows import depths
 from clothfit.engine.system import at_rest
 from clothfit.evaluation.forecast import inputs_of
 

@@ -207,7 +207,7 @@ def test_memory_that_is_not_free_is_refused_with_the_figure_before_the_work(fold
     monkeypatch.setattr("clothfit.scene.text.memory", SimpleNamespace(free=lambda: 10**9))
     monkeypatch.setattr("clothfit.base.memory.ALWAYS_FREE", 0)  # so little is looked at otherwise
     monkeypatch.setattr("clothfit.base.memory.available", lambda: 1000)
-    monkeypatch.setattr("clothfit.engine.rollout.advance", lambda *_: pytest.fail("it began to work"))
+    monkeypatch.setattr("clothfit.engine.rollout.run_steps", lambda *_: pytest.fail("it began to work"))
     assert run(command) == 3
     assert ", 1 kB of memory are free; use fewer frames" in capsys.readouterr().err
     assert names() == ["scene.json", "target.npz"]

@@ -9,7 +9,7 @@ from helpers.scenes import even
 from clothfit import load, report_page, simulate
 from clothfit.registration.record import Jump, Markers, Registration, Swap
 from clothfit.report import captures
-from clothfit.report.showing import shown
+from clothfit.report.showing import view
 
 pytestmark = pytest.mark.slow  # compiles a simulation
 
@@ -32,7 +32,7 @@ def seen():
 
 def test_every_marker_has_a_row_with_what_is_left_and_what_is_seen(seen):
     scene, target = seen
-    show = shown(scene, scene, target)
+    show = view(scene, scene, target)
     count = scene.vertex_counts
     marked = Markers((Swap((8, 9)),), (4,), (Jump(7, (3,)),)).summary(count)
     rows = {row[0]: row[1:] for row in captures.table_rows(show, {"markers": [marked]})}
@@ -48,7 +48,7 @@ def test_every_marker_has_a_row_with_what_is_left_and_what_is_seen(seen):
     page = report_page(scene, scene, target).decode()
     assert '"markers":[4,5,6,7,8,9]' in page
     assert "clothfit/captures" in page
-    show = shown(scene, scene, simulate(scene))  # which is seen whole and has no markers
+    show = view(scene, scene, simulate(scene))  # which is seen whole and has no markers
     assert captures.table_rows(show, {}) == []
     assert captures.content(show, {})["markers"] == []
 
@@ -66,7 +66,7 @@ def test_clock_and_place_stand_with_their_intervals():
 @pytest.mark.parametrize("wrong", [[], {}, 3, "x", [1], [{"offset": "a"}], [{"intervals": [1], "offset": 1e400}]])
 def test_summaries_are_not_trusted(seen, wrong):
     scene, target = seen
-    show = shown(scene, scene, target)
+    show = view(scene, scene, target)
     assert captures.registered({"registration": wrong}) == []
     damaged = [{"swapped": wrong, "false": [{"object": 7, "vertex": 1}], "jumps": [{"object": 0, "vertex": 10**9}]}]
     assert captures.remarks(show, {"markers": damaged}) == {}

@@ -12,7 +12,7 @@ from clothfit.report import findings
 from clothfit.report.findings import GOOD, PLAIN, WARN
 from clothfit.report.log import Log, start_of
 from clothfit.report.page import WEB, report_page
-from clothfit.report.showing import BEFORE, residuals, shown
+from clothfit.report.showing import BEFORE, residuals, view
 
 LADDER = [{"model": "F", "values": 1, "rmse": 0.02, "holdout_rmse": 0.03, "seconds": 0.5},
           {"model": "L", "values": 33, "rmse": 0.001, "holdout_rmse": None, "seconds": 4.0}]  # fmt: skip
@@ -46,7 +46,7 @@ def test_residuals_in_time_and_over_the_cloth_where_something_is_seen_and_compar
 
 
 def test_the_models_the_steps_and_the_correlations_are_tables():
-    (models,) = findings.ladder({"ladder": LADDER})
+    (models,) = findings.model_table({"ladder": LADDER})
     assert models["heads"] == ["model", "values", "error", "held-out error", "seconds"]
     assert models["rows"][0] == ["F one factor", ["1", 1.0], ["20 mm", 0.02], ["30 mm", 0.03], ["0.5", 0.5]]
     assert models["rows"][1][3] == "–"
@@ -59,7 +59,7 @@ def test_the_models_the_steps_and_the_correlations_are_tables():
 @pytest.mark.parametrize("bad", [None, 3, "x", [], [3], [[]], {"tried": 1}, [{"first": 1, "second": {}}]])
 def test_a_summary_that_cannot_be_read_gives_no_table(bad):
     summary = {"ladder": bad, "step": bad, "correlations": bad}
-    assert findings.ladder(summary) + findings.steps(summary) + findings.correlations(summary) == []
+    assert findings.model_table(summary) + findings.steps(summary) + findings.correlations(summary) == []
     assert findings.value_name({"object": "x", "name": 5, "index": None}) == "scene 5"
 
 
@@ -109,8 +109,8 @@ def three():
 def test_the_motion_before_the_fit_stands_beside_it(three):
     truth, start, fitted = three
     target = simulate(truth, 12, 1e-10)
-    show = shown(start, fitted, target, others=[(BEFORE, start)])
-    (before,) = show.beside
+    show = view(start, fitted, target, others=[(BEFORE, start)])
+    (before,) = show.companions
     own = simulate(start, 12, 1e-10)
     assert np.allclose(before.positions, own.positions, rtol=0, atol=1e-12)  # the same steps
     gap = ((own.positions - target.positions) ** 2).sum(axis=2)
@@ -134,8 +134,8 @@ def test_several_fits_of_a_target_stand_side_by_side(three):
     assert [each["name"] for each in content["beside"]] == [BEFORE, truth.name]
     wild = load(even("nG", 12, integrationMethod=0, springStiffness=[5e5] * 33))
     target = as_motion(truth, simulate(truth, 12, 1e-10).positions)
-    show = shown(truth, fitted, target, others=[("wild.json", wild)])  # which diverges
-    assert show.beside[0].near is None
+    show = view(truth, fitted, target, others=[("wild.json", wild)])  # which diverges
+    assert show.companions[0].near is None
     assert any("wild.json" in note and "diverged" in note for note in show.notes)
     assert len(report_page(truth, fitted, target, others=[(wild, Log())])) > 500_000
 

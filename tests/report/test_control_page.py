@@ -10,7 +10,7 @@ from helpers.scenes import cloth
 from helpers.unpacking import unpacked_positions
 
 from clothfit import Forces, Key, simulate
-from clothfit.control.control import Control, course, miss, reached
+from clothfit.control.control import Control, controlled_motion, miss, reached
 from clothfit.optimise.status import Status
 from clothfit.report import control_contents
 from clothfit.report.control_contents import control_content
@@ -38,7 +38,7 @@ def found():
         Key(STEPS, 0, np.array([8, 9], np.int32), x[STEPS, [8, 9]] + [0, 0.3, 0.4], hard=True),
         Key(STEPS, 0, every, x[STEPS].mean(axis=0)[None] + [0.2, 0, 0], share=np.full(12, 1 / 12)),
     ]
-    over = course(made, pushed, keys, motion)
+    over = controlled_motion(made, pushed, keys, motion)
     near = tuple(reached(key, motion, made) for key in keys)
     free = tuple(miss(key, over.free, made) for key in keys)
     effort = over.effort.sum()

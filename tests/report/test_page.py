@@ -16,7 +16,7 @@ from clothfit.motion.motion import as_motion, save_motion
 from clothfit.report.log import Log, intervals, read_log
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
 from clothfit.report.page import WEB, page
-from clothfit.report.showing import default_length, shown
+from clothfit.report.showing import default_length, view
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -91,7 +91,7 @@ def both():
 
 
 def test_the_figures_are_those_of_evaluate(both):
-    show, told = shown(*both, frames=30), evaluate(*both, horizon=30)
+    show, told = view(*both, frames=30), evaluate(*both, horizon=30)
     assert show.evaluation == told
     assert show.rmse[:12] @ show.rmse[:12] == pytest.approx(12 * told.fitted.rmse**2, rel=1e-9)  # mean over frames
     assert show.largest.max() == pytest.approx(told.horizon.max_error, rel=1e-12)
@@ -100,7 +100,7 @@ def test_the_figures_are_those_of_evaluate(both):
 
 def test_a_target_gives_the_times_and_its_gaps(both):
     target = degrade(simulate(both[0]), observed=0.5, every=3)
-    show = shown(*both, target)
+    show = view(*both, target)
     assert show.times.tolist() == target.times.tolist()
     assert np.array_equal(np.isnan(show.error), ~target.observed)
     assert show.evaluation == evaluate(*both, target=target)
@@ -109,20 +109,20 @@ def test_a_target_gives_the_times_and_its_gaps(both):
 def test_frames_between_steps_lie_on_the_straight_line_and_finer_steps_at_those_of_the_true_scene(both):
     x = simulate(both[1], 5, 1e-10).positions
     target = as_motion(both[0], x[:2], times=np.array([0.01, 0.05]))
-    assert np.allclose(shown(*both, target).fitted[1], (x[2] + x[3]) / 2, rtol=0, atol=1e-12)
+    assert np.allclose(view(*both, target).fitted[1], (x[2] + x[3]) / 2, rtol=0, atol=1e-12)
     fine = both[1].with_step(both[1].delta / 2, 23)
-    show = shown(both[0], fine, frames=15)
+    show = view(both[0], fine, frames=15)
     assert np.allclose(show.fitted, simulate(fine, 29, 1e-10).positions[::2], atol=1e-12)  # the same steps
     assert (show.evaluation.fitted.frames, show.evaluation.horizon.frames) == (12, 15)
     assert show.evaluation == evaluate(both[0], fine, horizon=15)
 
 
 def test_too_many_frames_are_thinned_and_the_curves_are_not_and_the_horizon_is_shorter(both):
-    show = shown(*both, frames=30, most=2 * 16 * 12)
+    show = view(*both, frames=30, most=2 * 16 * 12)
     assert (len(show.times), len(show.rmse)) == (10, 30)
     assert "one frame in 3 is shown" in show.notes[0]
     assert default_length(both[0], 10**9) == 500
-    show = shown(*both, most=2 * 16 * 40)
+    show = view(*both, most=2 * 16 * 40)
     assert len(show.times) == 40
     assert "ends after 40 frames" in show.notes[0]
 
@@ -130,7 +130,7 @@ def test_too_many_frames_are_thinned_and_the_curves_are_not_and_the_horizon_is_s
 def test_a_motion_that_diverges_is_shown_until_it_leaves(both):
     wild = replace(both[1], method=0)
     wild = wild.with_values([c.mass for c in wild.cloths], [np.full(33, 5e3)])
-    show = shown(both[0], wild)
+    show = view(both[0], wild)
     assert 2 <= len(show.times) < 200
     assert "diverged" in show.notes[0]
     assert np.isfinite(show.fitted).all()

@@ -9,7 +9,7 @@ from helpers.unpacking import unpacked, unpacked_positions
 from clothfit.pictures.plots import comparison
 from clothfit.report.page import page as page_of
 from clothfit.report.subspace_contents import subspace_content
-from clothfit.subspace.judge import compare
+from clothfit.subspace.validation import compare
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 

@@ -12,7 +12,7 @@ from clothfit import load
 from clothfit.base.arrays import Elements
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.system import all_elements, build, with_elements
-from clothfit.objective.identifiability import hidden, identifiable
+from clothfit.objective.identifiability import identifiable, unobservable
 from clothfit.scene import schema as structure
 from clothfit.scene.bounds import of_factor
 from clothfit.scene.fit_vector import bounds, changes, elements, fitted_cloths, parameters, with_parameters
@@ -267,7 +267,7 @@ def test_new_values_are_checked(others, message):
 def test_fixed_vertices_and_their_springs_hide_velocities_and_rest_lengths():
     made = load(full({"vertVel": "L", "springRestLength": "L"}))
     one = made.cloths[0]
-    assert hidden(one, "velocity", 0).tolist() == one.fixed.tolist()
+    assert unobservable(one, "velocity", 0).tolist() == one.fixed.tolist()
     velocity = next(block for block in made.blocks if block.name == "velocity")
     lost = np.flatnonzero(~identifiable(made)[velocity.part])
     assert lost.tolist() == [0, 1, 2, 6, 7, 8]  # three components of vertices 0 and 2
@@ -281,7 +281,7 @@ def test_the_rest_length_of_what_has_no_stiffness_is_hidden_unless_that_is_fitte
     points = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
     for settings, lost in (("nn", [True, False]), ("nL", [False, False])):
         made = scene(thing(points, [(0, 1), (1, 2)], optimizationSettings=settings, **links))
-        assert hidden(made.cloths[0], "rest", 0).tolist() == lost
+        assert unobservable(made.cloths[0], "rest", 0).tolist() == lost
 
 
 def test_drag_and_wind_need_faces_with_free_vertices_and_the_wind_a_drag():

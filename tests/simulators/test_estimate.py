@@ -13,7 +13,7 @@ from clothfit.objective.target import target
 from clothfit.simulators import directions, values, xpbd
 from clothfit.simulators.blender import left_out, values_of, with_values
 from clothfit.simulators.estimate import Options, estimate
-from clothfit.simulators.values import ManyFit
+from clothfit.simulators.values import ElementFit
 
 pytestmark = pytest.mark.slow  # compiles
 
@@ -116,11 +116,11 @@ def along(scene, motion, pull):
     """
     tool = xpbd.each_of(scene, 0, xpbd.Settings(1, 2), FRAMES).tool(FRAMES)
     goal = target(motion, 0, scene.delta, FRAMES - 1)
-    fit, e = ManyFit(tool, goal, None, np.array([value.start for value in tool.values])), 1e-5
+    fit, e = ElementFit(tool, goal, None, np.array([value.start for value in tool.values])), 1e-5
     d = np.random.default_rng(5).normal(size=len(fit.start))
     rows, columns = (fit.scale * np.concatenate(each) for each in zip(*fit.frames(fit.start, pull, along=True),
                                                                       strict=True))  # fmt: skip
-    up, down = (fit.pulled(fit.start + s * e * d, pull)[: -len(d)] for s in (1, -1))
+    up, down = (fit.nudged_residuals(fit.start + s * e * d, pull)[: -len(d)] for s in (1, -1))
     assert columns @ d == pytest.approx((up - down) / (2 * e), rel=1e-6, abs=1e-9)
     return fit, rows
 
@@ -137,7 +137,8 @@ def test_the_derivative_between_frames_is_that_of_the_samples(scene):
 def test_the_changes_of_a_nudged_motion_are_those_of_its_distances(scene):
     fit, _ = along(scene, simulate(scene), 0.3)
     # an error lasts for a few steps only: the nudged motion is nearer
-    assert np.linalg.norm(fit.pulled(fit.start, 0.9)) < 0.5 * np.linalg.norm(fit.pulled(fit.start, 0.0))
+    nudged, free = (np.linalg.norm(fit.nudged_residuals(fit.start, each)) for each in (0.9, 0.0))
+    assert nudged < 0.5 * free
 
 
 def test_more_values_than_are_fitted_one_by_one_are_refused_before_any_fit(folder, monkeypatch, capsys):
@@ -156,7 +157,7 @@ def test_rest_lengths_are_those_of_distances(scene):
 
 
 def test_the_command_writes_the_values_of_each(scene, folder, monkeypatch, capsys):
-    monkeypatch.setattr(values, "PULLS", ())
+    monkeypatch.setattr(values, "NUDGES", ())
     monkeypatch.setattr(values, "LEAVING", ())
     one, obi = command(folder, capsys, "--iterations", "2", "--model", "L")
     assert one["rmse"] <= one["few_rmse"] <= one["mapped_rmse"]

@@ -23,7 +23,7 @@ from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 from clothfit.strategy import auto, trajectory_fit
-from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_ladder, by_momentum, check_tolerance
+from clothfit.strategy.auto import SolvedLoosely, balances_can_hold, by_hierarchy, by_momentum, check_tolerance
 
 pytestmark = pytest.mark.slow
 
@@ -90,14 +90,14 @@ def test_a_target_that_only_another_tolerance_reproduces_is_fitted_with_that():
     given = load(trial("nL", 30))
     aim, p = Objective(given, simulate(given, 30, 1e-3), 1e-10), parameters(given)
     search = Search(aim, p, NEVER, 100)
-    search.looser = 1e-3
-    with pytest.raises(SolvedLooser) as found:
+    search.loose_tolerance = 1e-3
+    with pytest.raises(SolvedLoosely) as found:
         check_tolerance(search, p)
     assert found.value.tolerance == 1e-3
     np.testing.assert_array_equal(found.value.p, p)
-    search.looser = None  # as where the user chose one
+    search.loose_tolerance = None  # as where the user chose one
     check_tolerance(search, p)
-    search.looser = 1e-3
+    search.loose_tolerance = 1e-3
     check_tolerance(search, 3.0 * p)  # no tolerance makes the motion of these values the target's
 
 
@@ -180,7 +180,7 @@ def test_a_target_that_cannot_be_reproduced_ends_a_long_fit_after_some_steps(mon
     first = objective.cost(np.full(33, 10.0))
     assert found.status in ("converged", "stalled")
     assert found.evaluations < 200
-    assert trajectory_fit.FAR_ERROR**2 * objective.still < found.cost < first
+    assert trajectory_fit.FAR_ERROR**2 * objective.cost_at_rest < found.cost < first
 
 
 def test_balances_that_cannot_be_fulfilled_at_first_are_not_solved_for_all_frames(monkeypatch):
@@ -264,7 +264,7 @@ def test_steps_are_not_taken_by_other_values():
     assert not auto.takes_each_step(search)
     search.visit((1.0 + 1e-9) * parameters(search.objective.scene))
     assert auto.takes_each_step(search)
-    assert search.beside(search.objective, search.best.p, search.best.cost).proven is not None
+    assert search.subsearch(search.objective, search.best.p, search.best.cost).proven is not None
     search.visit(search.start)
     assert search.proven is not None  # of the best point
 
@@ -344,7 +344,7 @@ def test_a_ladder_comes_to_the_truth_and_not_to_the_noise(hanging):
     scene, truth, target = hanging
     start = np.full(len(parameters(scene)), 0.02)
     search = Search(Objective(scene, target, 1e-10), start, 0.0, 10**4)
-    by_ladder(search, None, [start])
+    by_hierarchy(search, None, [start])
     assert distance(with_parameters(scene, search.best.p), truth) < NOISE
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from helpers.scenes import even
 
 from clothfit import load, mesh, new_scene
-from clothfit.strategy.few_values import ROUNDING, begins, twins
+from clothfit.strategy.few_values import ROUNDING, steps_before_chaos, twins
 
 
 def test_twins_of_a_hanging_sheet_stay_together():
@@ -23,4 +23,4 @@ def test_twins_of_a_sheet_that_stands_on_end_fall_apart():
 
 
 def test_nothing_that_is_reproduced_is_no_chaos():
-    assert begins(None, []) == 0
+    assert steps_before_chaos(None, []) == 0

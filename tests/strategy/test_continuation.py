@@ -77,7 +77,7 @@ def windy():
 
 def test_what_is_seen_is_pulled_to_where_it_is_after_each_step(windy):
     scene, motion = windy
-    forces = continuation.pulled(scene, motion, 1.0).forces
+    forces = continuation.with_nudging(scene, motion, 1.0).forces
     seen = motion.observed[1:]
     mass = scene.cloths[0].mass
     np.testing.assert_allclose(forces.gain, seen * mass / scene.delta**2, rtol=1e-12)  # m ω², ω = 1 / h
@@ -88,34 +88,34 @@ def test_what_is_seen_is_pulled_to_where_it_is_after_each_step(windy):
 
 def test_sparse_frames_pull_at_their_steps_with_the_same_impulse(windy):
     scene, motion = windy
-    forces = continuation.pulled(scene, at_frames(motion, slice(0, None, 3)), 1.0).forces
+    forces = continuation.with_nudging(scene, at_frames(motion, slice(0, None, 3)), 1.0).forces
     assert not forces.gain[np.arange(len(forces.gain)) % 3 != 2].any()
-    third = continuation.pulled(scene, motion, 1.0).forces.gain[2::3] / 3.0  # 3 m (ω / 3 h)²
+    third = continuation.with_nudging(scene, motion, 1.0).forces.gain[2::3] / 3.0  # 3 m (ω / 3 h)²
     np.testing.assert_allclose(forces.gain[2::3], third, rtol=1e-12)
 
 
 def test_frames_between_steps_pull_to_the_line_between_them(windy):
     scene, motion = windy
     times = 0.7 * motion.times  # in steps: 0, 0.7, 1.4, 2.1 …
-    forces = continuation.pulled(scene, replace(motion, times=times), 1.0).forces
+    forces = continuation.with_nudging(scene, replace(motion, times=times), 1.0).forces
     both = motion.observed[1] & motion.observed[2]
     line = motion.positions[1] + (1.0 - 0.7) / 0.7 * (motion.positions[2] - motion.positions[1])
     np.testing.assert_allclose(forces.places[0][both], line[both], rtol=1e-12)
     np.testing.assert_array_equal(forces.gain[0] > 0, both)
 
 
-@pytest.mark.parametrize("pull", continuation.PULLS[:-1])
+@pytest.mark.parametrize("pull", continuation.NUDGES[:-1])
 def test_at_the_truth_nothing_is_left_to_pull(windy, pull):
     scene, motion = windy
     found = continuation.nudged(Objective(scene, motion, 1e-10), pull)
-    left = found.cost(parameters(scene)) / found.still
+    left = found.cost(parameters(scene)) / found.cost_at_rest
     assert left <= continuation.NUDGED_TOLERANCE**2  # as its linear systems are solved
 
 
 def test_a_stronger_pull_leaves_less(windy):
     scene, motion = windy
     objective, wrong = Objective(scene, motion, 1e-10), 0.2 * parameters(scene)
-    costs = [continuation.nudged(objective, pull).cost(wrong) for pull in (3.0, *continuation.PULLS[:-1])]
+    costs = [continuation.nudged(objective, pull).cost(wrong) for pull in (3.0, *continuation.NUDGES[:-1])]
     assert costs == sorted(costs)
     assert costs[0] < 1e-2 * costs[-1]
 
@@ -124,20 +124,20 @@ def test_a_stronger_pull_leaves_less(windy):
 def test_values_that_are_far_off_lead_to_the_truth(windy, factor):
     scene, motion = windy
     search = Search(Objective(scene, motion, 1e-10), factor * parameters(scene), 0.0, 1000)
-    continuation.through_pulls(search, continuation.PULLS)
+    continuation.through_nudging(search, continuation.NUDGES)
     np.testing.assert_allclose(search.best.p, parameters(scene), rtol=1e-3)  # steps that would save 1 % are the last
 
 
 def test_pulls_too_stiff_for_explicit_steps_are_left_out():
     scene = load_text(json.dumps(even("nG", 200, windVel=WIND, integrationMethod=1, delta=0.002)))
     search = Search(Objective(scene, record_target(scene), 1e-10), parameters(scene) / 3.0, 0.0, 1000)
-    continuation.through_pulls(search, (3.0, *continuation.PULLS))
+    continuation.through_nudging(search, (3.0, *continuation.NUDGES))
     np.testing.assert_allclose(search.best.p, parameters(scene), rtol=0.01)
 
 
 def test_forces_that_are_given_are_not_replaced(windy):
     scene, motion = windy
     assert continuation.can_nudge(Objective(scene, motion))
-    given = scene.with_forces(continuation.pulled(scene, motion, 1.0).forces)
+    given = scene.with_forces(continuation.with_nudging(scene, motion, 1.0).forces)
     assert not continuation.can_nudge(Objective(given, motion))
     assert not continuation.can_nudge(Objective(scene, motion, objective="velocity"))

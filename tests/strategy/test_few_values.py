@@ -22,7 +22,7 @@ def test_many_values_are_not_settled():
     search.visit(search.start)
     assert search.fitted.sum() > few_values.FEW_VALUES
     known = search.budget.evaluations
-    assert not few_values.settled(search)
+    assert not few_values.minimised(search)
     assert search.budget.evaluations == known
 
 
@@ -31,8 +31,8 @@ def test_a_few_steps_come_to_the_minimum_of_a_model_that_differs():
     search, other = (search_of("nF", of_cloth={"damping": "G"}) for _ in range(2))
     search.visit(search.start)
     before = search.best.cost
-    assert few_values.settled(search)
-    assert search.is_settled
+    assert few_values.minimised(search)
+    assert search.is_stationary
     with pytest.raises(Stop):
         minimise(other, "l-bfgs-b")
     assert search.best.cost < 0.9 * before
@@ -60,7 +60,7 @@ class Barred:
     bounds = np.full(2, -5.0), np.full(2, 5.0)
 
     def __init__(self, still=100.0):
-        self.objective, self.asked = SimpleNamespace(still=still), []
+        self.objective, self.asked = SimpleNamespace(cost_at_rest=still), []
 
     def cost(self, y):
         self.asked.append(y)

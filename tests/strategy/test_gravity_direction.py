@@ -10,7 +10,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy import frame_blocks, ladder
+from clothfit.strategy import frame_blocks, hierarchy
 
 G = 9.81
 FREE = {  # gravity, and which of its components may turn
@@ -70,7 +70,7 @@ def test_gravity_turns_where_the_target_falls_aslant_and_nowhere_else(slope, tur
     motion = simulate(replace(true, cloths=(replace(cloth, stiffness=scattered),)))
     scene = falling((0.0, -G, 0.0))
     search = Search(Objective(scene, motion, 1e-8), parameters(scene), 0.0, 500)
-    ladder.climb(search, ["F"], [search.start])
+    hierarchy.refine(search, ["F"], [search.start])
     found = search.best.p[1:]
     assert (found[0] != 0.0) == turns
     assert found == pytest.approx([slope, -0.8 * G, 0.0], abs=0.05 * G)  # what another fabric is taken for

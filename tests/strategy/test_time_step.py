@@ -112,7 +112,7 @@ def test_a_target_by_the_scenes_own_step_keeps_it(method, noise):
     scene = small("nF", 24, method=method)
     goal = objective(scene, degrade(simulate(scene, tolerance=1e-12), noise=noise, seed=1))
     found = chosen(Search(goal, 1.3 * parameters(scene), ENOUGH, 10**4), COUNTS)
-    assert (found.step, len(found.tried), found.explained) == (None, 1, True)
+    assert (found.step, len(found.tried), found.leaves_noise) == (None, 1, True)
     assert found.objective is goal
     assert found.cost <= goal.cost(parameters(scene)) + 1e-12  # m²; the truth of one value is found
 
@@ -121,7 +121,7 @@ def test_finer_steps_end_where_they_stop_to_pay():
     scene = small("nF", 24, method=BDF2)
     bent = with_finer_steps(small("nF", 24, method=BDF2, damping=0.5, dragCoefficient=0.5), 8)  # another model
     found = chosen(Search(objective(scene, bent), parameters(scene), ENOUGH, 10**4), COUNTS)
-    assert not found.explained
+    assert not found.leaves_noise
     assert max(each.substeps for each in found.tried) < max(COUNTS)
     assert found.objective.rmse(found.cost) <= 1.05 * min(each.rmse for each in found.tried)
 

@@ -10,7 +10,7 @@ from clothfit.engine.system import build as build_system
 from clothfit.subspace.build import CUBATURES, Options, build, coarsest
 from clothfit.subspace.inputs import Ranges, applied, episodes
 from clothfit.subspace.model import load_model, save
-from clothfit.subspace.network.learn import lesson
+from clothfit.subspace.network.learn import training_data
 from clothfit.subspace.physics.cubature import Found
 from clothfit.subspace.physics.samples import Reduced
 from clothfit.subspace.play import play
@@ -122,7 +122,7 @@ def lesson_of(tmp_path, **fields):
     made, ranges = document(cloth(4, 3, **fields), colliders=[FAR], optimizationIterations=STEPS), Ranges(3.0)
     scene = scene_of(made)
     record(scene, episodes(scene, ranges, 4, 1.2, 0), ranges, STEPS, tmp_path / "data.npz")
-    return lesson(Data(tmp_path / "data.npz"), 0, range(4), whole(build_system(scene, 0, steps=1)))
+    return training_data(Data(tmp_path / "data.npz"), 0, range(4), whole(build_system(scene, 0, steps=1)))
 
 
 def test_pieces_follow_the_recorded_frames_and_each_other(tmp_path):

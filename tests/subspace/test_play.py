@@ -10,10 +10,10 @@ from helpers.subspaces import model_of as physics_of
 
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import build
-from clothfit.subspace.carrier import shift, start_velocity
 from clothfit.subspace.inputs import applied
 from clothfit.subspace.model import load_model, save
-from clothfit.subspace.play import Crowd, clamped, instances, motion_in, play, play_all
+from clothfit.subspace.play import Instances, clamped, instances, motion_in, play, play_all
+from clothfit.subspace.translation import shift, start_velocity
 
 pytestmark = pytest.mark.slow  # compiles the engine's tables and the steps
 
@@ -97,7 +97,7 @@ def test_instances_on_a_basis_move_as_each_would_alone(normals):
         np.testing.assert_array_equal(motion_in(model, scene, found, i).positions, alone.motion.positions)
     assert np.abs(found.coordinates[0][1] - found.coordinates[0][0]).max() > 1e-3
     assert set(found.us) == {"state", "decode", "normals"}
-    own = Crowd(model, 0, [SCENE] * 3, FRAMES)
+    own = Instances(model, 0, [SCENE] * 3, FRAMES)
     for _ in range(5):
         own.step()
     for x in own.positions():

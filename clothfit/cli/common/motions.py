@@ -86,7 +86,7 @@ writes = gathered("convention", Convention, axes())
 """Adds the options that say how a motion file is written; they come as one argument, `convention`."""
 
 
-def read(
+def read_motion(
     path: str, scene: Scene, reading: Reading, console: Console, readings: list[dict[str, Any]] | None = None
 ) -> Motion:
     """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `readings`."""
@@ -124,7 +124,7 @@ def readings_summary(readings: list[dict[str, Any]]) -> dict[str, Any]:
     return {"reading": readings} if readings else {}
 
 
-def check(
+def check_output(
     out: Output, convention: Convention, inputs: Iterable[str | None], frames: int | None = None, gaps: bool = False
 ) -> None:
     """Check, before long work, that a motion of so many frames (None: not known yet) can be written, with or without
@@ -150,7 +150,7 @@ def check(
             raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another")
 
 
-def write(
+def write_motion(
     motion: Motion, out: Output, scene: Scene, convention: Convention, console: Console,
     extra: Mapping[str, Array] | None = None,
 ) -> None:

@@ -137,7 +137,7 @@ def output_for(
     return Output(path, overwrite)
 
 
-def beside(
+def companion_file(
     option: str, path: str | None, used: Iterable[str | None], suffix: str = "", text: str = ""
 ) -> Output | None:
     """Where the file of an option goes that is written beside a result, where that is asked for: it has the suffix, and

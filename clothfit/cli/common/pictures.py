@@ -16,7 +16,7 @@ from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
-    from clothfit.control.control import Course
+    from clothfit.control.control import ControlledMotion
     from clothfit.evaluation.evaluate import Evaluation, Overlay
     from clothfit.fit.result import Fit
     from clothfit.motion.energy import Energy
@@ -56,38 +56,38 @@ class Pictures:
         for path, kinds in ((self.plot, picture.PLOTS), (self.gif, picture.GIF)):
             if path is not None:
                 check_unused(path, used)
-                picture.check(path, kinds)
+                picture.check_picture(path, kinds)
 
     def simulated(self, scene: Scene, motion: Motion, energy: Energy | None, console: Console) -> None:
         """Draw a motion, which may have diverged after its frames."""
         self.drawn("simulation", (scene, motion.times, motion.positions, energy), console)
         self.animated(scene, motion.times, motion.positions, None, console)
 
-    def controlled(self, course: Course, title: str, console: Console) -> None:
+    def controlled(self, motion: ControlledMotion, title: str, console: Console) -> None:
         """Draw a motion that goes through keys; `title` says how it was found."""
-        self.drawn("controlled", (course, title), console)
+        self.drawn("controlled", (motion, title), console)
         if self.gif is not None:
             from clothfit.pictures.stage import marks
 
-            own = marks(course)
-            self.animated(course.scene, course.times, course.own, own.keys, console, own)
+            own = marks(motion)
+            self.animated(motion.scene, motion.times, motion.own, own.keys, console, own)
 
     def estimated(
-        self, found: Fit, scene: Scene, targets: Sequence[Goal], history: Sequence[Progress], console: Console
+        self, fit: Fit, scene: Scene, targets: Sequence[Goal], history: Sequence[Progress], console: Console
     ) -> None:
         """Draw a fit of a scene, over the first of its targets or over its own motion; nobody waits for it who has
         asked for the end.
         """
         if not any(self.files):
             return
-        if found.status == Status.INTERRUPTED:
+        if fit.status == Status.INTERRUPTED:
             console.say("nothing is drawn, as the fit was interrupted")
             return
-        over = over_target(found, scene, targets[0] if targets else None)
-        fitted = over.times[min(found.frames, len(over.times)) - 1]
+        over = over_target(fit, scene, targets[0] if targets else None)
+        fitted = over.times[min(fit.frames, len(over.times)) - 1]
         title = (
-            f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
-            f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s"
+            f"{fit.status}: RMSE {metres(fit.rmse)} over {fit.frames} frames, "
+            f"{counted(fit.evaluations, 'evaluation', 'evaluations')} in {fit.seconds:.1f} s"
         )
         self.drawn("estimation", (over, title, history, float(fitted)), console)
         self.animated(over.scene, over.times, over.own, over.goal, console)
@@ -144,7 +144,7 @@ class Pictures:
         console.say(f"animation → {self.gif}")
 
 
-def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
+def over_target(fit: Fit, scene: Scene, target: Goal | None) -> Overlay:
     """The motion of a fit over its target, which may have a scene of its own."""
     import numpy as np
 
@@ -154,13 +154,13 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
     from clothfit.strategy.continuation import with_interval
 
     if target is None:
-        return overlaid(scene, found.scene, None, scene.frames)
+        return overlaid(scene, fit.scene, None, scene.frames)
     motion, other = target if isinstance(target, tuple) else (target, scene)
-    own = found.scene
+    own = fit.scene
     if other is not scene:
         own = with_parameters(flagged_as(other, own), parameters(own))
-        if (own.delta, own.method) != (found.scene.delta, found.scene.method):
-            own = with_interval(own, found.scene.delta, found.scene.method)  # the step that was chosen for this target
+        if (own.delta, own.method) != (fit.scene.delta, fit.scene.method):
+            own = with_interval(own, fit.scene.delta, fit.scene.method)  # the step that was chosen for this target
     frames = min(int(np.ceil(motion.times[-1] / own.delta)) + 1, MOST_FITTED_LENGTHS * own.frames)
     return overlaid(own, own, motion, frames)
 

@@ -127,7 +127,7 @@ def now_and_then(say: Callable[[str], None], seconds: float = PLAIN_INTERVAL) ->
 
 def plain(say: Callable[[str], None]) -> Callable[[Progress], None]:
     """What tells a line every few seconds."""
-    tell, shown = now_and_then(say), Shown()
+    tell, shown = now_and_then(say), PanelState()
 
     def show(progress: Progress) -> None:
         shown.update(progress)
@@ -144,12 +144,12 @@ def live() -> Iterator[Callable[[Progress], None]]:
     from rich.live import Live
 
     console = Terminal(stderr=True)
-    shown = Shown(min(console.width, PANEL_WIDTH))
+    shown = PanelState(min(console.width, PANEL_WIDTH))
     with Live(console=console, transient=True, refresh_per_second=8, get_renderable=shown.panel):
         yield shown.update
 
 
-class Shown:
+class PanelState:
     """What the panel holds."""
 
     def __init__(self, width: int = PANEL_WIDTH) -> None:

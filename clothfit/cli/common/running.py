@@ -60,7 +60,7 @@ def watched(arguments: dict[str, Any], start: bool) -> int:
     """Run the command of this process again and again, until Ctrl-C."""
     scenes = arguments.get("scene_paths") or (arguments["scene_path"],)
     targets = [path.partition("@")[0] for path in arguments.get("target_paths", ())]
-    check(scenes, targets, arguments)
+    check_watched(scenes, targets, arguments)
     console, files = arguments["console"], Watch([*scenes, *targets])
     result = result_of(scenes[0], arguments.get("path")) if start and not arguments.get("start") else None
     own, begun = [word for word in sys.argv[1:] if word != OPTION], False
@@ -113,7 +113,7 @@ def start_from(result: str, folder: str) -> list[str]:
     return ["--start", copy]
 
 
-def check(scenes: Sequence[str], targets: Sequence[str], arguments: dict[str, Any]) -> None:
+def check_watched(scenes: Sequence[str], targets: Sequence[str], arguments: dict[str, Any]) -> None:
     """Raise a UsageError, or InvalidInput, for what cannot be watched."""
     if len(scenes) != 1 or STREAM in (*scenes, *targets) or any("*" in path or "{" in path for path in targets):
         raise click.UsageError("--watch is for one scene and targets in files")
@@ -156,7 +156,7 @@ def ended(process: subprocess.Popen[bytes]) -> int:
 OFTEN = 0.1
 """Seconds between two looks."""
 
-STILL, LONGEST = 0.3, 3.0
+QUIET_SECONDS, LONGEST = 0.3, 3.0
 """Seconds for which a file that changes must be still, and after which a change counts anyhow."""
 
 
@@ -184,7 +184,7 @@ class Watch:
         if stamp != self._looked:
             self._first = self._first or now
             self._looked, self._since = stamp, now
-        if not self._first or (now < self._since + STILL and now < self._first + LONGEST):
+        if not self._first or (now < self._since + QUIET_SECONDS and now < self._first + LONGEST):
             return False
         self._first = 0.0
         return self._content() != self._known
@@ -193,10 +193,10 @@ class Watch:
         """Count what the files hold now as given."""
         self._looked, self._known, self._first = self._stamp(), self._content(), 0.0
 
-    def next(self, look: Callable[[], None] = lambda: None) -> None:
-        """Wait until the files have changed; `look` is called now and then, and may raise."""
+    def next(self, poll: Callable[[], None] = lambda: None) -> None:
+        """Wait until the files have changed; `poll` is called now and then, and may raise."""
         while not self.changed():
-            look()
+            poll()
             time.sleep(OFTEN)
 
     def _stamp(self) -> tuple[Stamp, ...]:

@@ -29,7 +29,7 @@ from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.motions import check_there, one_stream, read_scene
 from clothfit.cli.common.options import check_least, gathered, given, refuse, tuned
-from clothfit.cli.common.output import SCENE, STREAM, Output, beside, output_for, print_json, write_into
+from clothfit.cli.common.output import SCENE, STREAM, Output, companion_file, output_for, print_json, write_into
 from clothfit.formats.axes import Axes, Convention, Reading
 from clothfit.formats.registry import foreign, format_of
 
@@ -157,9 +157,9 @@ def read_target(
         other = scene if own is None else read_scene(own, console)
         return shadow(motion, other) if own is None else (shadow(motion, other), other)
     if own is None:
-        return motions.read(motion, scene, reading, console, readings)
+        return motions.read_motion(motion, scene, reading, console, readings)
     other = read_scene(own, console)
-    return motions.read(motion, other, reading, console, readings), other
+    return motions.read_motion(motion, other, reading, console, readings), other
 
 
 def shadow(text: str, scene: Scene) -> Motion:
@@ -226,7 +226,7 @@ MODELS = {"xpbd": ("G", "L"), "blender": ("G",)}
 
 
 @dataclass(frozen=True)
-class Asked:
+class Given:
     """The options as they are given."""
 
     simulator: str | None = given("--simulator TOOL", "Fit the values of another tool's cloth, so that it moves like "
@@ -265,15 +265,15 @@ class Asked:
         return Options(str(self.simulator), own, self.blender, report=console.detail, model=model or "G")
 
 
-simulator_options = gathered("tool", Asked)
+simulator_options = gathered("tool", Given)
 """Adds the options; the function is given them as `tool`."""
 
 
 def fit_by_simulator(
-    scene_paths: tuple[str, ...], files: Files, asked: Asked, substeps: str | None, model: str | None, console: Console
+    scene_paths: tuple[str, ...], files: Files, given: Given, substeps: str | None, model: str | None, console: Console
 ) -> int:
     """Fit a tool to one scene's target and write its values into a folder; returns the exit code."""
-    options = asked.options(substeps, model, console)
+    options = given.options(substeps, model, console)
     if len(scene_paths) != 1 or len(files.target_paths) > 1:
         raise click.UsageError("--simulator takes one SCENE and one --target")
     without = {"--start": files.start, "--checkpoint": files.checkpoint, "--forces": files.forces_path}
@@ -283,12 +283,12 @@ def fit_by_simulator(
     if files.in_place or files.path == STREAM or (scene_path == STREAM and files.path is None):
         raise InvalidInput("--simulator: the result is several files, which need a folder; name one with -o")
     scene = read_scene(scene_path, console)
-    folder = files.path or f"{Path(scene_path).stem}-{asked.simulator}"
+    folder = files.path or f"{Path(scene_path).stem}-{given.simulator}"
     motion = None
     if files.pairs:
         own = read_target(files.pairs[0], scene, files.reading, console, [])
         motion, scene = own if isinstance(own, tuple) else (own, scene)
-    if asked.simulator == "blender":
+    if given.simulator == "blender":
         from clothfit.simulators.blender import left_out
 
         if lost := left_out(scene):
@@ -302,7 +302,7 @@ def fit_by_simulator(
     write_into(folder, made, scene_path, files.inputs)
     for number, each in enumerate(found):
         describe(number, each, console)
-    console.say(f"{scene.name}: values of {asked.simulator} → {folder}: {', '.join(made)}")
+    console.say(f"{scene.name}: values of {given.simulator} → {folder}: {', '.join(made)}")
     print_json({"scene": scene.name, "output": folder, "files": list(made), **written.summary(found, options)})
     return 0
 
@@ -324,11 +324,11 @@ def describe(number: int, found: Fitted, console: Console) -> None:
     )
 
 
-def error(rmse: float, travel: float) -> str:
+def error(rmse: float, displacement: float) -> str:
     """A distance, and its part of the way from the start."""
     if rmse == float("inf"):
         return "of a cloth that runs away"
-    return f"{metres(rmse)} ({100 * rmse / travel:.2g} % of the way)"
+    return f"{metres(rmse)} ({100 * rmse / displacement:.2g} % of the way)"
 
 
 def cache_place(files: Files, used: Iterable[str | None]) -> Output | None:
@@ -337,10 +337,10 @@ def cache_place(files: Files, used: Iterable[str | None]) -> Output | None:
         return None
     if len(files.pairs) != 1 or files.pairs[0][1] is not None:
         raise InvalidInput("--cache needs one --target, which must be of SCENE itself")
-    out = beside("--cache", files.cache, used)
+    out = companion_file("--cache", files.cache, used)
     assert out is not None
     format_of(out.path, writing=True)
-    motions.check(out, Convention(), [files.pairs[0][0]])
+    motions.check_output(out, Convention(), [files.pairs[0][0]])
     return out
 
 
@@ -373,7 +373,7 @@ def write_cache(fitted: Scene, files: Files, known: Registration, out: Output, c
         console.say(f"{out.path}: {path} with the fitted cloth, {counted(len(x), 'frame', 'frames')}, {axes}")
         return
     alike = written is not None and foreign(path) is not None and written.name != "glTF"
-    motions.write(motion, out, fitted, Convention(*_said(axes)) if alike else Convention(), console)
+    motions.write_motion(motion, out, fitted, Convention(*_said(axes)) if alike else Convention(), console)
 
 
 def _said(axes: Axes) -> tuple[float, str, str]:

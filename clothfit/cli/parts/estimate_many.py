@@ -27,7 +27,7 @@ from clothfit.cli.parts import checkpoints, estimate_results
 from clothfit.cli.parts.estimate_files import Effort, Files, default_name
 from clothfit.fit.options import Request
 from clothfit.many.estimate_many import Result, chosen_pool, fit_all, limited
-from clothfit.many.job import INTERRUPTED, NOT_STARTED, File, Job, JobTarget, Outcome, loaded, read
+from clothfit.many.job import INTERRUPTED, NOT_STARTED, File, Job, JobTarget, Outcome, loaded, read_file
 from clothfit.many.processes import Processes, is_cold
 from clothfit.optimise.checkpoint import Checkpoint
 from clothfit.scene.scene import dumps
@@ -260,13 +260,13 @@ class Item:
             return self.file(path)
         if (path, own) not in self.motions:
             scene = loaded(self.file(self.path if own is None else own))
-            self.motions[path, own] = motions.read(path, scene, self.files.reading, self.console, self.readings)
+            self.motions[path, own] = motions.read_motion(path, scene, self.files.reading, self.console, self.readings)
         return self.motions[path, own]
 
     def file(self, path: str) -> File:
         """The content of a file, or of standard input."""
         if path != STREAM:
-            return read(path)
+            return read_file(path)
         if self.stream is None:
             from clothfit.base.npz import content
 
@@ -282,7 +282,7 @@ def planned(paths: tuple[str, ...], files: Files, starts: int, local: bool, cons
     if not local and (files.checkpoint is not None or files.resume):
         raise click.UsageError("--checkpoint and --resume are for fits on this machine, not on a --cluster")
     if len(paths) > 1:
-        check_many(paths, files)
+        check_for_many(paths, files)
     own = [within(files.of(path), path) if len(paths) > 1 else files.of(path) for path in paths]
     if len(paths) > 1:
         check_apart(paths, own)
@@ -298,7 +298,7 @@ def item(path: str, files: Files, starts: int, local: bool, console: Console, on
         if local:
             inputs = path, *files.inputs
             first = checkpoints.chosen(files.checkpoint, files.resume, out, inputs, console, Checkpoint)
-            kept = [first and beside(first, number) for number in range(starts)]
+            kept = [first and checkpoint_of(first, number) for number in range(starts)]
         return Item(path, files, out, kept, console=console)
     except ClothfitError as error:
         if only:
@@ -306,7 +306,7 @@ def item(path: str, files: Files, starts: int, local: bool, console: Console, on
         return Item(path, files, None, [None] * starts, error)
 
 
-def beside(first: Checkpoint, number: int) -> Checkpoint:
+def checkpoint_of(first: Checkpoint, number: int) -> Checkpoint:
     """The checkpoint of a start, beside that of the first."""
     if number == 0:
         return first
@@ -314,7 +314,7 @@ def beside(first: Checkpoint, number: int) -> Checkpoint:
     return Checkpoint(f"{root}.{number + 1}{suffix}", first.after)
 
 
-def check_many(paths: tuple[str, ...], files: Files) -> None:
+def check_for_many(paths: tuple[str, ...], files: Files) -> None:
     """Raise UsageError where options fit one scene only."""
     if STREAM in (*paths, files.path, files.start, *files.target_paths):
         raise click.UsageError(f"standard input and output (-) are for one scene, not for {len(paths)}")

@@ -39,10 +39,10 @@ FAILED = "fails"
 OF_UNITS = ("scale", "placement", "rest_lengths", "bounds")
 """The codes of hints that follow from another unit, or other axes."""
 
-SHOWN = 12
+LISTED = 12
 """Lower bounds that are listed one by one."""
 
-WORTH_A_WORD = 1e-5
+NEGLIGIBLE = 1e-5
 """Error relative to the distance travelled below which its percentage says nothing."""
 
 AS_IN_FIT = (
@@ -54,23 +54,23 @@ AS_IN_FIT = (
 
 
 def finish(
-    scene: Scene, found: Fit, out: Output, console: Console, more: dict[str, Any] | None = None,
+    scene: Scene, fit: Fit, out: Output, console: Console, more: dict[str, Any] | None = None,
     log: FitLog | None = None,
 ) -> int:
     """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
-    result = summary(scene, found, out) | (more or {})
-    failed = [hint.text for hint in found.hints if hint.code == FAILED]
+    result = summary(scene, fit, out) | (more or {})
+    failed = [hint.text for hint in fit.hints if hint.code == FAILED]
     remedies = [each["advice"] for each in result.get("reading", []) if "--" in (each["advice"] or "")]
     if failed and remedies:
         failed = [f"the target is read in other units or axes than its own; {remedies[0]}"]
     console.warn(*(f"the fit fails: {text}" for text in failed), of=scene.name)
-    console.warn(*found.warnings, of=scene.name)
-    diverged = found.status == Status.DIVERGED
+    console.warn(*fit.warnings, of=scene.name)
+    diverged = fit.status == Status.DIVERGED
     if diverged:
         result["output"] = None
     else:
-        output.write_scene(found.scene, out)
-        describe(found, out, console, bool(remedies))
+        output.write_scene(fit.scene, out)
+        describe(fit, out, console, bool(remedies))
     if log is not None:
         log.end(output.document("estimate", result))
     print_json(result)
@@ -78,48 +78,48 @@ def finish(
         from clothfit.motion.divergence import Diverged
 
         raise Diverged(f"{scene.name}: {NEVER_FINITE}", 0)
-    return EXIT_CODES[found.status]
+    return EXIT_CODES[fit.status]
 
 
-def describe(found: Fit, out: Output, console: Console, named: bool = False) -> None:
+def describe(fit: Fit, out: Output, console: Console, named: bool = False) -> None:
     """Print the result in a few lines. `named`: the unit or the axes with which the target would fit are known."""
-    over = counted(found.frames, "frame", "frames")
-    used = f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s"
-    if found.cost < math.inf:
-        console.say(f"{ending(found)}: RMSE {error(found)} over {over}, {used} → {out.name}")
+    over = counted(fit.frames, "frame", "frames")
+    used = f"{counted(fit.evaluations, 'evaluation', 'evaluations')} in {fit.seconds:.1f} s"
+    if fit.cost < math.inf:
+        console.say(f"{ending(fit)}: RMSE {error(fit)} over {over}, {used} → {out.name}")
     else:
-        console.say(f"{found.status}: nothing fitted, no evaluation ended in time; the start, as it was → {out.name}")
-    if found.windows is not None and found.whole is not None:
-        far = f"RMSE {metres(found.whole)}" if math.isfinite(found.whole) else "diverges"
-        console.say(f"that is over windows of {counted(found.windows, 'frame', 'frames')}; the whole motion: {far}")
-    for i, each in enumerate(found.registration or []):
-        console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
-    if found.followed:
-        what = counted(found.followed, "held vertex follows", "held vertices follow")
+        console.say(f"{fit.status}: nothing fitted, no evaluation ended in time; the start, as it was → {out.name}")
+    if fit.windows is not None and fit.whole is not None:
+        far = f"RMSE {metres(fit.whole)}" if math.isfinite(fit.whole) else "diverges"
+        console.say(f"that is over windows of {counted(fit.windows, 'frame', 'frames')}; the whole motion: {far}")
+    for i, each in enumerate(fit.registration or []):
+        console.say(f"target{f' {i + 1}' if i or len(fit.registration or []) > 1 else ''}: {each}")
+    if fit.followed:
+        what = counted(fit.followed, "held vertex follows", "held vertices follow")
         console.say(f"{what} the target, as pins of the scene; --hold keeps them still")
-    describe_choices(found, console)
+    describe_choices(fit, console)
     said = {FAILED, *OF_UNITS} if named else {FAILED}
-    late = [hint.text for hint in found.hints if not hint.early and hint.code not in said]  # the others were before
+    late = [hint.text for hint in fit.hints if not hint.before_fit and hint.code not in said]
     console.say(*late, of="hint")
-    if found.holdout:
-        kept = counted(found.holdout.observations, "position", "positions")
-        console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
-    if found.verdict is None or found.verdict.model != FAILED:
-        describe_fabrics(found, console)
-    for block in found.parameters:
+    if fit.holdout:
+        kept = counted(fit.holdout.observations, "position", "positions")
+        console.say(f"holdout: RMSE {metres(fit.holdout.rmse)} over {kept} kept out of the fit")
+    if fit.verdict is None or fit.verdict.model != FAILED:
+        describe_fabrics(fit, console)
+    for block in fit.parameters:
         place = owned(block.object, block.name)
-        kind = KIND[block.name] if block.object is None else found.scene.cloths[block.object].kind(block.name)
+        kind = KIND[block.name] if block.object is None else fit.scene.cloths[block.object].kind(block.name)
         if block.at_bound:
             console.warn(f"{place}: {at_bound(block, kind)}")
         if times := factors(block):
             console.say(f"{place}: {times}")
         if bounded := lower_bounds(block):
             console.say(f"{place}: {bounded}; where edges hardly stretch, nobody sees how much stiffer they are")
-        if known := certainty(block, kind, found.samples, found.verdict is not None and found.verdict.differs):
+        if known := certainty(block, kind, fit.samples, fit.verdict is not None and fit.verdict.differs):
             console.say(f"{place}: {known}")
 
 
-def describe_fabrics(found: Fit, console: Console) -> None:
+def describe_fabrics(fit: Fit, console: Console) -> None:
     """Say where fitted cloths stand among real fabrics, as far as the motion shows it."""
     from numpy import median
 
@@ -127,25 +127,25 @@ def describe_fabrics(found: Fit, console: Console) -> None:
     from clothfit.fabric.presets import sentence
     from clothfit.fit.hints import edges_of
 
-    for block in found.parameters:
+    for block in fit.parameters:
         if block.object is None or block.name != "stiffness" or len(block.unidentifiable) == block.count:
             continue
-        own = fabric_of(found.scene.cloths[block.object])
+        own = fabric_of(fit.scene.cloths[block.object])
         hidden = [(block.groups or [])[i] for i in block.unidentifiable] if block.groups and not block.modes else []
         shown = [all(not name.startswith(part) for name in hidden) for part in ("bending", "edges")]
         sure = None
         if known := [each for each in block.least if each is not None]:
-            cloth = found.scene.cloths[block.object]
+            cloth = fit.scene.cloths[block.object]
             sure = min(min(known) / float(median(cloth.stiffness[edges_of(cloth)])), 1.0)
-        if own is not None and (told := sentence(own, shown[0], shown[1], sure)):
-            console.say(f"{owned(block.object, 'stiffness')}: {told}")
+        if own is not None and (text := sentence(own, shown[0], shown[1], sure)):
+            console.say(f"{owned(block.object, 'stiffness')}: {text}")
 
 
-def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
+def as_compared(targets: list[Any], fit: Fit, scene: Scene) -> list[Any]:
     """The targets with the markers, the clock and the place that the fit found, scans as they were tracked."""
     pairs = [target if isinstance(target, tuple) else (target, scene) for target in targets]
-    pairs = [(track, own) for track, (_, own) in zip(found.tracks or [m for m, _ in pairs], pairs, strict=True)]
-    marked, timed = found.markers or [], found.registration or []
+    pairs = [(track, own) for track, (_, own) in zip(fit.tracks or [m for m, _ in pairs], pairs, strict=True)]
+    marked, timed = fit.markers or [], fit.registration or []
     if len(marked) == len(pairs):
         pairs = [(each.applied(motion), own) for each, (motion, own) in zip(marked, pairs, strict=True)]
     if len(timed) == len(pairs):
@@ -153,38 +153,38 @@ def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
     return [pair if isinstance(target, tuple) else pair[0] for pair, target in zip(pairs, targets, strict=True)]
 
 
-def describe_choices(found: Fit, console: Console) -> None:
+def describe_choices(fit: Fit, console: Console) -> None:
     """Print the models that were fitted from coarse to fine, and the time step, where there was a choice."""
-    if len(found.ladder) > 1:
-        kept = any(each.holdout_rmse is not None for each in found.ladder)
+    if len(fit.ladder) > 1:
+        kept = any(each.holdout_rmse is not None for each in fit.ladder)
         console.table([("model", "values", "RMSE", *["kept out"] * kept, "seconds")] + [
             (f"{each.model} {MODEL_NAMES[each.model]}", str(each.values), metres(each.rmse),
              *["-" if each.holdout_rmse is None else metres(each.holdout_rmse)] * kept, f"{each.seconds:.1f}")
-            for each in found.ladder
+            for each in fit.ladder
         ])  # fmt: skip
-    if found.substeps:
-        method, milliseconds = INTEGRATORS[found.scene.method], 1000 * found.scene.delta
+    if fit.substeps:
+        method, milliseconds = INTEGRATORS[fit.scene.method], 1000 * fit.scene.delta
         console.say(
-            f"time step: {milliseconds:.4g} ms by {method}, {counted(found.substeps, 'step', 'steps')} to a frame of "
+            f"time step: {milliseconds:.4g} ms by {method}, {counted(fit.substeps, 'step', 'steps')} to a frame of "
             "the target; the scene is to be played with it"
         )
 
 
-def ending(found: Fit) -> str:
+def ending(fit: Fit) -> str:
     """How the fit ended, and whether its model can reproduce the target."""
-    if found.verdict is None or not found.verdict.differs:
-        return str(found.status)
-    left = f"{percent(found.verdict.unexplained)} of the motion unexplained"
-    if found.verdict.fails:
-        return f"{found.status}, the fit fails: {left}"
-    return f"{found.status}, {left}" if found.status == Status.LIMIT else f"{found.status}, the model differs: {left}"
+    if fit.verdict is None or not fit.verdict.differs:
+        return str(fit.status)
+    left = f"{percent(fit.verdict.unexplained)} of the motion unexplained"
+    if fit.verdict.fails:
+        return f"{fit.status}, the fit fails: {left}"
+    return f"{fit.status}, {left}" if fit.status == Status.LIMIT else f"{fit.status}, the model differs: {left}"
 
 
-def error(found: Fit) -> str:
+def error(fit: Fit) -> str:
     """The error in metres, and in percent of the distance travelled."""
-    if found.relative_rmse is None or found.relative_rmse < WORTH_A_WORD:
-        return metres(found.rmse)
-    return f"{metres(found.rmse)}, {percent(found.relative_rmse)} of the distance travelled,"
+    if fit.relative_rmse is None or fit.relative_rmse < NEGLIGIBLE:
+        return metres(fit.rmse)
+    return f"{metres(fit.rmse)}, {percent(fit.relative_rmse)} of the distance travelled,"
 
 
 def factors(block: FittedBlock) -> str:
@@ -223,7 +223,7 @@ def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None, di
 def lower_bounds(block: FittedBlock) -> str:
     """The stiffnesses of which a motion shows how large they are at least; of many the lowest and the highest."""
     known = [(name, least) for name, least in zip(names_of(block), block.least, strict=False) if least is not None]
-    if len(known) > SHOWN:
+    if len(known) > LISTED:
         values = sorted(least for _, least in known)
         return f"{len(known)} values at least {values[0]:.3g} to {values[-1]:.3g} N/m each"
     return ", ".join(f"{name} at least {least:.3g} N/m".strip() for name, least in known)
@@ -252,28 +252,28 @@ def indices(numbers: list[int]) -> str:
     return ", ".join(map(str, numbers[:8])) + (", …" if len(numbers) > 8 else "")
 
 
-def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
+def summary(scene: Scene, fit: Fit, out: Output) -> dict[str, Any]:
     """What --json prints."""
     from clothfit.fabric.fabric import fabric_of
 
-    told: dict[str, Any] = plain({
+    record: dict[str, Any] = plain({
         "scene": scene.name,
-        **attributes(found, *AS_IN_FIT),
-        "memory": found.memory and found.memory.summary(),
+        **attributes(fit, *AS_IN_FIT),
+        "memory": fit.memory and fit.memory.summary(),
         "step": {
-            "delta": found.scene.delta, "integrator": INTEGRATORS[found.scene.method], "substeps": found.substeps,
-            "tried": found.steps,
+            "delta": fit.scene.delta, "integrator": INTEGRATORS[fit.scene.method], "substeps": fit.substeps,
+            "tried": fit.steps,
         },
-        "windows": found.windows and {"frames": found.windows, "whole_rmse": found.whole},
-        "hints": [attributes(hint, "code", "text") for hint in found.hints],
-        "registration": found.registration and [each.summary() for each in found.registration],
-        "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
-        "fabric": [fabric_of(cloth) for cloth in found.scene.cloths],
-        "pins": {"followed": found.followed},
-        "correspondence": found.correspondence and found.correspondence.summary(),
+        "windows": fit.windows and {"frames": fit.windows, "whole_rmse": fit.whole},
+        "hints": [attributes(hint, "code", "text") for hint in fit.hints],
+        "registration": fit.registration and [each.summary() for each in fit.registration],
+        "markers": fit.markers and [each.summary(scene.vertex_counts) for each in fit.markers],
+        "fabric": [fabric_of(cloth) for cloth in fit.scene.cloths],
+        "pins": {"followed": fit.followed},
+        "correspondence": fit.correspondence and fit.correspondence.summary(),
         "output": out.path,
     })  # fmt: skip
-    return told
+    return record
 
 
 @dataclass(frozen=True)
@@ -291,24 +291,24 @@ class Page:
         self.points.append(Point(progress.evaluations, progress.cost, progress.rmse, progress.seconds))
 
     def write(
-        self, scene_path: str, scene: Scene, found: Fit, files: Files, fitted: Output, targets: list[Any],
+        self, scene_path: str, scene: Scene, fit: Fit, files: Files, fitted: Output, targets: list[Any],
         console: Console,
     ) -> None:  # fmt: skip
         """Make and write it, after the fitted scene is written."""
-        if found.status == Status.INTERRUPTED:
+        if fit.status == Status.INTERRUPTED:
             console.say("no report, as the fit was interrupted; clothfit report makes one")
             return
         from clothfit.report.log import Log, thinned
 
-        log = Log(thinned(self.points), summary(scene, found, fitted), start=found.start)
+        log = Log(thinned(self.points), summary(scene, fit, fitted), start=fit.start)
         motion = files.pairs[0][0] if files.pairs else None
         commands = [self.command]
         if not fitted.is_stream:
             commands.append(report.evaluation(scene_path, fitted.path, motion, files.reading, files.forces_path))
         target = targets[0] if targets else None
-        result = replace(found.scene, name=os.path.basename(fitted.name))
+        result = replace(fit.scene, name=os.path.basename(fitted.name))
         origin = commands, report.digests([scene, result], {motion: target, files.forces_path: None})
-        show, size = report.write(scene, [result], target, None, [log], origin, self.out)
+        show, size = report.write_page(scene, [result], target, None, [log], origin, self.out)
         report.show_result(show, size, self.out, console)
 
 

@@ -41,7 +41,7 @@ def motion(path: str) -> dict[str, Any]:
         "last": frame(own.positions[-1], seen[-1], float(own.times[-1])),
         "observed": float(seen.mean()) if seen.size else 0.0,
         "never_observed": int((~seen.any(axis=0)).sum()),
-        "travel": travel(own.positions, seen),
+        "travel": rms_displacement(own.positions, seen),
         "warnings": doubts(box(own.positions[0][seen[0]])["size"], remedy="read it with estimate --scale {}"),
     }
 
@@ -64,7 +64,7 @@ def frame(positions: Array, seen: Flags, time: float) -> dict[str, Any]:
     return {"time": time, "low": own["low"], "high": own["high"], "observed": int(seen.sum())}
 
 
-def travel(positions: Array, seen: Flags) -> float:
+def rms_displacement(positions: Array, seen: Flags) -> float:
     """The root mean square distance from frame 0, m, of what is seen in both."""
     both, squares = seen & seen[0], 0.0
     for x, here in zip(positions, both, strict=True):  # without a second copy

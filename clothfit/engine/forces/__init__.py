@@ -32,7 +32,7 @@ function of `forces/total.py` and of `motion/energy.py`, which keeps the account
 
 To add a kind of parameter p: a row in `kinds.KINDS`; a field in `arrays.Elements`, in the same order, and its lines in
 `system.with_elements` and `system.all_elements`; the field in the JSON schema, there also in `fit`, and its attribute
-in `scene.Cloth` or `scene.Scene`; what hides it in `identifiability.hidden`; and in each force that depends on it
+in `scene.Cloth` or `scene.Scene`; what hides it in `identifiability.unobservable`; and in each force that depends on it
 
     add_pullback       grad.p += ∂φ/∂p            where `grad.p` is not empty
     add_pushforward    out += h ∂F/∂p · dp        where `direction.p` is not empty

@@ -120,14 +120,14 @@ def nearest(bodies, b, i, p):
     (`triangle`).
     """
     tree, best = bodies.tree, int(bodies.last[b, i])
-    part, wb, wc, least = look(bodies, best, p)
+    part, wb, wc, least = nearest_part(bodies, best, p)
     node, end = bodies.node[b], bodies.node[b + 1]
     while node < end:
         if boxes.gap(tree.box[node], p) * NEAR > least:
             node = tree.skip[node]
             continue
         for f in range(tree.first[node], tree.last[node]):
-            other, other_b, other_c, square = look(bodies, f, p)
+            other, other_b, other_c, square = nearest_part(bodies, f, p)
             if square < least or (square == least and f < best):
                 best, part, wb, wc, least = f, other, other_b, other_c, square
         node += 1
@@ -143,7 +143,7 @@ def corners(bodies, field, f):
 
 
 @kernel
-def look(bodies, f, p):
+def nearest_part(bodies, f, p):
     """The part of triangle f nearest to p, its weights, and the square of the distance, m²."""
     a, b, c = corners(bodies, bodies.place, f)
     part, wb, wc = triangle.nearest(p, a, b, c)

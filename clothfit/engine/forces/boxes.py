@@ -87,16 +87,16 @@ def parts(vertices: Indices, place: Array) -> Parts:
     return Parts(np.ascontiguousarray(vertices[order]), order, tree)
 
 
-def overlapping(one: Parts, other: Parts, place: Array, way: Array, room: float, stray: float) -> Indices:
+def overlapping(one: Parts, other: Parts, place: Array, way: Array, room: float, margin: float) -> Indices:
     """The pairs (M, 2) of one and of another, or of those of one kind among themselves, the lower number first, that
     may come nearer than some room, m, where each vertex goes straight from its place by its way, (V, 3) each, and ends
-    no farther than `stray`, m, from there along each axis.
+    no farther than `margin`, m, from there along each axis.
     """
     if not (len(one.number) and len(other.number)):
         return np.zeros((0, 2), np.int32)
     alike, low, high = one is other, place - 0.5 * room, place + 0.5 * room
-    own = fitted(one, low, high), fitted(one, way - stray, way + stray)
-    others = own if alike else (fitted(other, low, high), fitted(other, way - stray, way + stray))
+    own = fitted(one, low, high), fitted(one, way - margin, way + margin)
+    others = own if alike else (fitted(other, low, high), fitted(other, way - margin, way + margin))
     found = np.empty((ROOM * len(one.number), 2), np.int32)
     while (count := search(one, other, own, others, alike, low, high, found)) > len(found):
         found = np.empty((count, 2), np.int32)

@@ -1,7 +1,7 @@
 """Contact of a cloth with what it slides on: colliders, and itself. It is pushed apart, and rubs.
 
-Who touches is a row: a vertex at a collider (`touch`: planes, round cones, boxes, closed meshes), or the closest points
-of two parts of the cloth (`selfcontact.rows`). Of row k these say
+Who touches is a row: a vertex at a collider (`collider_rows`: planes, round cones, boxes, closed meshes), or the
+closest points of two parts of the cloth (`selfcontact.rows`). Of row k these say
 
     its four vertices, their weights c, n, d, κ, μ, the velocity V of what they go past, and what else it asks to have
     back (`row`),
@@ -18,9 +18,9 @@ their velocities lead there. Who is outside there and ends inside all the same f
 with an energy that nothing gave. So such rows are added to the step's matrix and its right-hand side as they are, with
 d < 0, and it is solved again, until it ends in no other: those that would then pull are taken out. This solves a
 complementarity problem, min ½ (w − w₀)ᵀA (w − w₀) + Σ ½ κ max(0, d − h n·W)² for the rows in view. Pairs of a cloth are
-all found so, those that it begins with too (`engine.touching`). Where the surface of a mesh turns away from the plane
-that a vertex met, by more than half of its thickness, one more of Newton's iterations follows, linearised where that
-one ended; it begins with the rows that pressed.
+all found so, those that it begins with too (`engine.contact_steps`). Where the surface of a mesh turns away from the
+plane that a vertex met, by more than half of its thickness, one more of Newton's iterations follows, linearised where
+that one ended; it begins with the rows that pressed.
 
 What is far away, with d < 0, does not rub yet. The last solution is the step, and the derivatives take it with the rows
 that it was solved with. They are noted for each iteration of it.
@@ -30,26 +30,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from clothfit.engine.forces import law, touch
-from clothfit.engine.forces.law import CREEP, across, rubbing
+from clothfit.engine.forces import collider_rows, law
+from clothfit.engine.forces.law import STICTION_SPEED, across, rubbing
 from clothfit.engine.forces.selfcontact import rows
 from clothfit.engine.forces.surfaces import MESH
-from clothfit.engine.solve.joined import mixed, spread
+from clothfit.engine.solve.contact_blocks import mixed, spread
 from clothfit.kernels.kernel import OfKind, kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sub
 from clothfit.kernels.vectors import combine, dot
 
-ROUNDS = 12
+ACTIVE_SET_ROUNDS = 12
 """Times, at most, that an iteration is solved again."""
 
 DROPS = 4
 """In how many of these, contacts that pull are taken out; later they stay, so that the rounds end."""
 
-STRAY = 0.5
+EXCESS_DEPTH = 0.5
 """How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
 
 count, row, most, is_far, knows, lay, is_reached, may_change, changes, add_back, leaving, pass_on = (
-    OfKind({touch.Colliders: getattr(touch, name), rows.Contact: getattr(rows, name)})
+    OfKind({collider_rows.Colliders: getattr(collider_rows, name), rows.Contact: getattr(rows, name)})
     for name in (
         "count", "row", "most", "is_far", "knows", "lay", "is_reached", "may_change", "changes", "add_back", "leaving",
         "pass_on",
@@ -232,23 +232,23 @@ def turn_to(part, k):
 
 
 @kernel(empty=False, apart=False)
-def touches(part):
+def is_deep(part):
     """Whether something is deep where the step was linearised at last."""
     return part.depth.max() > 0.0
 
 
 @kernel(absent=None)
-def note(part, met, t):
+def save_active(part, active, t):
     """Write what step t met to met (T, N, R)."""
-    copy_flags(part.on, met[t])
+    copy_flags(part.on, active[t])
 
 
 @kernel(absent=None)
-def recall(part, met, t):
+def load_active(part, active, t):
     """Set what step t met, before its derivatives."""
     part.turn[0] = 0
     part.depth[:] = np.inf
-    copy_flags(met[t], part.on)
+    copy_flags(active[t], part.on)
 
 
 @kernel
@@ -260,7 +260,7 @@ def copy_flags(a, out):
 
 
 @kernel(empty=0, apart=0)
-def meet(part, free, at, h, end, drops, A, b):
+def update_active(part, free, at, h, end, drops, A, b):
     """Add to A and b the rows that an iteration ends in and did not know, and where `drops` take out those that it met
     before and that pull; returns how many there are of both.
 
@@ -270,7 +270,7 @@ def meet(part, free, at, h, end, drops, A, b):
     combine(1.0, x, h, w, end)
     changed, on = 0, part.on[part.turn[0]]
     for k in range(count(part, y)):
-        if not is_reached(part, k, free, y, end, h * CREEP):
+        if not is_reached(part, k, free, y, end, h * STICTION_SPEED):
             continue
         found = row(part, y, k)
         own, c, n, depth, kappa, _, _, _ = found
@@ -297,27 +297,28 @@ def led(free, own, c):
 
 @kernel(empty=None, apart=None)
 def carry(part, free, at, h, end):
-    """Let the next iteration begin with the rows that press in this one; the arguments are those of `meet`."""
+    """Let the next iteration begin with the rows that press in this one; the arguments are those of `update_active`."""
     combine(1.0, at[0], h, at[3], end)
     for k in range(count(part, at[1])):
         part.on[part.turn[0] + 1, k] = pass_on(part, k, free, at, h, end)
 
 
 @kernel(empty=False, apart=False)
-def strays(colliders, free, at, h, end):
+def too_deep(colliders, free, at, h, end):
     """Whether an iteration ends with a vertex too deep in a collider that is thick, seen from what its model knew; the
-    arguments are those of `meet`. Writes `end`.
+    arguments are those of `update_active`. Writes `end`.
     """
     x, y, _, w = at
     combine(1.0, x, h, w, end)
     for c in range(len(colliders.rows)):
         own = colliders.rows[c]
         for i in range(len(y)):
-            if own[touch.SHAPE, 0] == MESH and own[touch.LAW, touch.THICKNESS] > 0.0 and free[i]:
-                most = STRAY * own[touch.LAW, touch.THICKNESS] + h * CREEP
-                if touch.deeper(colliders, i, c, y, end, most):
-                    deep = touch.contact(colliders, end, i, c)[0]
-                    depth, _, _, n, _, _ = touch.contact(colliders, y, i, c)
+            thickness = own[collider_rows.LAW, collider_rows.THICKNESS]
+            if own[collider_rows.SHAPE, 0] == MESH and thickness > 0.0 and free[i]:
+                most = EXCESS_DEPTH * thickness + h * STICTION_SPEED
+                if collider_rows.deeper(colliders, i, c, y, end, most):
+                    deep = collider_rows.contact(colliders, end, i, c)[0]
+                    depth, _, _, n, _, _ = collider_rows.contact(colliders, y, i, c)
                     if deep - max(depth - dot(n, sub(load3(end, i), load3(y, i))), 0.0) > most:
                         return True
     return False

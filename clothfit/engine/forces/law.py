@@ -32,7 +32,7 @@ from clothfit.kernels.vectors import dot
 ENDLESS = 1e8
 """Time step, s, of a cloth at rest (`equilibrium`), whose K is exact: there +κ d ∂n/∂y belongs to it."""
 
-CREEP = 1e-3
+STICTION_SPEED = 1e-3
 """ε, m/s. On a slope of angle θ < arctan μ a vertex creeps by ε r/sqrt(1 − r²), r = tan θ/μ: by ε at r = 0.7, 7 ε at
 0.99.
 """
@@ -55,7 +55,7 @@ def across(n, v):
 def rubbing(push, mu, n, U):
     """q, and γ for a push κ d."""
     along = across(n, U)
-    q = sqrt(dot(along, along) + CREEP * CREEP)
+    q = sqrt(dot(along, along) + STICTION_SPEED * STICTION_SPEED)
     return q, mu * max(push, 0.0) / q
 
 

@@ -31,7 +31,7 @@ class Spheres(NamedTuple):
 
     centre: Array  # c, (C, 3), m
     radius: Array  # r, (C,), m
-    early: bool = False  # whether a step also knows the contacts that a vertex's own way leads to (`begins`)
+    predictive: bool = False  # whether a step also knows the contacts that a vertex's own way leads to (`enters`)
 
 
 def build(centres: npt.ArrayLike, radii: npt.ArrayLike) -> Spheres:
@@ -50,8 +50,8 @@ def contact(spheres, y, i, c):
 
 
 @kernel
-def begins(spheres, y, u, h, i, c):
-    """Whether the way y + t u, 0 < t ≤ h, of vertex i enters sphere c from outside: with `early` steps know such
+def enters(spheres, y, u, h, i, c):
+    """Whether the way y + t u, 0 < t ≤ h, of vertex i enters sphere c from outside: with `predictive` steps know such
     contacts too, with the gap as a negative depth.
     """
     p, u_i = sub(load3(y, i), load3(spheres.centre, c)), load3(u, i)
@@ -101,7 +101,7 @@ def add_step(spheres, y, u, h, ahead, A, b):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, delta, n = contact(spheres, y, i, c)
-            if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
+            if depth > 0.0 or (spheres.predictive and enters(spheres, y, u, h, i, c)):
                 low, high = law.block(stiff, -law.turning(h, stiff, depth) / delta, n)
                 add_block(A.diagonal, i, low, high)
                 if len(b) > 0:
@@ -118,7 +118,7 @@ def add_pullback(spheres, y, u, w, s, lam, h, grad, gy, gu):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, delta, n = contact(spheres, y, i, c)
-            if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
+            if depth > 0.0 or (spheres.predictive and enters(spheres, y, u, h, i, c)):
                 lam_i, s_i = load3(lam, i), load3(s, i)
                 nu, sigma = dot(n, lam_i), dot(n, s_i)
                 cl, cs = (depth - sigma) / delta, -nu / delta
@@ -145,7 +145,7 @@ def add_pushforward(spheres, y, u, w, s, dy, du, direction, h, out):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, delta, n = contact(spheres, y, i, c)
-            if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
+            if depth > 0.0 or (spheres.predictive and enters(spheres, y, u, h, i, c)):
                 d, s_i = sub(load3(dy, i), offset), load3(s, i)
                 ddelta = dot(n, d)
                 m = div(sub(d, mul(splat(ddelta), n)), splat(delta))

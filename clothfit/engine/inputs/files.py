@@ -22,7 +22,7 @@ from clothfit.base.reading import unchanged
 from clothfit.formats.animation import ASSUMED_RATE, with_gaps
 from clothfit.formats.axes import Reading, to_scene
 from clothfit.formats.files import content, name_of, refused
-from clothfit.formats.registry import format_of, read, suffix_of
+from clothfit.formats.registry import format_of, read_format, suffix_of
 from clothfit.scene.keys import Keys, times_problem
 
 PATHS = re.compile(r"\.pins\[\d+\]\.posKeys$|\.(motion|mesh)$")
@@ -162,7 +162,7 @@ def motion_of(path: str, reading: Reading) -> tuple[Array, Array]:
     found = format_of(path) if suffix_of(path) else None
     if found is None:
         return own_motion(path, reading)
-    animation = read(found, path, reading.mesh or "")
+    animation = read_format(found, path, reading.mesh or "")
     frames = np.arange(len(animation.positions), dtype=float) * animation.spacing
     if reading.fps is not None:
         times = frames / reading.fps

@@ -11,7 +11,7 @@ import numpy as np
 
 from clothfit.base.arrays import NO_VECTORS, Array, Indices
 from clothfit.base.errors import InvalidScene
-from clothfit.engine.forces.touch import AXES, PLACE, RATE, SIZE, SPIN, STATE, VELOCITY
+from clothfit.engine.forces.collider_rows import AXES, PLACE, RATE, SIZE, SPIN, STATE, VELOCITY
 from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.interpolation import growth, interpolated, resolved
 from clothfit.engine.inputs.poses import Poses
@@ -222,8 +222,8 @@ def shift(keys: Keys, times: Array) -> Array:
 
 def states(colliders: Sequence[Collider], times: Array, h: float, lead: int, frame: Axes | None = None) -> Array:
     """The states (T, C, 8, 3) of colliders at times (T,), a step h apart, s: places, velocities, spins, axes, sizes and
-    rates (see `forces.touch`), in the world where the axes of the scene move. The velocity at a time is that of the
-    step that ends there, with `lead` 0 of that which begins.
+    rates (see `forces.collider_rows`), in the world where the axes of the scene move. The velocity at a time is that of
+    the step that ends there, with `lead` 0 of that which begins.
     """
     out = np.zeros((len(times), len(colliders), STATE, 3))
     step = np.clip(np.arange(len(times)) - lead, 0, max(len(times) - 2, 0))

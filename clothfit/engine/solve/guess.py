@@ -34,7 +34,7 @@ def past(n: int) -> Past:
 
 
 @kernel
-def advance(past, count, x):
+def next_guess(past, count, x):
     """Take the newest solution from x and replace it by a guess of the next; `count` solutions were found so far."""
     if count == 0:
         x[:] = 0.0

@@ -16,7 +16,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve import cg, cg_multigrid, minres, sparse, two_threads
-from clothfit.engine.solve.joined import Joined
+from clothfit.engine.solve.contact_blocks import ContactBlocks
 from clothfit.engine.solve.sparse import BlockMatrix
 from clothfit.kernels.kernel import kernel, objmode, record
 from clothfit.kernels.vectors import copy
@@ -86,17 +86,17 @@ def solve(A, b, tolerance, work, w, anyhow):
 @kernel
 def solve_directly(A, b, w):
     """Solve A w = b by a factorisation."""
-    order, row, column, subdomains, diagonal, upper, joined = A
-    vertices, rows, free = joined
+    order, row, column, subdomains, diagonal, upper, contacts = A
+    vertices, rows, free = contacts
     with objmode(solution="float64[:, ::1]"):
-        pairs = Joined(vertices, rows, free)
+        pairs = ContactBlocks(vertices, rows, free)
         solution = factorise_and_solve(order, row, column, subdomains, diagonal, upper, pairs, b)
     copy(solution, w)
 
 
 def factorise_and_solve(
     order: Indices, row: Indices, column: Indices, subdomains: Indices, diagonal: Array, upper: Array,
-    joined: Joined, b: Array,
+    contacts: ContactBlocks, b: Array,
 ) -> Array:  # fmt: skip
     """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite, or where the
     result is no solution.
@@ -107,7 +107,7 @@ def factorise_and_solve(
     solution = np.zeros(b.shape)
     if not (np.isfinite(diagonal[order]).all() and np.isfinite(upper[:-1]).all()):
         return np.full(b.shape, np.nan)  # the factorisation divides by infinity and gives finite numbers
-    A = sparse.to_scipy(order, row, column, subdomains, diagonal, upper, joined)
+    A = sparse.to_scipy(order, row, column, subdomains, diagonal, upper, contacts)
     known = b[free].reshape(-1)
     for options in (SYMMETRIC, {}):
         try:

@@ -22,14 +22,14 @@ from math import sqrt
 
 import numpy as np
 
-from clothfit.engine.solve import cg, joined, multigrid, ssor
+from clothfit.engine.solve import cg, contact_blocks, multigrid, ssor
 from clothfit.engine.solve.cg import CHECK_WITHIN, CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.cg_multigrid import follow
 from clothfit.engine.solve.sparse import times
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import fma, load3, load4, mul, splat, store4, sub, sum3
 
-MOST = 500
+MOST_ITERATIONS = 500
 """Iterations: some hundred take as long as a factorisation of a cloth of 256² vertices, in a fifth of its memory."""
 
 ROUNDING = 1e-14
@@ -44,7 +44,7 @@ def solve(A, b, tolerance, work, spare, hierarchy, w):
     x, r_before, r, product, v, w_old, w_new = work.x, work.r, work.q, work.t, work.p, work.z, work.own
     fine, whole = hierarchy.levels[0], np.array([0, len(A.order)])
     bb = cg.enter(A, whole, b, w, x, w_new)
-    joined.add_product(A.joined, -1.0, x, w_new)
+    contact_blocks.add_product(A.contacts, -1.0, x, w_new)
     rr = ssor.residual(A, whole, x, w_new, r)
     target = tolerance * tolerance * bb
     if cg.is_solved(A, rr, bb, target, w):
@@ -60,9 +60,9 @@ def solve(A, b, tolerance, work, spare, hierarchy, w):
     beta, beta_before = sqrt(square), 1.0
     rest, ratio, within = beta, rr / square, CHECK_WITHIN  # of the residual in the norm of M⁻¹
     c, s, above, beyond = -1.0, 0.0, 0.0, 0.0
-    for iteration in range(1, MOST + 1):
+    for iteration in range(1, MOST_ITERATIONS + 1):
         follow(A, size / beta, fine.z, 0.0, v, product, spare)
-        joined.add_product(A.joined, 1.0, v, product)
+        contact_blocks.add_product(A.contacts, 1.0, v, product)
         alpha = subtract(A, beta / beta_before if iteration > 1 else 0.0, r_before, product, v)
         rr = subtract(A, alpha / beta, r, product, product)
         r_before, r, product = r, product, r_before
@@ -88,7 +88,7 @@ def solve(A, b, tolerance, work, spare, hierarchy, w):
             if beta == 0.0:
                 return iteration, INDEFINITE
             ratio, within = rr / (rest * rest), 1.0
-    return MOST, LIMIT
+    return MOST_ITERATIONS, LIMIT
 
 
 @kernel
@@ -125,7 +125,7 @@ def missing(A, b, x, z, out, spare):
     `spare` is memory.
     """
     follow(A, 0.0, z, 1.0, x, out, spare)
-    joined.add_product(A.joined, 1.0, x, out)
+    contact_blocks.add_product(A.contacts, 1.0, x, out)
     total, zero, largest = splat(0.0), splat(0.0), splat(0.0)
     for i in A.order:
         r_i = sub(load3(b, i), load4(out, i))

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import NO_NUMBERS, Array, Flags, Indices, aligned
-from clothfit.engine.solve import joined as pairs
+from clothfit.engine.solve import contact_blocks as pairs
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import (
     add,
@@ -66,7 +66,7 @@ class BlockMatrix(NamedTuple):
     subdomains: Indices  # (3, 2), first row and end of each subdomain; no spring joins the first two
     diagonal: Array  # (n + 1, 8), diagonal blocks; the last is only read into by loads of the one before
     upper: Array  # (E + 1, 8), blocks of the slots; the last takes what belongs to no row
-    joined: pairs.Joined | None = None  # blocks of self-contact beside the pattern; None on the levels of `multigrid`
+    contacts: pairs.ContactBlocks | None = None  # of self-contact, beside the pattern; None on levels of `multigrid`
 
 
 class Pattern(NamedTuple):
@@ -111,14 +111,14 @@ def sweep(ends: Indices, free: Flags, whole: bool = False) -> tuple[Indices, Ind
         return order, np.array([[0, m], [m, m], [m, m]], np.int32)
     place = np.full(len(free), -1)
     place[order] = np.arange(m)
-    joined = place[ends[free[ends].all(axis=1)]]
-    along = along_bandwidth(joined, m)
-    order, joined = order[along], np.argsort(along)[joined]
+    edges = place[ends[free[ends].all(axis=1)]]
+    along = along_bandwidth(edges, m)
+    order, edges = order[along], np.argsort(along)[edges]
     if whole:
         return order, np.array([[0, m], [m, m], [m, m]], np.int32)
-    first = (joined < m // 2).any(axis=1)
+    first = (edges < m // 2).any(axis=1)
     between = np.zeros(m, bool)
-    between[joined[first].max(axis=1)] = True
+    between[edges[first].max(axis=1)] = True
     between[: m // 2] = False
     separator = np.flatnonzero(between)
     rest = np.flatnonzero(~between)
@@ -126,16 +126,16 @@ def sweep(ends: Indices, free: Flags, whole: bool = False) -> tuple[Indices, Ind
     return order[np.concatenate([rest, separator])], np.array([[0, middle], [middle, end], [end, m]], np.int32)
 
 
-def along_bandwidth(joined: Indices, m: int) -> Indices:
+def along_bandwidth(edges: Indices, m: int) -> Indices:
     """An order (m,) in which joined vertices are near: their own, or reverse Cuthill–McKee where that is far better."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-    ones = np.ones(2 * len(joined))
-    both_ways = (np.concatenate([joined[:, 0], joined[:, 1]]), np.concatenate([joined[:, 1], joined[:, 0]]))
+    ones = np.ones(2 * len(edges))
+    both_ways = (np.concatenate([edges[:, 0], edges[:, 1]]), np.concatenate([edges[:, 1], edges[:, 0]]))
     better = reverse_cuthill_mckee(csr_array((ones, both_ways), shape=(m, m)), symmetric_mode=True)
-    distance = np.abs(joined[:, 0] - joined[:, 1]).sum()
-    after = np.argsort(better)[joined]
+    distance = np.abs(edges[:, 0] - edges[:, 1]).sum()
+    after = np.argsort(better)[edges]
     jumps = distance > 2.0 * np.abs(after[:, 0] - after[:, 1]).sum()
     return np.asarray(better, np.int32) if jumps else np.arange(m, dtype=np.int32)
 
@@ -143,14 +143,14 @@ def along_bandwidth(joined: Indices, m: int) -> Indices:
 def zeros(pattern: Pattern, n: int) -> BlockMatrix:
     """A matrix of that pattern for n vertices, all zero."""
     blocks = aligned(n + 1, BLOCK_SIZE), aligned(len(pattern.column) + 1, BLOCK_SIZE)
-    return BlockMatrix(*pattern, *blocks, pairs.joined(NO_PAIRS, NO_NUMBERS))
+    return BlockMatrix(*pattern, *blocks, pairs.no_blocks(NO_PAIRS, NO_NUMBERS))
 
 
 @kernel
 def reset(A, mass):
     """A = the masses (n,) on the diagonal."""
     zero = splat(0.0)
-    pairs.clear(A.joined)
+    pairs.clear(A.contacts)
     for e in range(len(A.upper)):
         store_column(zero, A.upper, e, 0)
         store_column(zero, A.upper, e, 4)
@@ -230,7 +230,7 @@ def multiply(A, x, out):
             total = times(A.upper, e, load3(x, j), total)
             store3(times_spread(A.upper, e, wide, load3(out, j)), out, j)
         store3(total, out, i)
-    pairs.add_product(A.joined, 1.0, x, out)
+    pairs.add_product(A.contacts, 1.0, x, out)
 
 
 @kernel
@@ -262,7 +262,7 @@ def invert_block(blocks, i, scale, inverse):
 
 def to_scipy(
     order: Indices, row: Indices, column: Indices, _subdomains: Indices, diagonal: Array, upper: Array,
-    joined: pairs.Joined | None = None,
+    contacts: pairs.ContactBlocks | None = None,
 ) -> csc_array:  # fmt: skip
     """The matrix as a SciPy sparse array (3 m, 3 m), both halves: of the free vertices, in ascending order."""
     from scipy.sparse import bsr_array
@@ -275,6 +275,6 @@ def to_scipy(
     blocks = np.concatenate([diagonal[order], upper[:-1], upper[:-1]])[sorting][:, SQUARE]
     starts = np.searchsorted(rows[sorting], np.arange(m + 1))
     A = bsr_array((blocks, columns[sorting], starts), shape=(3 * m, 3 * m)).tocsr()
-    if joined is not None and len(joined.rows):
-        A = (A + pairs.to_scipy(joined.vertices, joined.rows, order)).tocsr()
+    if contacts is not None and len(contacts.rows):
+        A = (A + pairs.to_scipy(contacts.vertices, contacts.rows, order)).tocsr()
     return A.T  # it is symmetric

@@ -113,7 +113,7 @@ def apply_lower(A, subdomain, inverse, p, t, own, q):
 
 
 @kernel
-def advance(A, subdomain, alpha, scale, t, q, x, r, z):
+def update(A, subdomain, alpha, scale, t, q, x, r, z):
     """x += α t, r −= α q, z = scale · D r; returns r·z."""
     total, step, back, factor, zero = splat(0.0), splat(alpha), splat(-alpha), splat(scale), splat(0.0)
     for i in rows(A, subdomain)[0]:

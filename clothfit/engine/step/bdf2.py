@@ -122,8 +122,8 @@ def pushforward(inner, x, v, x_before, v_before, w, used, tolerance, work, dx, d
     """
     extrapolate(inner.h, x, v, x_before, v_before, work)
     ahead(1.0, dv, dv_before, work.gu)
-    advance(1.0 / 3.0, dx, dx_before)
-    advance(1.0 / 3.0, dv, dv_before)
+    shift_by(1.0 / 3.0, dx, dx_before)
+    shift_by(1.0 / 3.0, dv, dv_before)
     for k in range(used):
         u = work.u if k == 0 else w[k - 1]
         if k > 0:
@@ -135,7 +135,7 @@ def pushforward(inner, x, v, x_before, v_before, w, used, tolerance, work, dx, d
 
 
 @kernel
-def advance(third, a, before):
+def shift_by(third, a, before):
     """a, before = a + third (a − before), a."""
     for i in range(len(a)):
         for c in range(3):

@@ -11,18 +11,18 @@ always serves: as θ → 0 the kinetic energy goes, and where there is none, w =
 definite (`clamped`).
 
 A contact that begins with a step is not felt in it: the vertex ends in the sphere with ½ κ d² that nothing gave. In
-ordinary motions steps lose more, so such a gain is left, as long as the energy stays below a budget: that of the start
+ordinary motions steps lose more, so such a gain is left, as long as the energy stays below a bound: that of the start
 and the work of the weight since. A step that contacts bring above it is taken anew as a linearised step that knows
-them, as implicit springs from the surface on (`spheres.begins`): a convex energy, of which such a step only loses. Then
-the energy after that step becomes the budget, so that no later contact gives back what one took.
+them, as implicit springs from the surface on (`spheres.enters`): a convex energy, of which such a step only loses. Then
+the energy after that step becomes the bound, so that no later contact gives back what one took.
 
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
 wind that stays, which brings energy, while air at rest only takes it away; and where the rise is below a thousandth.
 Where inputs change over time, or a cloth is let go by what it began inside of, the work done in a step (`work`) is no
 gain: of BDF2 motions each step is compared with it, and of implicit ones at meshes with a thickness, else those after
 which the kinetic energy and that of the springs are higher by more than SUSPECT. An Euler step that gains is mended as
-where a cloth touches itself (`touching`). At `colliders` that stay where they are a step ends with the contacts that it
-knows (`forces.contact`): what rises there are springs, as elsewhere.
+where a cloth touches itself (`contact_steps`). At `colliders` that stay where they are a step ends with the contacts
+that it knows (`forces.contact`): what rises there are springs, as elsewhere.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit.engine.forces import springs, total
+from clothfit.engine.forces.collider_rows import lets_go
 from clothfit.engine.forces.spheres import contact
-from clothfit.engine.forces.touch import lets_go
 from clothfit.engine.inputs.tables import draws, energetic, power
 from clothfit.engine.system import IMPLICIT
 from clothfit.kernels.kernel import kernel
@@ -45,7 +45,7 @@ LEAST_RISE = 1e-20
 """A rise that is tolerated, J: rounding in a cloth that does not move and is not stretched."""
 
 CONTACT_SLACK = 0.1
-"""A rise above the budget by contacts that is tolerated, relative to the budget or, if that is more, the energy before.
+"""A rise above the bound by contacts that is tolerated, relative to the bound or, if that is more, the energy before.
 """
 
 SUSPECT = 0.05
@@ -53,12 +53,12 @@ SUSPECT = 0.05
 comes from, where something moves.
 """
 
-BUDGET, POWER = 0, 1
+BOUND, POWER = 0, 1
 """What a step hands to the next one beside its state: the energy that contacts may bring it to, J, −∞ for that of the
 state; and the mean power of what moves, and of the wind, W, in a step where that may bring energy.
 """
 
-NOTHING = np.array([-np.inf, 0.0])
+START = np.array([-np.inf, 0.0])
 """What the first step is handed."""
 
 NONE, SPRINGS, CONTACTS = 0, 1, 2
@@ -114,11 +114,11 @@ def rises(before, after, work):
 
 
 @kernel
-def fault(system, t, before, budget, x, v, x_new):
+def fault(system, t, before, bound, x, v, x_new):
     """What added energy in step t, from x to x_new with velocity v, (n, 3) each; see `judged`."""
     kinetic, given = moving(system.vertex, v)
     given += power(system.inputs, t, v)
-    return judged(system, before, budget, x, x_new, kinetic, system.h * given)[1]
+    return judged(system, before, bound, x, x_new, kinetic, system.h * given)[1]
 
 
 @kernel
@@ -144,9 +144,9 @@ def arrive(vertex, x, base, h, w, x_new):
 
 
 @kernel
-def judged(system, before, budget, x, x_new, kinetic, work):
+def judged(system, before, bound, x, x_new, kinetic, work):
     """The energy, J, after a step from x to x_new that began with the energy `before`, and what added energy in it:
-    NONE, SPRINGS or CONTACTS, these where they brought it above the budget.
+    NONE, SPRINGS or CONTACTS, these where they brought it above the bound.
     """
     after = kinetic + total.stored_energy(system, x_new, x_new)
     if not rises(before, after, work):
@@ -154,8 +154,8 @@ def judged(system, before, budget, x, x_new, kinetic, work):
     known = after
     if not starts_deep(system.spheres, system.x0):
         known = kinetic + total.stored_energy(system, x_new, x)
-    slack = CONTACT_SLACK * max(before, budget + work) + LEAST_RISE
-    if not after - known <= slack and not after - work - budget <= slack:
+    slack = CONTACT_SLACK * max(before, bound + work) + LEAST_RISE
+    if not after - known <= slack and not after - work - bound <= slack:
         return after, CONTACTS
     return after, SPRINGS if rises(before, known, work) else NONE
 
@@ -171,7 +171,7 @@ def starts_deep(spheres, x0):
 
 
 @kernel
-def shorten(system, t, before, budget, x, v, x_new):
+def shorten(system, t, before, bound, x, v, x_new):
     """Halve the v of step t, which led from x to x_new, (n, 3) each, until no energy is added; returns the part θ that
     is left.
     """
@@ -180,6 +180,6 @@ def shorten(system, t, before, budget, x, v, x_new):
         theta *= 0.5
         combine(0.5, v, 0.0, v, v)
         combine(1.0, x, system.h, v, x_new)
-        if fault(system, t, before, budget, x, v, x_new) == NONE:
+        if fault(system, t, before, bound, x, v, x_new) == NONE:
             break
     return theta

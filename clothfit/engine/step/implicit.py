@@ -27,7 +27,7 @@ from clothfit.base.arrays import Array
 from clothfit.engine.forces import contact, total
 from clothfit.engine.inputs.tables import couple, move_pins, pull_pins, pull_through, push_pins, set_pins
 from clothfit.engine.solve import guess, linear, sparse
-from clothfit.engine.solve.joined import joined
+from clothfit.engine.solve.contact_blocks import no_blocks
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel, record
 from clothfit.kernels.lanes.operations import add as add_lanes
@@ -64,7 +64,7 @@ def workspace(system: System) -> Workspace:
     vectors = [np.zeros((n, 3)) for _ in range(10)]
     A = sparse.zeros(system.pattern, n)
     if system.contact is not None:
-        A = A._replace(joined=joined(system.contact.vertices, system.contact.free))
+        A = A._replace(contacts=no_blocks(system.contact.vertices, system.contact.free))
     return Workspace(A, linear.workspace(A), guess.past(n), np.zeros((0, 3)), *vectors)
 
 
@@ -146,8 +146,8 @@ def step(system, x, v, first, tolerance, work, iterates):
             assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
             hold_fixed(free, b)
             copy(iterates[k - 1], iterates[k])
-        touching = k == 0 and (contact.touches(system.contact) or contact.touches(system.colliders))
-        rough = max(tolerance, ROUGH) if touching else tolerance  # later ones begin near their solution
+        in_contact = k == 0 and (contact.is_deep(system.contact) or contact.is_deep(system.colliders))
+        rough = max(tolerance, ROUGH) if in_contact else tolerance  # later ones begin near their solution
         more, more_direct, solved = linear.solve(A, b, rough, work.solver, iterates[k], anyhow)
         iterations += more
         direct += more_direct
@@ -162,7 +162,7 @@ def step(system, x, v, first, tolerance, work, iterates):
         direct += more_direct
         if not solved:
             return 0, iterations, direct
-        if k + 1 >= system.newton_iterations and not contact.strays(system.colliders, free, at, system.h, work.gy):
+        if k + 1 >= system.newton_iterations and not contact.too_deep(system.colliders, free, at, system.h, work.gy):
             return k + 1, iterations, direct
         if k + 1 < len(iterates):
             contact.carry(system.colliders, free, at, system.h, work.gy)
@@ -173,15 +173,15 @@ def step(system, x, v, first, tolerance, work, iterates):
 @kernel
 def solve_again(system, at, solved_to, tolerance, work, anyhow):
     """Solve an iteration again until it meets no other contacts, first as roughly as it is `solved_to`; `at` is as for
-    `contact.meet`, of which the velocity changes. Returns what `linear.solve` does.
+    `contact.update_active`, of which the velocity changes. Returns what `linear.solve` does.
     """
     iterations, direct, turn = 0, 0, 0
-    while turn < contact.ROUNDS:
+    while turn < contact.ACTIVE_SET_ROUNDS:
         if meet(system, at, turn < contact.DROPS, work) == 0:
             if solved_to <= tolerance:
                 break
             turn, solved_to = -1, tolerance
-        elif turn == contact.ROUNDS - 1 and solved_to > tolerance:
+        elif turn == contact.ACTIVE_SET_ROUNDS - 1 and solved_to > tolerance:
             turn, solved_to = -1, tolerance
         turn += 1
         more, more_direct, solved = linear.solve(work.A, work.b, solved_to, work.solver, at[3], anyhow)
@@ -195,10 +195,10 @@ def solve_again(system, at, solved_to, tolerance, work, anyhow):
 
 @kernel
 def meet(system, at, drops, work):
-    """Add the contacts that an iteration ends in to its system, and take others out; see `contact.meet`."""
+    """Add the contacts that an iteration ends in to its system, and take others out; see `contact.update_active`."""
     free, h = system.vertex.free, system.h
-    changed = contact.meet(system.colliders, free, at, h, work.gy, drops, work.A, work.b)
-    return changed + contact.meet(system.contact, free, at, h, work.gy, drops, work.A, work.b)
+    changed = contact.update_active(system.colliders, free, at, h, work.gy, drops, work.A, work.b)
+    return changed + contact.update_active(system.contact, free, at, h, work.gy, drops, work.A, work.b)
 
 
 @kernel

@@ -25,9 +25,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
 from clothfit.engine.system import build
 from clothfit.scene.scene import dumps
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 from clothfit.subspace.build import TIMED, Report, fitness
-from clothfit.subspace.judge import cost
 from clothfit.subspace.model import NETWORK, Model, Part
 from clothfit.subspace.network import training as trainings
 from clothfit.subspace.network.layers import OWN, Loss, Motions, Recipe, Trained, dense
@@ -38,6 +37,7 @@ from clothfit.subspace.physics.march import roll
 from clothfit.subspace.physics.samples import Reduced, nothing
 from clothfit.subspace.play import positions, rolled, stepper
 from clothfit.subspace.recording import Data
+from clothfit.subspace.validation import cost
 
 ONE_OF = 8
 """So many motions one is held out, to choose the best values by."""
@@ -50,7 +50,7 @@ LEAST_FRAMES = 50
 
 
 @dataclass(frozen=True, eq=False)
-class Lesson:
+class TrainingData:
     """The motions of one object on a basis, and how their inputs become numbers."""
 
     motions: Motions
@@ -59,28 +59,28 @@ class Lesson:
     rest: Motions | None = None  # pieces of motions that come to rest
 
 
-def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:
+def training_data(data: Data, c: int, episodes: Sequence[int], basis: Array) -> TrainingData:
     """The coordinates and inputs of some episodes. Raises InvalidInput for inputs that a network does not know."""
     systems = [build(data.scene_of(e), c, steps=data.steps) for e in episodes]
     tables = [raw(system, data.steps) for system in systems]
     signals = fitted(tables)
-    onto = carrier.projection(basis, systems[0])
+    onto = translation.projection(basis, systems[0])
     z, good = [], []
     for e, system in zip(episodes, systems, strict=True):
         x, fine = data.motion(e, c)
-        own = carrier.coordinates(x, system, onto)
+        own = translation.coordinates(x, system, onto)
         missing = data.steps + 1 - len(own)  # frames after the end of a motion, which are none
-        before = own[:1] - system.h * carrier.start_velocity(system, basis)
+        before = own[:1] - system.h * translation.start_velocity(system, basis)
         z.append(np.pad(np.concatenate([before, own]), ((0, missing), (0, 0)), mode="edge"))
         good.append(np.pad(np.concatenate([[True], fine]), (0, missing)))
     w = np.stack([signals.of(system, data.steps) for system in systems])
     motions = Motions(np.stack(z), w, np.stack(good))
     taught = [e for k, e in enumerate(episodes) if k % ONE_OF != ONE_OF - 1]
-    rest = settled(data, c, taught, basis, signals, motions.z[motions.good])
-    return Lesson(motions, signals, int(motions.good[:, 1:].sum()), rest)
+    rest = rest_pieces(data, c, taught, basis, signals, motions.z[motions.good])
+    return TrainingData(motions, signals, int(motions.good[:, 1:].sum()), rest)
 
 
-def prepared(given: Lesson, recipe: Recipe, seed: int) -> tuple[Training, float]:
+def prepared(given: TrainingData, recipe: Recipe, seed: int) -> tuple[Training, float]:
     """A training at its beginning, and the size of the coordinates. Raises InvalidInput for too few frames."""
     if given.frames < LEAST_FRAMES or given.motions.starts(1)[1] == 0:
         raise InvalidInput(f"a network needs at least {LEAST_FRAMES} recorded frames; there are {given.frames}")
@@ -114,9 +114,9 @@ def limits(motions: Motions, margin: float) -> Array:
     return np.stack([low - more, high + more])
 
 
-def finished(training: Training, size: float, given: Lesson) -> Network:
+def finished(training: Training, size: float, given: TrainingData) -> Network:
     """What is played of a training."""
-    training.settle()
+    training.use_best()
     w = given.motions.w.reshape(-1, given.motions.w.shape[2])
     reach = np.stack([w.min(axis=0), w.max(axis=0)]) if w.size else np.zeros((2, w.shape[1]))
     return training.own.network(size, given.signals, reach)
@@ -135,7 +135,7 @@ FARTHEST = 2.0
 """Times the way of the recorded motions: a cloth that falls from an obstacle, and never comes to rest, goes farther."""
 
 
-def settled(
+def rest_pieces(
     data: Data, c: int, episodes: Sequence[int], basis: Array, signals: Signals, recorded: Array
 ) -> Motions | None:
     """The pieces of such motions that stay near the `recorded` coordinates (N, r); None where there are none."""
@@ -156,13 +156,13 @@ def pieces(data: Data, c: int, episode: int, basis: Array, signals: Signals, tim
     length = data.steps
     system = build(data.scene_of(episode), c, steps=times * length)
     q = roll(Reduced(system, basis), times * length)
-    z = np.concatenate([q[:1] - system.h * carrier.start_velocity(system, basis), q])
+    z = np.concatenate([q[:1] - system.h * translation.start_velocity(system, basis), q])
     w = signals.of(system, times * length)
     return [(z[a : a + length + 2], w[a : a + length]) for a in range(length, (times - 1) * length + 1, length)]
 
 
 @dataclass(frozen=True)
-class Schooling:
+class TrainingOptions:
     """How to train."""
 
     budget: Budget
@@ -171,30 +171,30 @@ class Schooling:
 
 
 @dataclass
-class Pupil:
+class PartTraining:
     """The training of one object."""
 
-    lesson: Lesson
+    given: TrainingData
     training: Training
     size: float  # of the coordinates
 
 
 
-def pupils(model: Model, data: Data, school: Schooling, held_out: int = 1) -> list[Pupil]:
+def part_trainings(model: Model, data: Data, options: TrainingOptions, held_out: int = 1) -> list[PartTraining]:
     """A training for each object, at its beginning, or where it is to go on. Raises InvalidInput."""
     count = len(data.episodes)
     kept = range(count - held_out if count > held_out else count)
     found = []
     for c, part in enumerate(model.parts):
-        own = lesson(data, c, kept, part.basis)
-        found.append(Pupil(own, *prepared(own, OWN, school.seed)))
-    if school.resume is not None:
-        restored(school.resume, found, identity(model, data, school))
+        own = training_data(data, c, kept, part.basis)
+        found.append(PartTraining(own, *prepared(own, OWN, options.seed)))
+    if options.resume is not None:
+        restored(options.resume, found, identity(model, data, options))
     return found
 
 
-def teach(
-    model: Model, reports: Sequence[Report], data: Data, own: Sequence[Pupil], school: Schooling,
+def train(
+    model: Model, reports: Sequence[Report], data: Data, own: Sequence[PartTraining], options: TrainingOptions,
     report: Callable[[int, Progress], None],
 ) -> tuple[Model, bool]:  # fmt: skip
     """The model with networks in place of physics, and whether its training came to its end; the reports get what the
@@ -202,28 +202,28 @@ def teach(
     """
     ended = True
     parts = []
-    for c, pupil in enumerate(own):
-        share = replace(school.budget, minutes=school.budget.minutes / len(own))
-        ended = pupil.training.run(share if ended else Budget(1e-9), partial(report, c)) and ended
-        network = finished(pupil.training, pupil.size, pupil.lesson)
+    for c, each in enumerate(own):
+        share = replace(options.budget, minutes=options.budget.minutes / len(own))
+        ended = each.training.run(share if ended else Budget(1e-9), partial(report, c)) and ended
+        network = finished(each.training, each.size, each.given)
         envelope = np.asarray(network.range, float)
         parts.append(replace(model.parts[c], chosen=nothing(), envelope=envelope, network=network))
-        judge(parts[c], reports[c], data, c)
-    states = [pupil.training.state for pupil in own]
+        validate(parts[c], reports[c], data, c)
+    states = [each.training.state for each in own]
     training = [{"rounds": s.rounds, "seconds": s.seconds, "held_out_error": s.best_error} for s in states]
-    about = {"recipe": "own", "seed": school.seed, "training": training}
+    about = {"recipe": "own", "seed": options.seed, "training": training}
     return replace(model, parts=tuple(parts), method=NETWORK, built={**model.built, **about}), ended
 
 
-def judge(part: Part, found: Report, data: Data, c: int) -> None:
+def validate(part: Part, report: Report, data: Data, c: int) -> None:
     """Put into a report what a network does with the last episode, and what it costs."""
-    found.elements = {name: (0, there) for name, (_, there) in found.elements.items()}
+    report.elements = {name: (0, there) for name, (_, there) in report.elements.items()}
     last = len(data.episodes) - 1
     x, scene = data.motion(last, c)[0], data.scene_of(last)
     own = stepper(part, build(scene, c, steps=data.steps), data.steps, {})
     made = positions(own, rolled(own, len(x) - 1, scene.name)) - own.system.x0
-    found.judged(fitness(made, x), part, own.system, x)
-    found.us_per_frame, found.full_us_per_step = cost(part, scene, c, min(data.steps, TIMED))
+    report.judged(fitness(made, x), part, own.system, x)
+    report.us_per_frame, report.full_us_per_step = cost(part, scene, c, min(data.steps, TIMED))
 
 
 class Checkpoint(files.Checkpoint):
@@ -232,15 +232,15 @@ class Checkpoint(files.Checkpoint):
     kind = "training"
 
 
-def identity(model: Model, data: Data, school: Schooling) -> dict[str, str]:
+def identity(model: Model, data: Data, options: TrainingOptions) -> dict[str, str]:
     """What a state belongs to: the same data, bases, recipe and seed."""
-    recipe = repr((OWN, school.seed))  # which another version may have with others
+    recipe = repr((OWN, options.seed))  # which another version may have with others
     parts: list[bytes | Array] = [dumps(data.scene), recipe.encode()]
     parts += [json.dumps([asdict(each) for each in data.episodes]).encode(), *(part.basis for part in model.parts)]
     return {"data, basis, recipe or seed": digest(*parts)}
 
 
-def keep(path: str | os.PathLike[str], own: Sequence[Pupil], about: dict[str, str]) -> None:
+def keep(path: str | os.PathLike[str], own: Sequence[PartTraining], about: dict[str, str]) -> None:
     """Write the state of a training. Raises InvalidInput where the file cannot be written."""
     states = [each.training.state for each in own]
     held = {f"{c}.{name}": each for c, state in enumerate(states) for name, each in trainings.archived(state).items()}
@@ -248,7 +248,7 @@ def keep(path: str | os.PathLike[str], own: Sequence[Pupil], about: dict[str, st
     write_atomically(path, files.encoded(Checkpoint.kind, about, {"objects": numbers, **held}))
 
 
-def restored(path: str, own: Sequence[Pupil], about: dict[str, str]) -> None:
+def restored(path: str, own: Sequence[PartTraining], about: dict[str, str]) -> None:
     """Put trainings where a file has them. Raises InvalidInput where it is none, or another training's."""
     found = Checkpoint(path, identity=about).state()
     try:

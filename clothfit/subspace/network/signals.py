@@ -3,13 +3,13 @@
 Of step t, which leads from frame t to t + 1, they are in this order, each only where the scene has it:
 
     wind (3), gravity (3)   of the tables of the step, m/s and m/s²: with a moving frame, in the axes of the world
-    carrier (6)             velocity and change of velocity of what carries the cloth (`carrier`), m/s
+    carrier (6)             velocity and change of velocity of what carries the cloth (`translation`), m/s
     turn (6)                its angular velocity and the change of that, rad/s, where the pins turn
-    pins (6 P)              the places of the pins past the carrier after the step, and their way in it, m
-    colliders (2 · 3 D)     the rows of the tables of colliders, their places past the carrier, and their change
+    pins (6 P)              the places of the pins past the translation after the step, and their way in it, m
+    colliders (2 · 3 D)     the rows of the tables of colliders, their places past the translation, and their change
 
 The last two are many and move together, so that a mix of them, found in recorded motions, takes their place.
-Coordinates are those in the axes of the world: there the ground keeps its direction, and how the carrier is turned is
+Coordinates are those in the axes of the world: there the ground keeps its direction, and how the pins are turned is
 in the places of the pins.
 """
 
@@ -22,9 +22,9 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.forces.touch import PLACE, STATE
+from clothfit.engine.forces.collider_rows import PLACE, STATE
 from clothfit.engine.system import System
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 
 PLAIN = ("wind", "gravity", "carrier", "turn")
 """Parts that are inputs as they are."""
@@ -33,7 +33,7 @@ COLLIDERS = "colliders"
 
 ORDER = (*PLAIN, "pins", COLLIDERS)
 
-STILL = 1e-6
+NO_TURN = 1e-6
 """rad/s that are no turn."""
 
 FLAT = 1e-6
@@ -89,11 +89,11 @@ def raw(system: System, steps: int) -> list[tuple[str, Array]]:
         raise InvalidInput("a network does not know bodies that change their shape; --method physics does")
     late = slice(inputs.lead, inputs.lead + steps)
     found = [(name, table[late]) for name, table in (("wind", inputs.wind), ("gravity", inputs.gravity)) if len(table)]
-    shift = carrier.shift(inputs, steps + 1)
+    shift = translation.shift(inputs, steps + 1)
     if inputs.path.size:
         found.append(("carrier", with_change(np.diff(shift[:, 0], axis=0) / system.h)))
         turn = turned(inputs.path[: steps + 1], system)
-        if np.abs(turn).max(initial=0.0) > STILL:
+        if np.abs(turn).max(initial=0.0) > NO_TURN:
             found.append(("turn", turn))
         found.append(("pins", of_places(inputs.path[: steps + 1] - inputs.path[0] - shift)))
     if len(inputs.centre):

@@ -22,7 +22,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.subspace.network.layers import Loss, Motions, Recipe, Trained, gradient, played
 
-LOOKS = 60
+VALIDATIONS = 60
 """How often in a training the held-out motions are played."""
 
 WARM = 100
@@ -35,7 +35,7 @@ LAST_RATE = 1e-3
 MINUTES = 10.0
 """Of processor time, where nobody says how long to train."""
 
-ENOUGH = 60_000
+MOST_ROUNDS = 60_000
 """Rounds beyond which motions that were held out are missed by more again: of `side.json` by 2.9 % after
 25,000 rounds, and by 3.8 % at best in 296,000.
 """
@@ -52,7 +52,7 @@ class Budget:
 
     minutes: float = MINUTES
     rounds: int | None = None
-    most: int = ENOUGH  # rounds after which it is spent, however few minutes they took
+    most: int = MOST_ROUNDS  # rounds after which it is spent, however few minutes they took
 
     def check(self) -> None:
         """Raise InvalidInput where it is none."""
@@ -121,12 +121,12 @@ class Training:
                 interrupts.check()
                 self.round(done)
                 state.seconds = process_time() - began
-                if budget.done(state.seconds, state.rounds) * LOOKS >= state.looked + 1:
-                    report(self.look(budget))
+                if budget.done(state.seconds, state.rounds) * VALIDATIONS >= state.looked + 1:
+                    report(self.validate(budget))
         except KeyboardInterrupt:
             interrupts.answer()
             finished = False
-        report(self.look(budget))
+        report(self.validate(budget))
         return finished
 
     def round(self, done: float) -> None:
@@ -158,14 +158,14 @@ class Training:
         falling = 0.5 * (1.0 + np.cos(np.pi * done))
         return self.recipe.rate * (LAST_RATE + (1.0 - LAST_RATE) * float(falling)) * min(1.0, self.state.rounds / WARM)
 
-    def look(self, budget: Budget) -> Progress:
+    def validate(self, budget: Budget) -> Progress:
         """The error of the held-out motions; the values are kept where it is the least so far."""
         state = self.state
         error = self.error()
         if error < state.best_error:
             state.best_error, state.best = error, [each.copy() for each in state.values]
         done = budget.done(state.seconds, state.rounds)
-        state.looked = int(done * LOOKS)
+        state.looked = int(done * VALIDATIONS)
         state.curve.append((state.rounds, state.seconds, error))
         return Progress(done, state.rounds, error, state.best_error)
 
@@ -187,7 +187,7 @@ class Training:
         moved = (z - z[:, 1:2])[:, 1:][good[:, 1:]]
         return float(np.sqrt((away.astype(float) ** 2).sum() / max(float((moved.astype(float) ** 2).sum()), 1e-300)))
 
-    def settle(self) -> None:
+    def use_best(self) -> None:
         """Give the network its best values."""
         for value, best in zip(self.state.values, self.state.best, strict=True):
             value[:] = best

@@ -24,7 +24,7 @@ from clothfit.base import interrupts, npz
 from clothfit.base.arrays import Array
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 from clothfit.subspace.network.signals import Signals
 
 Single = NDArray[np.float32]
@@ -78,7 +78,7 @@ def described(own: Network) -> dict[str, Any]:
     return {"layers": len(own.weights), "activation": own.activation, "signals": [list(e) for e in own.signals.parts]}
 
 
-def read(file: IO[bytes], about: Mapping[str, Any], c: int) -> Network:
+def read_network(file: IO[bytes], about: Mapping[str, Any], c: int) -> Network:
     """The network of object c in a file, whose head describes it. Raises KeyError, TypeError or one of npz.FAULTS."""
     plain, signals = [f"{name}{c}" for name in PLAIN], [f"signal_{name}{c}" for name in OF_SIGNALS]
     layers = [[f"{name}{c}.{k}" for k in range(int(about["layers"]))] for name in OF_LAYERS]
@@ -127,7 +127,7 @@ class Stepper:
     @property
     def before(self) -> Single:
         """The coordinates (r,) a step before the start."""
-        before = -self.system.h * carrier.start_velocity(self.system, self.basis)
+        before = -self.system.h * translation.start_velocity(self.system, self.basis)
         return before.astype(np.float32)
 
     def roll(self, steps: int) -> Array:
@@ -180,11 +180,11 @@ def roll(sizes, weights, biases, limits, smooth, w, before, q, a, b):
             a[r + i] = q[t, i] - last
         for i in range(w.shape[1]):
             a[2 * r + i] = w[t, i]
-        advance(sizes, weights, biases, limits, smooth, q[t + 1], a, b)
+        evaluate(sizes, weights, biases, limits, smooth, q[t + 1], a, b)
 
 
 @kernel
-def advance(sizes, weights, biases, limits, smooth, out, a, b):
+def evaluate(sizes, weights, biases, limits, smooth, out, a, b):
     """out (r,) of what is in a, which is overwritten."""
     r = len(out)
     out[:] = biases[:r]

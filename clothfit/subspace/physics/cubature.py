@@ -122,7 +122,7 @@ def weights_for(G: Array, g: Array, errors: Sequence[float], most: int) -> list[
         entering = [int(i) for i in np.argsort(-slope)[: min(room, 1 + len(active) // SHARE)] if slope[i] > 0]
         if not entering:
             break
-        active, w, left = settled(G, g, [*active, *entering], w)
+        active, w, left = active_weights(G, g, [*active, *entering], w)
         barred = set(left) & set(entering)  # else they would enter again at once
         rest = float(np.linalg.norm(G[:, active] @ w[active] - g)) / target
         since = since + 1 if rest > 0.999 * least else 0
@@ -133,7 +133,7 @@ def weights_for(G: Array, g: Array, errors: Sequence[float], most: int) -> list[
     return found + [(best, least)] * (len(errors) - len(found))
 
 
-def settled(G: Array, g: Array, active: list[int], w: Array) -> tuple[list[int], Array, list[int]]:
+def active_weights(G: Array, g: Array, active: list[int], w: Array) -> tuple[list[int], Array, list[int]]:
     """The least-squares weights on the active columns, without those that it would make negative; which are left, the
     weights (N,), and which columns left.
     """

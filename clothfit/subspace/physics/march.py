@@ -23,7 +23,7 @@ from clothfit.engine.forces import contact
 from clothfit.engine.solve.sparse import XX, XY, XZ, YY, YZ, ZZ
 from clothfit.engine.step import bdf2
 from clothfit.kernels.kernel import kernel
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 from clothfit.subspace.physics import samples
 from clothfit.subspace.physics.dense import PANEL, ROOM, add_matrix, add_vectors, factorise, products, solve
 from clothfit.subspace.physics.samples import Reduced
@@ -78,7 +78,7 @@ def march(forces, lay, fixed, work, state, t, out):
     there were before they went too far.
     """
     for i in range(len(out)):
-        advance(forces, lay, fixed, work, state, t + i)
+        take_step(forces, lay, fixed, work, state, t + i)
         for c in range(out.shape[1]):
             if not abs(state.q[0, c]) < FARTHEST:
                 return i
@@ -87,7 +87,7 @@ def march(forces, lay, fixed, work, state, t, out):
 
 
 @kernel
-def advance(forces, lay, fixed, work, state, t):
+def take_step(forces, lay, fixed, work, state, t):
     """One step."""
     samples.begin(forces[FREE], t)
     second = fixed.second and t > 0
@@ -161,7 +161,7 @@ def solve_again(own, lay, fixed, work, h, ahead):
     """Solve again with the contacts that a solution ends in, as `engine.step.implicit.solve_again`; whether all were
     found.
     """
-    for turn in range(contact.ROUNDS):
+    for turn in range(contact.ACTIVE_SET_ROUNDS):
         drops = turn < contact.DROPS
         if meet(own.colliders, lay, fixed, work, h, ahead, drops) == 0:
             return True
@@ -173,7 +173,7 @@ def solve_again(own, lay, fixed, work, h, ahead):
 
 @kernel(empty=0, apart=0)
 def meet(colliders, lay, fixed, work, h, ahead, drops):
-    """Add the contacts that the guess ends in to the blocks; returns how many there are (`contact.meet`)."""
+    """Add the contacts that the guess ends in to the blocks; returns how many there are (`contact.update_active`)."""
     f, reach = lay.ends[1], h if ahead else 0.0
     for c in range(len(work.now)):
         work.x[2, c] = work.now[c]
@@ -184,7 +184,7 @@ def meet(colliders, lay, fixed, work, h, ahead, drops):
             work.begin[i, c] = work.y[i, c] - reach * work.u[i, c]
     at = work.begin[f:], work.y[f:], work.u[f:], work.w[f:]
     blocks = samples.Blocks(work.A.diagonal[f:], work.A.upper)
-    return contact.meet(colliders, work.free, at, h, work.end[f:], drops, blocks, work.b[f:])
+    return contact.update_active(colliders, work.free, at, h, work.end[f:], drops, blocks, work.b[f:])
 
 
 @kernel
@@ -256,7 +256,7 @@ class March:
             for cap, bend in ((np.inf, 0.0), (1.0, bdf2.BEND), (1.0, 0.0))
         )
         self.work: Work = workspace(own) if beside is None else beside.work
-        start = carrier.start_velocity(own.system, own.basis)
+        start = translation.start_velocity(own.system, own.basis)
         self.t = 0
         self.state = State(np.zeros((2, own.r)), np.stack([start] * 2))
 

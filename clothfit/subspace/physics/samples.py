@@ -4,7 +4,7 @@ and an iteration of an implicit step on these copies.
 With x = x₀ + U q on the free vertices, a force element depends on q through few rows: a spring through the difference
 of its ends, a face through its corners, a contact through its vertex. These are the *points*, (m, 3),
 
-    y = c + R q,   c the part of the fixed vertices, of x₀ and of what carries them (`carrier`),
+    y = c + R q,   c the part of the fixed vertices, of x₀ and of what carries them (`translation`),
                    R (3 m, r) rows of U or their differences.
 
 Every element owns *copies* of its points, so that the engine's own kernels (`forces`) act on small arrays: copy 0 is
@@ -33,13 +33,13 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices, aligned
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.forces import applied, bodies, contact, faces, spheres, springs, touch, vertex, wind
+from clothfit.engine.forces import applied, bodies, collider_rows, contact, faces, spheres, springs, vertex, wind
 from clothfit.engine.inputs import tables
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.solve.sparse import BLOCK_SIZE, XX, XY, XZ, YY, YZ, ZZ
 from clothfit.engine.system import BDF2, IMPLICIT, System, meets_itself
 from clothfit.kernels.kernel import kernel
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 from clothfit.subspace.physics.dense import LANES
 
 
@@ -100,7 +100,7 @@ class Sampled(NamedTuple):
     springs: springs.Springs  # between copy 0 and those of the springs
     faces: faces.Faces
     spheres: spheres.Spheres
-    colliders: touch.Colliders | None
+    colliders: collider_rows.Colliders | None
     vertex: vertex.Vertex  # no vertices, but the gravity and the damping
     inputs: tables.Inputs | None
     applied: applied.Applied
@@ -183,7 +183,7 @@ def sampled(system: System, chosen: Selection, count: int) -> Sampled:
     )
 
 
-def of_vertices(own: touch.Colliders | None, vertices: Indices) -> touch.Colliders | None:
+def of_vertices(own: collider_rows.Colliders | None, vertices: Indices) -> collider_rows.Colliders | None:
     """Colliders with memory of their own, for these vertices of the cloth only."""
     if own is None:
         return None
@@ -288,7 +288,7 @@ def wide(rows: Array) -> NDArray[np.float32]:
 
 class Reduced:
     """A cloth on a basis: its state is q and p (r,), positions x₀ + T + U q and velocities Ṫ + U p of the free
-    vertices, with T what carries them (`carrier`).
+    vertices, with T what carries them (`translation`).
 
     Here is what no step changes, and the equations of a step at a state, for a cubature; `march` takes the steps. They
     are those of the scene's method, projected: implicit Euler with all its Newton iterations, or BDF2 whose inner step
@@ -298,7 +298,7 @@ class Reduced:
 
     def __init__(self, system: System, basis: Array, chosen: Selection | None = None) -> None:
         """`basis` U (n, 3, r), 0 at fixed vertices. Raises InvalidInput for what subspaces do not have."""
-        check(system)
+        check_reducible(system)
         self.system, self.basis = system, np.ascontiguousarray(basis)
         self.chosen = everything(system) if chosen is None else chosen
         self.layout, self.own = build(system, basis, self.chosen)
@@ -307,7 +307,7 @@ class Reduced:
         mass = np.ascontiguousarray(weighted.reshape(-1, self.r).T @ self.basis.reshape(-1, self.r))
         weight = np.ascontiguousarray(weighted.sum(axis=0).T)
         self.fixed = Fixed(
-            wide(self.layout.rows), mass, weight, float(system.vertex.damping[0]), *carrier.paths(system), system.h,
+            wide(self.layout.rows), mass, weight, float(system.vertex.damping[0]), *translation.paths(system), system.h,
             system.newton_iterations, system.method == BDF2
         )  # fmt: skip
 
@@ -315,7 +315,7 @@ class Reduced:
         """The same cloth under other inputs over time, with the same pins; it shares memory with this one."""
         other = copy(self)
         other.system, other.own = system, self.own._replace(inputs=system.inputs)
-        path, held, v_held = carrier.paths(system)
+        path, held, v_held = translation.paths(system)
         other.fixed = self.fixed._replace(path=path, held=held, v_held=v_held)
         return other
 
@@ -379,7 +379,7 @@ class Reduced:
         return np.asarray(A)
 
 
-def check(system: System) -> None:
+def check_reducible(system: System) -> None:
     """Raise InvalidInput for what subspaces do not have."""
     if system.method not in (IMPLICIT, BDF2):
         raise InvalidInput("a subspace needs implicit steps: integrationMethod 2 or 3")
@@ -394,6 +394,6 @@ def decode(system: System, basis: Array, q: Array, first: int = 0) -> Array:
     x = (q @ basis.reshape(-1, basis.shape[2]).T).reshape(-1, *system.x0.shape) + system.x0
     inputs = system.inputs
     if inputs is not None and inputs.path.size:
-        x[:, system.vertex.free] += carrier.shift(inputs, len(q), first)
+        x[:, system.vertex.free] += translation.shift(inputs, len(q), first)
         x[:, inputs.pins] = inputs.path[first : first + len(q)]
     return x

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clothfit.subspace.network.layers import OWN, Loss, Motions, Trained, dense, gradient, played
-from clothfit.subspace.network.learn import Lesson, finished, prepared
+from clothfit.subspace.network.learn import TrainingData, finished, prepared
 from clothfit.subspace.network.signals import Signals
 from clothfit.subspace.network.training import Budget, Descent, archived, numbers, restore
 from clothfit.subspace.network.weights import Room
@@ -35,7 +35,7 @@ def lesson(**kind):
     """These motions with their inputs as they are."""
     own = motions(**kind)
     signals = Signals((("wind", M),), np.zeros(M), np.eye(M))
-    return Lesson(own, signals, int(own.good[:, 1:].sum()))
+    return TrainingData(own, signals, int(own.good[:, 1:].sum()))
 
 
 def trained(limits=np.inf):

@@ -9,9 +9,9 @@ from helpers.subspaces import moving, scene_of, some, whole
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 from clothfit.subspace.physics.march import TOGETHER, March, roll
-from clothfit.subspace.physics.samples import Reduced, check, decode
+from clothfit.subspace.physics.samples import Reduced, check_reducible, decode
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
@@ -59,7 +59,7 @@ def test_a_galerkin_step_leaves_no_force_within_the_basis():
     system = build(scene_of(document(cloth(4, 3), windVel={"x": 3, "y": 0, "z": 1})), 0)
     own, full = Reduced(system, some(system, 5)), Reduced(system, whole(system))
     w, omega = ((roll(each, 1)[1] / system.h) for each in (full, own))
-    D, _ = full.linearised(np.zeros(full.r), carrier.start_velocity(system, full.basis), 0)
+    D, _ = full.linearised(np.zeros(full.r), translation.start_velocity(system, full.basis), 0)
     A, U = full.matrix(D), own.basis[system.vertex.free].reshape(-1, own.r)
     np.testing.assert_allclose(U.T @ (A @ (U @ omega - w)), 0.0, atol=2e-6 * np.abs(U.T @ (A @ w)).max())
 
@@ -120,4 +120,4 @@ def test_a_motion_that_is_lost_ends():
 )
 def test_what_a_subspace_does_not_have_is_refused(fields, said):
     with pytest.raises(InvalidInput, match=said):
-        check(build(scene_of(document(colliders=[sphere(0.1)], **fields)), 0))
+        check_reducible(build(scene_of(document(colliders=[sphere(0.1)], **fields)), 0))

@@ -26,7 +26,7 @@ from math import sqrt
 import numpy as np
 
 from clothfit.engine.forces import triangle
-from clothfit.engine.solve.joined import mixed, spread
+from clothfit.engine.solve.contact_blocks import mixed, spread
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, sub
 from clothfit.kernels.vectors import cross, dot
@@ -52,7 +52,7 @@ LEFT = 0.1
 SEAM = 1e-6
 """The part of the thickness below which what is apart at the start counts as a seam, which may pass through itself."""
 
-LOOKS = 1000
+SAMPLES = 1000
 """Times that a pair is looked at on its way, at most; one that is not through by then counts as passing."""
 
 
@@ -123,7 +123,7 @@ def passes(kind, own, x, after, thick, thickness):
         return False
     y, t = np.empty((4, 3)), 0.0
     corners = np.arange(4)
-    for _ in range(LOOKS):
+    for _ in range(SAMPLES):
         t += (delta - 0.5 * least) / speed
         if t >= 1.0:
             return False

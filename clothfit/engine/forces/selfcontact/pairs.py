@@ -46,7 +46,7 @@ class Surface(NamedTuple):
     start: Array  # (n, 3), m
     free: Array  # (n,), 1 of free vertices, else 0
     first: Indices  # (n + 1,): vertex i is joined by edges to
-    joined: Indices  # joined[first[i]] … joined[first[i + 1] − 1]
+    neighbours: Indices  # neighbours[first[i]] … neighbours[first[i + 1] − 1]
     points: Parts  # the vertices, the edges and the triangles as what may overlap
     lines: Parts
     faces: Parts
@@ -73,9 +73,9 @@ def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, fl
     first = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
     shape = np.array(triangles, np.int32, order="C"), np.ascontiguousarray(edges)  # what is read-only is another type
     free = np.where(fixed, 0.0, 1.0)
-    joined, nowhere = np.ascontiguousarray(both[:, 1]), (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+    neighbours, nowhere = np.ascontiguousarray(both[:, 1]), (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     points = np.arange(n, dtype=np.int32)[:, None]
-    fabric = *shape, np.array(start, float), free, first, joined
+    fabric = *shape, np.array(start, float), free, first, neighbours
     trees = parts(points, start), parts(shape[1], start), parts(shape[0], start)
     return with_crossed(Surface(*fabric, *trees, *law, np.zeros(n, bool), *nowhere))
 
@@ -147,7 +147,7 @@ def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:
     return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn, depth)
 
 
-def touching(surface: Surface, x: Array) -> Contact:
+def contact_at(surface: Surface, x: Array) -> Contact:
     """The contact of all pairs that are nearer at x (n, 3) than their thickness."""
     return of_numbers(surface, x, near(surface, x))
 
@@ -206,7 +206,7 @@ def thickness_of(surface, kind, own):
     for a in range(ends):
         for e in range(surface.first[own[a]], surface.first[own[a] + 1]):
             for b in range(ends, 4):
-                if surface.joined[e] == own[b]:
+                if surface.neighbours[e] == own[b]:
                     return min(surface.thickness, 0.5 * at_start)
     return min(surface.thickness, at_start)
 
@@ -235,7 +235,7 @@ def near(surface: Surface, x: Array, view: Indices | None = None) -> Indices:
     return np.union1d(found, surface.drawn) if surface.left > 0.0 else found
 
 
-def meeting(surface: Surface, x: Array, after: Array, view: Indices | None = None) -> Indices:
+def colliding(surface: Surface, x: Array, after: Array, view: Indices | None = None) -> Indices:
     """The numbers, ascending, of the pairs that would pass through each other from x to `after`, (n, 3) each, or that
     are then nearer than their thickness; `view` as for `near`.
     """
@@ -263,17 +263,17 @@ def chosen(surface, x, after, numbers, close, moving):
     return numbers[kept]
 
 
-def around(surface: Surface, x: Array, after: Array, stray: float) -> Indices:
+def around(surface: Surface, x: Array, after: Array, margin: float) -> Indices:
     """The numbers, ascending, of the pairs that may be near at x, pass through each other from there, or be near where
-    they end, no vertex farther than `stray`, m, from `after`, (n, 3).
+    they end, no vertex farther than `margin`, m, from `after`, (n, 3).
     """
-    motion = x, after - x, surface.thickness, stray
+    motion = x, after - x, surface.thickness, margin
     corners = overlapping(surface.points, surface.faces, *motion)
     edges = overlapping(surface.lines, surface.lines, *motion)
     found = []
     for kind, pairs in ((CORNER, corners), (EDGE, edges)):
         numbers = np.empty(len(pairs), np.int64)
-        found.append(numbers[: reach(surface, x, after, 2.0 * stray, kind, pairs, numbers)])
+        found.append(numbers[: reach(surface, x, after, 2.0 * margin, kind, pairs, numbers)])
     return np.sort(np.concatenate(found))
 
 

@@ -4,8 +4,9 @@ A pair, of a vertex and a triangle or of two edges, at the distance δ has the d
 or the pair's distance at the start where that is less; c, n and δ are those of `nearest`. Its stiffness is κ s for the
 share s of the pair, and V = 0: the forces of a pair have neither a sum nor a moment.
 
-Which pairs may touch in a step `engine.touching` says, and which of them press each iteration finds (`contact.meet`):
-those that end nearer than d₀, so that none pulls; some of them begin farther away, with d < 0.
+Which pairs may touch in a step `engine.contact_steps` says, and which of them press each iteration finds
+(`contact.update_active`): those that end nearer than d₀, so that none pulls; some of them begin farther away, with d <
+0.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import law
 from clothfit.engine.forces.selfcontact import nearest
-from clothfit.engine.solve.joined import keep, mixed
+from clothfit.engine.solve.contact_blocks import keep, mixed
 from clothfit.engine.solve.sparse import add_block
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, mul, splat
@@ -40,7 +41,7 @@ class Contact(NamedTuple):
     stiffness: float  # κ, N/m
     friction: float  # μ
     on: Flags  # (N, P), which of them press in each iteration of a step
-    turn: Indices  # (1,), the iteration that is computed, as `touch.Colliders` has it
+    turn: Indices  # (1,), the iteration that is computed, as `collider_rows.Colliders` has it
     depth: Array  # (P,), m, where the step was linearised at last
 
 
@@ -80,7 +81,7 @@ def knows(contact, y, k, found, way):
 def lay(contact, k, found, push, rub, turn, sign, A):
     own, c, n, _, _, _, _, _ = found
     on = 0.5 + 0.5 * sign
-    keep(A.joined, k, c, n, on * push, on * rub)
+    keep(A.contacts, k, c, n, on * push, on * rub)
     low, high = law.block(sign * push, sign * rub, n)
     for e in range(4):
         square = splat(c[e] * c[e])

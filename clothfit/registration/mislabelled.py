@@ -27,7 +27,7 @@ from clothfit.motion.motion import Motion
 from clothfit.registration.record import Jump, Markers, Swap, rigid
 from clothfit.scene.scene import Scene
 
-FEWEST, MOST = 5, 64
+FEWEST, MOST_MISLABELLED = 5, 64
 """Markers, at least, that show where the others are, and at most that may be mistaken: more are another shape."""
 
 WRONG, NEAR = 6.0, 0.25
@@ -58,7 +58,7 @@ shivers and a corner whips; and how far it then is from where it was, relative t
 """
 
 
-def mistaken(scene: Scene, motion: Motion, late: bool = False) -> Markers:
+def mislabelled(scene: Scene, motion: Motion, late: bool = False) -> Markers:
     """What is wrong with the markers of a target; `late`: its first frame may be of another time than it says."""
     if motion.positions.shape[1] < FEWEST:
         return Markers()
@@ -90,7 +90,7 @@ def at_the_start(scene: Scene, motion: Motion) -> tuple[list[Swap], list[int]]:
     median = float(np.median(distance)) + 1e-9 * size
     places = np.flatnonzero(distance > WRONG * median)
     places = places[distance[places] > NEAR * spacing(start, places)]
-    if not 1 <= len(places) <= min(MOST, (len(seen) - 3) // 2) or median > LOOSE * size:
+    if not 1 <= len(places) <= min(MOST_MISLABELLED, (len(seen) - 3) // 2) or median > LOOSE * size:
         return [], []
     gaps = np.linalg.norm(points[places][:, None] - start[places][None], axis=2)
     rows, columns = linear_sum_assignment(np.minimum(gaps, WRONG**2 * median) ** 2)
@@ -129,7 +129,7 @@ def spacing(start: Array, which: NDArray[np.intp]) -> Array:
 def later_swaps(motion: Motion) -> list[Swap]:
     """Which vertices change places from one frame to the next; swaps of before are undone where later ones are."""
     found = list[Swap]()
-    while len(found) < MOST:
+    while len(found) < MOST_MISLABELLED:
         swap = next(changes(Markers(tuple(found)).applied(motion), found[-1].frame if found else 1), None)
         if swap is None:
             return found
@@ -147,7 +147,7 @@ def changes(motion: Motion, first: int) -> Iterator[Swap]:
         now, before = x[frame, both], x[frame - 1, both]
         jump = np.linalg.norm(now - before, axis=1)
         wide = np.flatnonzero(jump > WRONG * np.median(jump))
-        if not 2 <= len(wide) <= min(len(jump) // 2, MOST):
+        if not 2 <= len(wide) <= min(len(jump) // 2, MOST_MISLABELLED):
             continue
         across = np.linalg.norm(now[wide][:, None] - before[wide][None], axis=2)
         other = np.argmin(across, axis=1)
@@ -218,4 +218,4 @@ def off_their_way(x: Array, seen: Flags, first: int, count: int, least: float, b
     returns = np.linalg.norm((after - before)[wide], axis=1) < back * away[:, wide].min(axis=0)
     if count == 1 and 2 <= first < len(x) - 2:
         returns |= alone(x[first - 2 : end + 2, known[wide]])
-    return known[wide[returns]] if len(wide) <= MOST else none
+    return known[wide[returns]] if len(wide) <= MOST_MISLABELLED else none

@@ -21,14 +21,14 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
-from clothfit.optimise.status import Rung, Status, Stop
+from clothfit.optimise.status import ModelFit, Status, Stop
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
 from clothfit.strategy import continuation, frame_blocks
-from clothfit.strategy.few_values import FEW_VALUES, in_a_round, settled, through_windows, to_the_minimum, touches
+from clothfit.strategy.few_values import FEW_VALUES, in_a_round, may_touch, minimised, through_windows, to_the_minimum
 from clothfit.strategy.start import is_steady, steadied, values_by
 
 STARTED = 2.0
@@ -40,13 +40,13 @@ QUICK = 2e11
 STAGE_TOLERANCE = 1e-7
 """Of the linear systems: its error is far below what a model that differs leaves."""
 
-ASTRAY = 0.05
+LOCAL_ERROR = 0.05
 """Error relative to how far the target moves, above which motions are nudged."""
 
 NEARBY = 1.0
 """How far from the end of a fit points are drawn, in units of the coordinates of `continuation`."""
 
-MOMENT = 0.5
+COST_SECONDS = 0.5
 """Seconds for the cost of what a stage has found that is ended."""
 
 
@@ -96,7 +96,7 @@ def models(scene: Scene) -> list[str]:
     return found if own in found else [*found[:-1], own]
 
 
-def left(scene: Scene) -> list[str]:
+def remaining_models(scene: Scene) -> list[str]:
     """The models that are left of a scene where a choice of the step has fitted those that maps or regions contain."""
     found = models(scene)
     few = [model for model in found if model != "L"]
@@ -108,29 +108,29 @@ def count(scene: Scene) -> int:
     return sum(block.count for block in scene.blocks)
 
 
-def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = (), more: bool = False) -> None:
+def refine(search: Search, wanted: Sequence[str], starts: Sequence[Array] = (), more: bool = False) -> None:
     """Fit models of a search one after the other, each from the best point before; the windows of the first go from
     `starts` (P,), where there are any. Warns where it is late, unless `more` is fitted after them. Raises Stop.
     """
     for number, model in enumerate(wanted):
         if number and search.is_late:
             break
-        rung(search, model, () if number else starts)
+        fit_level(search, model, () if number else starts)
     if search.is_late and not more:
         search.warn(f"the fit ended after {search.longest:g} s, short of the target; --budget gives it more")
 
 
-def rung(search: Search, model: str, starts: Sequence[Array] = ()) -> None:
+def fit_level(search: Search, model: str, starts: Sequence[Array] = ()) -> None:
     """Fit one model as `stage` does, and note what it has come to. Raises Stop."""
     began = time.monotonic()
     stage(search, model, starts)
-    search.climbed(reached(search, model, time.monotonic() - began))
+    search.add_level(level_result(search, model, time.monotonic() - began))
 
 
-def reached(search: Search, model: str, seconds: float = 0.0) -> Rung:
+def level_result(search: Search, model: str, seconds: float = 0.0) -> ModelFit:
     """What a model has come to."""
     values = count(as_model(search.objective.scene, model))
-    return Rung(model, values, search.objective.rmse(search.best.cost), search.best.p, seconds)
+    return ModelFit(model, values, search.objective.rmse(search.best.cost), search.best.p, seconds)
 
 
 def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool = False) -> None:
@@ -144,36 +144,37 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
     for number, start in enumerate(starts):
         if number and not search.has_time(STARTED * (search.progress.computing - began) / number):
             break
-        part = part_of(search, model, start)
+        part = subproblem(search, model, start)
         if part.fitted.sum() <= FEW_VALUES:
-            carried(search, part, through_windows)
+            run_subproblem(search, part, through_windows)
     coarsest = model == models(search.objective.scene)[0]
-    part = part_of(search, model, search.best.p)
+    part = subproblem(search, model, search.best.p)
     if not (rough or coarsest) and is_quick(part):
-        carried(search, part, continuation.through_weak_pulls)
-        part = part_of(search, model, search.best.p)
+        run_subproblem(search, part, continuation.through_weak_nudging)
+        part = subproblem(search, model, search.best.p)
     method = in_a_round if rough else to_the_minimum
-    carried(search, part, method)
-    if not rough and coarsest and is_astray(search):
+    run_subproblem(search, part, method)
+    if not rough and coarsest and may_be_local(search):
         for start in starts:
-            carried(search, part_of(search, model, start), to_the_minimum)  # windows may lead farther off than none
+            # windows may lead farther off than none
+            run_subproblem(search, subproblem(search, model, start), to_the_minimum)
         if starts:
-            carried(search, part_of(search, model, search.origin), continuation.by_coarse_steps)
-            carried(search, part_of(search, model, search.best.p), to_the_minimum)
+            run_subproblem(search, subproblem(search, model, search.origin), continuation.by_coarse_steps)
+            run_subproblem(search, subproblem(search, model, search.best.p), to_the_minimum)
     if not rough and turning_pays(search):
-        part = part_of(search, model, search.best.p, turned=True)
+        part = subproblem(search, model, search.best.p, turned=True)
         if part.fitted.sum() <= FEW_VALUES:
-            carried(search, part, through_windows)
-        carried(search, part_of(search, model, search.best.p, turned=True), method)
+            run_subproblem(search, part, through_windows)
+        run_subproblem(search, subproblem(search, model, search.best.p, turned=True), method)
 
 
 def hop(search: Search, model: str, took: float) -> None:
     """Begin anew from points around the best one, as far as there is time for what `took` so many seconds before.
     Raises Stop.
     """
-    part = part_of(search, model, search.best.p)
+    part = subproblem(search, model, search.best.p)
     if is_quick(part):
-        carried(search, part, lambda own: continuation.hops(own, took, 1.0, 0.0, NEARBY))
+        run_subproblem(search, part, lambda own: continuation.hops(own, took, 1.0, 0.0, NEARBY))
 
 
 def is_quick(part: Search) -> bool:
@@ -181,10 +182,10 @@ def is_quick(part: Search) -> bool:
     return Trajectory(part, part.objective).operations() <= QUICK
 
 
-def is_astray(search: Search) -> bool:
+def may_be_local(search: Search) -> bool:
     """Whether other minima may be nearer to the target than the best point is, and motions can be nudged."""
     objective = search.objective
-    return search.best.cost > ASTRAY**2 * objective.still and continuation.can_nudge(objective)
+    return search.best.cost > LOCAL_ERROR**2 * objective.cost_at_rest and continuation.can_nudge(objective)
 
 
 def steady_wind(search: Search, model: str) -> None:
@@ -193,8 +194,8 @@ def steady_wind(search: Search, model: str) -> None:
     if any(each.scene is not whole.scene for each in whole.experiments):
         return
     if is_steady(with_parameters(whole.scene, search.best.p)):
-        carried(search, part_of(search, model, search.best.p, steady=True), through_windows)
-        carried(search, part_of(search, model, search.best.p, steady=True), settled)
+        run_subproblem(search, subproblem(search, model, search.best.p, steady=True), through_windows)
+        run_subproblem(search, subproblem(search, model, search.best.p, steady=True), minimised)
 
 
 def turning_pays(search: Search) -> bool:
@@ -203,21 +204,21 @@ def turning_pays(search: Search) -> bool:
     if not frame_blocks.held(scene).any():
         return False
     try:
-        return frame_blocks.pays(part_of(search, models(scene)[0], search.best.p, turned=True))
+        return frame_blocks.pays(subproblem(search, models(scene)[0], search.best.p, turned=True))
     finally:
         search.progress.p = search.best.p
 
 
-def part_of(search: Search, model: str, p: Array, turned: bool = False, steady: bool = False) -> Search:
+def subproblem(search: Search, model: str, p: Array, turned: bool = False, steady: bool = False) -> Search:
     """A search by the parameters of a model, from the values p (P,) of the whole search; gravity keeps its direction
     unless it may be `turned`; the wind may be `steady` (`start`).
     """
     whole = search.objective
     scene = as_model(with_parameters(whole.scene, p), model)
-    tolerance = whole.tolerance if touches(whole) else max(STAGE_TOLERANCE, whole.tolerance)
+    tolerance = whole.tolerance if may_touch(whole) else max(STAGE_TOLERANCE, whole.tolerance)
     objective = whole.flagging(steadied(scene) if steady else scene, tolerance)
     scene = objective.scene
-    part = search.beside(objective, parameters(scene), search.best.cost if p is search.best.p else np.inf)
+    part = search.subsearch(objective, parameters(scene), search.best.cost if p is search.best.p else np.inf)
     part.origin = values_by(with_parameters(whole.scene, search.origin), flags=scene)
     if not turned:
         part.fitted = part.fitted & ~frame_blocks.held(scene)
@@ -225,7 +226,7 @@ def part_of(search: Search, model: str, p: Array, turned: bool = False, steady: 
     return part
 
 
-def carried(search: Search, part: Search, method: Callable[[Search], object]) -> None:
+def run_subproblem(search: Search, part: Search, method: Callable[[Search], object]) -> None:
     """Run a method on a part of a search, which gets its best point whatever ends it. Raises Stop where that ends the
     whole.
     """
@@ -237,30 +238,30 @@ def carried(search: Search, part: Search, method: Callable[[Search], object]) ->
         ended = stop.status
     except BaseException:
         if np.isfinite(part.best.cost):
-            p = found(part, scene)
-            search.best.offer(p, in_a_moment(search.objective, p, part.best.cost))
+            p = as_flagged(part, scene)
+            search.best.offer(p, cost_in_time(search.objective, p, part.best.cost))
         raise
     finally:
         search.progress.p = search.best.p
-    p = found(part, scene)
+    p = as_flagged(part, scene)
     if not np.array_equal(p, search.best.p):
         search.visit(p)
-    if part.is_settled and len(part.best.p) == len(p):  # by all values of the search
-        search.settled = p
+    if part.is_stationary and len(part.best.p) == len(p):  # by all values of the search
+        search.stationary = p
     if ended == Status.LIMIT:
         raise Stop(ended)
 
 
-def in_a_moment(objective: Objective, p: Array, known: float) -> float:
+def cost_in_time(objective: Objective, p: Array, known: float) -> float:
     """The cost at p (P,), or what is known of it where a moment is not enough: a motion near a step that the guard
     shortens may be another one where its systems are solved more tightly.
     """
-    with contextlib.suppress(interrupts.OutOfTime), interrupts.grace(MOMENT), interrupts.limited(MOMENT):
+    with contextlib.suppress(interrupts.OutOfTime), interrupts.grace(COST_SECONDS), interrupts.limited(COST_SECONDS):
         return objective.cost_or_infinity(p)
     return known
 
 
-def found(own: Search, scene: Scene) -> Array:
+def as_flagged(own: Search, scene: Scene) -> Array:
     """The best point of a search as parameters (P,) of another scene's flags."""
     return as_whole(own, own.best.p, scene)
 

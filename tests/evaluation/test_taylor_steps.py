@@ -5,14 +5,24 @@ import pytest
 
 from clothfit.derivative.verify import DIFFERENCE, ORDER
 from clothfit.evaluation import gradient_check
-from clothfit.evaluation.gradient_check import FAILED, PASSED, UNCLEAR, Known, Rung, calm, difference, judged, taylor
+from clothfit.evaluation.gradient_check import (
+    FAILED,
+    PASSED,
+    UNCLEAR,
+    Known,
+    TaylorStep,
+    calm,
+    difference,
+    judged,
+    taylor,
+)
 
 NOISE = 1e-14
 RIGHT = Known(2.0, 1e-13)
 
 
-def rungs(cost, noise=NOISE, switch=lambda t: ""):
-    """The rungs of a cost of t, with noise on it; G(0) = cost(0)."""
+def steps(cost, noise=NOISE, switch=lambda t: ""):
+    """The steps of a cost of t, with noise on it; G(0) = cost(0)."""
     rng = np.random.default_rng(3)
 
     def known(t):
@@ -20,7 +30,7 @@ def rungs(cost, noise=NOISE, switch=lambda t: ""):
 
     start = known(0.0)
     pairs = [(t, known(t), known(-t)) for t in gradient_check.RELATIVE_STEPS]
-    return [Rung(t, plus + minus - 2 * start, 0.5 * (plus - minus), switch(t)) for t, plus, minus in pairs]
+    return [TaylorStep(t, plus + minus - 2 * start, 0.5 * (plus - minus), switch(t)) for t, plus, minus in pairs]
 
 
 def smooth(t):
@@ -34,7 +44,7 @@ def verdicts(found, derivative=RIGHT, noise=NOISE):
 
 
 def test_a_smooth_cost_is_calm_throughout_and_its_gradient_right():
-    found = rungs(smooth)
+    found = steps(smooth)
     assert calm(found, NOISE) == found
     order = taylor(found, RIGHT, NOISE)
     assert ORDER < order.measured < 2.2
@@ -43,7 +53,7 @@ def test_a_smooth_cost_is_calm_throughout_and_its_gradient_right():
 
 
 FAULTS, COARSE = [1.0, 1e-1, 1e-3, 1e-5], 1e-4
-DIVERGES = [rung if rung.t < 1e-2 else Rung(rung.t, np.inf, np.inf, "diverged") for rung in rungs(smooth)]
+DIVERGES = [step if step.t < 1e-2 else TaylorStep(step.t, np.inf, np.inf, "diverged") for step in steps(smooth)]
 CASES = {
     **{f"a fault of {fault:g}": (smooth, Known(2.0 * (1 + fault), 1e-13), NOISE, FAILED, FAILED) for fault in FAULTS},
     "a kink at the point itself": (lambda t: smooth(t) + abs(t), RIGHT, NOISE, UNCLEAR, UNCLEAR),
@@ -56,7 +66,7 @@ CASES = {
 
 @pytest.mark.parametrize(("cost", "derivative", "noise", "first", "second"), CASES.values(), ids=CASES)
 def test_a_fault_fails_however_small_it_is_and_what_cannot_be_known_is_unclear(cost, derivative, noise, first, second):
-    assert verdicts(rungs(cost, noise), derivative, noise) == (first, second)
+    assert verdicts(steps(cost, noise), derivative, noise) == (first, second)
 
 
 @pytest.mark.parametrize("fault", [0.0, 1e-3])
@@ -71,20 +81,20 @@ def test_beyond_a_jump_or_a_kink_nothing_is_judged(fault, height, power):
 
     derivative = Known(2.0 * (1 + fault), 1e-13)
     for switch in (lambda t: "", lambda t: "contacts switch" if t > edge else ""):
-        found = rungs(cost, switch=switch)
+        found = steps(cost, switch=switch)
         assert calm(found, NOISE)[-1].t == pytest.approx(1e-4)
         assert set(verdicts(found, derivative)) == {FAILED if fault else PASSED}
 
 
 def test_why_a_test_is_unclear_and_how_far_it_looks():
-    assert len(calm(rungs(lambda t: smooth(t) + abs(t)), NOISE)) <= 1
-    assert FAILED not in verdicts(rungs(smooth), Known(2.0 * (1 + 3e-6), 1e-5))  # by rounding
+    assert len(calm(steps(lambda t: smooth(t) + abs(t)), NOISE)) <= 1
+    assert FAILED not in verdicts(steps(smooth), Known(2.0 * (1 + 3e-6), 1e-5))  # by rounding
     assert calm(DIVERGES, NOISE)[-1].t < 1e-2
     assert verdicts(DIVERGES) == (PASSED, PASSED)  # by short steps
-    short = calm(rungs(smooth, COARSE), COARSE)
+    short = calm(steps(smooth, COARSE), COARSE)
     assert taylor(short, RIGHT, COARSE).why.endswith("3 are needed")
     assert difference(short, RIGHT, COARSE).why.startswith("known to ")
-    still = rungs(lambda t: 1.0, noise=0.0)
+    still = steps(lambda t: 1.0, noise=0.0)
     assert difference(still, Known(0.0, 0.0), 0.0).why == "nothing that is checked changes the cost"
 
 

@@ -29,7 +29,7 @@ from clothfit.motion.energy import Energy, energies
 from clothfit.motion.motion import Motion, in_world, rms
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import Scene
-from clothfit.subspace import carrier
+from clothfit.subspace import translation
 from clothfit.subspace.frames import Decoder, angles
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.play import Played, play, rolled, stepper
@@ -49,7 +49,7 @@ NORMALS_SEEN = 60
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Validation:
     """A motion on the subspace, compared with the full one."""
 
     frames: int
@@ -103,13 +103,13 @@ class Compared:
     full: Motion
     coordinates: list[Array]  # of each object, (frames, r)
     energies: tuple[Energy, Energy]  # of the motion on the subspace, of the full one
-    found: Judgement
+    found: Validation
 
     def projected(self, c: int) -> Array:
         """The coordinates (frames, r) nearest to the full motion of object c, by mass."""
         system = build(self.scene, c, steps=len(self.full.times) - 1)
         x, basis = in_world(self.full, self.scene).of(c), self.model.parts[c].basis
-        return carrier.coordinates(x - system.x0, system, carrier.projection(basis, system))
+        return translation.coordinates(x - system.x0, system, translation.projection(basis, system))
 
 
 def compare(model: Model, scene: Scene, frames: int) -> Compared:
@@ -129,7 +129,7 @@ def compare(model: Model, scene: Scene, frames: int) -> Compared:
     for c, part in enumerate(model.parts if size > 0.0 and rmse > SOUGHT * size else ()):
         system = build(scene, c, steps=frames - 1)
         floors.append(floor(part.basis, system, held.of(c) - system.x0, scene.tolerance))
-    found = Judgement(
+    judgement = Validation(
         frames=frames,
         rmse=rmse,
         relative_rmse=rmse / size if size > 0 else 0.0,
@@ -148,7 +148,7 @@ def compare(model: Model, scene: Scene, frames: int) -> Compared:
         clamped=played.clamped,
         floor=max(floors),
     )
-    return Compared(model, scene, own, full, played.coordinates, both, found)
+    return Compared(model, scene, own, full, played.coordinates, both, judgement)
 
 
 def normals(model: Model, scene: Scene, played: Played, full: Motion) -> dict[str, float]:
@@ -261,10 +261,10 @@ def floor(basis: Array, system: System, x: Array, tolerance: float) -> float:
     the motion. The largest for some states.
     """
     flat, inputs, frames, found = basis.reshape(-1, basis.shape[2]), system.inputs, len(x), [0.0]
-    q = carrier.coordinates(x, system, carrier.projection(basis, system))
+    q = translation.coordinates(x, system, translation.projection(basis, system))
     free = system.vertex.free[:, None]
     for k in sorted({max(1, int(part * frames)) for part in GOES_ON} & set(range(1, frames - 1))):
-        away = x[k - 1 : k + 1] - carrier.shift(inputs, 2, k - 1)  # of fixed vertices and pins nothing is left out
+        away = x[k - 1 : k + 1] - translation.shift(inputs, 2, k - 1)  # of fixed vertices and pins nothing is left out
         held = np.where(free, (q[k - 1 : k + 1] @ flat.T).reshape(away.shape), away) + (x[k - 1 : k + 1] - away)
         v = np.ascontiguousarray((held[1] - held[0]) / system.h)
         begun = system._replace(x0=system.x0 + held[1], v0=v, inputs=later(inputs, k))

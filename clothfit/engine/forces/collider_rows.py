@@ -37,7 +37,7 @@ box, m; how fast it stretches along its axes, 1/s; d₀, m, κ, N/m, and μ; the
 STATE = 8
 """Rows that change as a collider moves."""
 
-LOOKS = 12
+CUTS = 12
 """Times that a way is cut to two thirds of it, to see whether it leads through a collider."""
 
 RESTING = 10.0
@@ -60,7 +60,7 @@ class Colliders(NamedTuple):
     """
 
     rows: Array  # (C, 10, 3)
-    on: Flags  # (N, C n), contacts that each iteration of a step only ends in (`contact.meet`)
+    on: Flags  # (N, C n), contacts that each iteration of a step only ends in (`contact.update_active`)
     turn: Indices  # (1,), the iteration that is computed
     depth: Array  # (C n,), m, of each vertex at most, where the step was linearised; inf before that
     bodies: meshes.Bodies  # the meshes
@@ -152,8 +152,8 @@ def contact(colliders, y, i, c):
     part and weights.
     """
     own = colliders.rows[c]
-    delta, k, j, n, t, spot = measured(colliders.bodies, own, i, load3(y, i))
-    return own[LAW, THICKNESS] - held(colliders, c, i) - delta, k, j, outward(own, n), outward(own, t), spot
+    delta, k, j, n, t, point = measured(colliders.bodies, own, i, load3(y, i))
+    return own[LAW, THICKNESS] - held(colliders, c, i) - delta, k, j, outward(own, n), outward(own, t), point
 
 
 @kernel
@@ -194,10 +194,10 @@ def count(colliders, y):
 def row(colliders, y, k):
     c = k // len(y)
     i = k - c * len(y)
-    depth, curve, bend, n, t, spot = contact(colliders, y, i, c)
+    depth, curve, bend, n, t, point = contact(colliders, y, i, c)
     kappa, mu = colliders.rows[c, LAW, STIFFNESS], colliders.rows[c, LAW, FRICTION]
-    V = surface_velocity(colliders, y, i, c, spot)
-    return (i, i, i, i), (1.0, 0.0, 0.0, 0.0), n, depth, kappa, mu, V, (c, 1.0, curve, bend, t, spot)
+    V = surface_velocity(colliders, y, i, c, point)
+    return (i, i, i, i), (1.0, 0.0, 0.0, 0.0), n, depth, kappa, mu, V, (c, 1.0, curve, bend, t, point)
 
 
 @kernel
@@ -277,7 +277,7 @@ def may_change(colliders, k, found, presses, at, end, h):
 
 @kernel
 def led_by(found, at, h):
-    """h u of a vertex, or 0 where the step is linearised ahead; `at` as for `contact.meet`."""
+    """h u of a vertex, or 0 where the step is linearised ahead; `at` as for `contact.update_active`."""
     (i, _, _, _), (x, y, u, _) = found[0], at
     return fma(splat(h), load3(u, i), sub(load3(x, i), load3(y, i)))
 
@@ -295,21 +295,21 @@ def pass_on(colliders, k, free, at, h, end):
 
 @kernel
 def changes(colliders, y, found, dy, direction):
-    (i, _, _, _), _, n, _, _, _, _, (c, _, curve, bend, t, spot) = found
+    (i, _, _, _), _, n, _, _, _, _, (c, _, curve, bend, t, point) = found
     offset = offset_of(direction)
     dy_i = sub(load3(dy, i), offset)
     dn = fma(splat(curve), across(n, dy_i), mul(splat(bend * dot(t, dy_i)), t))
-    dV = surface_change(colliders.bodies, colliders.rows[c], spot, dy_i)
+    dV = surface_change(colliders.bodies, colliders.rows[c], point, dy_i)
     return (0.0, 0.0, 0.0, 0.0), dn, dot(n, dy_i) + held_change(colliders, c, i, offset), dV, 0.0
 
 
 @kernel
 def add_back(colliders, found, vectors, by_law, at, h, grad, gy):
-    (i, _, _, _), _, n, _, _, _, _, (c, _, curve, bend, t, spot) = found
+    (i, _, _, _), _, n, _, _, _, _, (c, _, curve, bend, t, point) = found
     by_n, by_U, _, by_Z, _ = vectors
     own = colliders.rows[c]
     by_y = fma(splat(curve), across(n, by_n), mul(splat(bend * dot(t, by_n)), t))
-    by_y = sub(by_y, surface_gradient(colliders.bodies, own, spot, add(by_U, by_Z)))
+    by_y = sub(by_y, surface_gradient(colliders.bodies, own, point, add(by_U, by_Z)))
     by_y = fma(splat(by_law[0]), n, by_y)
     add_along(gy, i, h, by_y)
     if len(grad.offset) > 0:
@@ -335,7 +335,7 @@ def leaving(colliders, found, begin):
 def lowest(own, y_i, way):
     """The least distance of a convex collider on the way from y_i, roughly: it is a convex function along it."""
     low, high, least = 0.0, 1.0, away_from(own, add(y_i, way))
-    for _ in range(LOOKS):
+    for _ in range(CUTS):
         one, other = low + (high - low) / 3.0, high - (high - low) / 3.0
         first = away_from(own, fma(splat(one), way, y_i))
         second = away_from(own, fma(splat(other), way, y_i))
@@ -375,25 +375,25 @@ def stretched(own, away, V):
 
 
 @kernel
-def surface_change(bodies, own, spot, dy):
+def surface_change(bodies, own, point, dy):
     """dV."""
     dV = stretched(own, dy, cross(load3(own, SPIN), dy))
-    f, part, _, _ = spot
+    f, part, _, _ = point
     return add(dV, outward(own, meshes.drift_change(bodies, f, part, inward(own, dy)))) if f >= 0 else dV
 
 
 @kernel
-def surface_gradient(bodies, own, spot, by_v):
+def surface_gradient(bodies, own, point, by_v):
     """The gradient by y, for one by V."""
     by_y = stretched(own, by_v, cross(by_v, load3(own, SPIN)))
-    f, part, _, _ = spot
+    f, part, _, _ = point
     return add(by_y, outward(own, meshes.drift_gradient(bodies, f, part, inward(own, by_v)))) if f >= 0 else by_y
 
 
 @kernel
-def surface_velocity(colliders, y, i, c, spot):
+def surface_velocity(colliders, y, i, c, point):
     """V of collider c at vertex i."""
-    own, (f, _, wb, wc) = colliders.rows[c], spot
+    own, (f, _, wb, wc) = colliders.rows[c], point
     away = sub(load3(y, i), load3(own, PLACE))
     V = stretched(own, away, add(load3(own, VELOCITY), cross(load3(own, SPIN), away)))
     return add(V, outward(own, meshes.drift(colliders.bodies, f, wb, wc))) if f >= 0 else V
@@ -410,12 +410,12 @@ def depths(colliders, y):
     return depth, normal
 
 
-def spots(colliders: Colliders, y: Array) -> Indices:
+def contact_points(colliders: Colliders, y: Array) -> Indices:
     """Where on meshes points y (n, 3) are, (C, n): seven times the nearest triangle, and the part of it (`triangle`);
     −1 at other colliders. Of the triangles that share an edge or a corner the first counts.
     """
     found = np.full((len(colliders.rows), len(y)), -1, np.int32)
-    fill_spots(colliders, y, found)
+    fill_contact_points(colliders, y, found)
     corners, across = colliders.bodies.triangles, colliders.bodies.across
     f, part = np.divmod(found, 7)
     edge, corner = (part >= AB) & (part <= CA) & (found >= 0), (part >= A) & (found >= 0)
@@ -429,7 +429,7 @@ def spots(colliders: Colliders, y: Array) -> Indices:
 
 
 @kernel
-def fill_spots(colliders, y, found):
+def fill_contact_points(colliders, y, found):
     """The same, written to an array."""
     for c in range(len(colliders.rows)):
         for i in range(len(y)):

@@ -10,8 +10,8 @@ from helpers.strangers import sheet, stranger, windy
 
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
-from clothfit.registration import mistaken as mistaken_module
-from clothfit.registration.mistaken import alone, mistaken
+from clothfit.registration import mislabelled as mistaken_module
+from clothfit.registration.mislabelled import alone, mislabelled
 from clothfit.registration.record import Jump, Markers, Swap, rigid, rotation
 
 pytestmark = pytest.mark.slow  # compiles a simulation
@@ -61,9 +61,9 @@ def given_to(motion, order):
 def test_good_targets_have_no_mistaken_markers(seed, noise):
     motion, _ = capture(seed, 0.4, noise)
     for each in (motion, stranger(motion, 1.1, 0.015), stranger(motion, turn=R, move=D)):
-        assert not mistaken(sheet(20.0), each, late=True)
+        assert not mislabelled(sheet(20.0), each, late=True)
     blown = windy(frames=60)
-    assert not mistaken(blown, degrade(simulate(blown), noise, seed=seed))
+    assert not mislabelled(blown, degrade(simulate(blown), noise, seed=seed))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -71,7 +71,7 @@ def test_swapped_markers_are_exchanged_whatever_the_place(seed):
     motion, seen = capture(seed)
     a, b, c, d, e = (int(each) for each in np.random.default_rng(seed).permutation(seen)[:5])
     mixed = stranger(given_to(motion, {a: b, b: a, c: d, d: e, e: c}), offset=0.015, turn=R, move=D)
-    found = mistaken(sheet(20.0), mixed, late=True)
+    found = mislabelled(sheet(20.0), mixed, late=True)
     assert {frozenset(each.vertices) for each in found.swapped} == {frozenset((a, b)), frozenset((c, d, e))}
     assert (found.false, found.jumps) == ((), ())
     whole = found.applied(mixed)
@@ -83,7 +83,7 @@ def test_markers_that_change_places_later_are_put_right_from_there_on():
     motion, (a, b, *_) = capture(noise=0.0)
     x = motion.positions
     mixed = wrongly(motion, ((slice(7, 20), [a, b]), x[7:20, [b, a]]))
-    found = mistaken(sheet(20.0), mixed)
+    found = mislabelled(sheet(20.0), mixed)
     assert [each.frame for each in found.swapped] == [7, 20]
     assert np.array_equal(found.applied(mixed).positions, motion.positions, equal_nan=True)
 
@@ -92,7 +92,7 @@ def test_a_marker_that_stands_elsewhere_and_one_that_jumps_are_left_out():
     motion, (a, b, *_) = capture()
     x, jumps = motion.positions, [5, 11, 30]
     wrong = wrongly(motion, (np.s_[:, a], x[0, a] + [0.2, 0.3, -0.4]), ((jumps, b), x[jumps, b] + [0.0, 0.2, 0.1]))
-    found = mistaken(sheet(20.0), wrong)
+    found = mislabelled(sheet(20.0), wrong)
     assert found == Markers((), (a,), (Jump(b, (5, 11, 30)),))
     left = found.applied(wrong)
     assert not left.seen()[:, a].any()
@@ -103,17 +103,17 @@ def test_a_jump_of_two_frames_is_left_out_and_one_that_stays_is_not():
     motion, (a, b, *_) = capture()
     x, two = motion.positions, [11, 12]
     jumps, stays = x[two, a] + [[0.3, 0.1, 0.0], [-0.1, 0.2, 0.3]], x[20:23, b] + [0.3, 0.1, 0.0]
-    found = mistaken(sheet(20.0), wrongly(motion, ((two, a), jumps), (np.s_[20:23, b], stays)))
+    found = mislabelled(sheet(20.0), wrongly(motion, ((two, a), jumps), (np.s_[20:23, b], stays)))
     assert [each for each in found.jumps if each.vertex == a] == [Jump(a, (11, 12))]
     assert not [each for each in found.jumps if each.vertex == b]
     shiver = 0.6 * np.median(sheet(20.0).cloths[0].lengths) * np.array([1.0, -1.0])  # within the length of a spring
-    assert mistaken(sheet(20.0), wrongly(motion, ((two, a, 1), x[two, a, 1] + shiver))).jumps == ()
+    assert mislabelled(sheet(20.0), wrongly(motion, ((two, a, 1), x[two, a, 1] + shiver))).jumps == ()
 
 
 def test_a_chain_that_ends_in_a_false_marker_leaves_its_vertex_without_one():
     motion, (a, b, *_) = capture()
     wrong = wrongly(motion, (np.s_[:, a], motion.positions[:, b]), (np.s_[:, b], 2.0))  # a's marker shows b, b's a wall
-    found = mistaken(sheet(20.0), wrong)
+    found = mislabelled(sheet(20.0), wrong)
     assert found.swapped == (Swap((a, b), closed=False),)
     right = found.applied(wrong)
     assert np.array_equal(right.positions[:, b], motion.positions[:, b])
@@ -123,7 +123,7 @@ def test_a_chain_that_ends_in_a_false_marker_leaves_its_vertex_without_one():
 def test_another_shape_is_no_mistake():
     motion, _ = capture()
     bent = motion.positions + 0.1 * np.sin(np.arange(motion.positions.shape[1]))[None, :, None]
-    assert not mistaken(sheet(20.0), replace(motion, positions=bent)).swapped
+    assert not mislabelled(sheet(20.0), replace(motion, positions=bent)).swapped
 
 
 def test_a_fit_names_and_exchanges_them_unless_it_is_told_to_keep_them():
@@ -140,7 +140,7 @@ def test_a_fit_names_and_exchanges_them_unless_it_is_told_to_keep_them():
     }  # fmt: skip
     (hint,) = (each for each in found.hints if each.code == "swapped_markers")
     assert "exchanged" in hint.text
-    assert hint.early
+    assert hint.before_fit
 
 
 def test_a_jump_of_a_fast_marker_is_one_and_a_whip_is_none():

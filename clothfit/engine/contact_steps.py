@@ -27,7 +27,7 @@ from clothfit.engine import march
 from clothfit.engine.forces import contact
 from clothfit.engine.forces.selfcontact import pairs, rows, zones
 from clothfit.engine.inputs.tables import draws, place_pins, set_inputs
-from clothfit.engine.solve import guess, joined, linear
+from clothfit.engine.solve import contact_blocks, guess, linear
 from clothfit.engine.step import bdf2, guard, implicit, states
 from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
@@ -36,7 +36,7 @@ from clothfit.kernels.vectors import combine, copy
 Rollout: TypeAlias = Any
 """A `rollout.Rollout`; that module imports this one."""
 
-STRAY = 0.15
+SEARCH_MARGIN = 0.15
 """How far, relative to the thickness, a vertex may end from where it went when pairs were looked for."""
 
 SHORTEST = 4
@@ -49,7 +49,7 @@ NOBODY: Any = np.zeros(0, np.int64)
 """Numbers of no pairs."""
 
 
-class Touch(NamedTuple):
+class ActivePairs(NamedTuple):
     """What a step had of self-contact."""
 
     numbers: Indices  # (P,), the pairs that pressed, ascending (`forces.selfcontact.pairs`)
@@ -57,7 +57,7 @@ class Touch(NamedTuple):
     zones: zones.Zones | None  # what moved together
 
 
-NOTHING = Touch(NOBODY, None, None)
+NO_PAIRS = ActivePairs(NOBODY, None, None)
 """What a step had that touched nothing."""
 
 
@@ -77,57 +77,57 @@ def with_pairs(
     own = pairs.of_numbers(surface, x, numbers)
     if on is not None and system.colliders is not None:
         own = own._replace(on=on, turn=system.colliders.turn)
-    A = work.A._replace(joined=joined.joined(own.vertices, own.free))
+    A = work.A._replace(contacts=contact_blocks.no_blocks(own.vertices, own.free))
     return system._replace(contact=own), work._replace(A=A)
 
 
 def fill(
-    forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, look: Callable[[], None] = interrupts.check
+    forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, check: Callable[[], None] = interrupts.check
 ) -> int:
-    """Compute the steps of a part whose x[0], v and first are set; returns how many are good. `look` is called after
+    """Compute the steps of a part whose x[0], v and first are set; returns how many are good. `check` is called after
     each.
     """
     bare = part.bare()
     with linear.served(work.A, work.solver):
         for t in range(part.steps):
-            touch, ended = step(forms, tolerance, work, bare, t)
+            active, ended = step(forms, tolerance, work, bare, t)
             if ended != march.DONE:
                 return t
-            part.touches[t] = touch
-            look()
+            part.active_pairs[t] = active
+            check()
     return int(part.steps)
 
 
-def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> tuple[Touch, int]:
+def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> tuple[ActivePairs, int]:
     """Take step t of a part; returns also how it ended."""
     system = forms.form(False, False)
     x, surface = part.x[t], surface_of(system, part.first + t)
     numbers = NOBODY if system.method == IMPLICIT else pairs.near(surface, x)
     if system.method < IMPLICIT:
         own, room = with_pairs(system, work, surface, x, numbers)
-        return Touch(numbers, None, None), march.run_explicit(own, part, t, t + 1)[1]
+        return ActivePairs(numbers, None, None), march.run_explicit(own, part, t, t + 1)[1]
     if system.method == BDF2 and not len(numbers):
         ended = march.REFUSED
         for safe in (False, True):
             if ended == march.REFUSED:
                 own, room = with_pairs(forms.form(False, safe), work, surface, x, numbers)
                 ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
-        if ended != march.GAINS and (ended != march.DONE or not len(pairs.meeting(surface, x, part.x[t + 1]))):
-            return NOTHING, ended
+        if ended != march.GAINS and (ended != march.DONE or not len(pairs.colliding(surface, x, part.x[t + 1]))):
+            return NO_PAIRS, ended
     two = system.method == BDF2
     if two and (part.smooth(t - 1) if t else part.ready):
-        touch, ended = pressed(forms, tolerance, work, part, t, surface, True)
-        if ended == march.DONE and not hits(system, part, t, surface, numbers, touch):
-            return touch, ended
-    touch, ended = pressed(forms, tolerance, work, part, t, surface, False)
-    part.hit[t] = two and hits(system, part, t, surface, numbers, touch)
-    return touch, ended
+        active, ended = pressed(forms, tolerance, work, part, t, surface, True)
+        if ended == march.DONE and not hits(system, part, t, surface, numbers, active):
+            return active, ended
+    active, ended = pressed(forms, tolerance, work, part, t, surface, False)
+    part.hit[t] = two and hits(system, part, t, surface, numbers, active)
+    return active, ended
 
 
 def pressed(
     forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface, second: bool,
     again: int = 0,
-) -> tuple[Touch, int]:  # fmt: skip
+) -> tuple[ActivePairs, int]:  # fmt: skip
     """Take step t of a part by the implicit method or, as a step of `second` order, by BDF2; that ends with CONTACTS
     where pairs would pass through each other, or the energy rises. Taken `again` it has so many iterations more, and
     when there are no more, the clamped system.
@@ -140,9 +140,9 @@ def pressed(
     part.euler[t], part.clamped[t] = not second, part.clamped[t] or safe
     system, attempted = taken_by(forms, second, safe, min(iterations, most)), attempt_second if second else attempt
     first, pushing, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
-    middle, stray = x + h * first, STRAY * surface.thickness
-    view, turn = pairs.around(surface, x, middle, stray), 0
-    numbers = np.union1d(pairs.near(surface, x, view), pairs.meeting(surface, x, middle, view))
+    middle, margin = x + h * first, SEARCH_MARGIN * surface.thickness
+    view, turn = pairs.around(surface, x, middle, margin), 0
+    numbers = np.union1d(pairs.near(surface, x, view), pairs.colliding(surface, x, middle, view))
     while True:
         interrupts.check()
         on = np.zeros((part.w.shape[1], len(numbers)), bool)
@@ -151,25 +151,25 @@ def pressed(
         on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pushing)
         if not attempted(own, room, part, t, v, first, implicit.ROUGH if rough else tolerance):
             if part.clamped[t] or second:
-                return NOTHING, march.REFUSED
+                return NO_PAIRS, march.REFUSED
             system, part.clamped[t] = taken_by(forms, second, True, min(iterations, most)), True
             continue
         if not march.finite(after):
-            return NOTHING, march.FAILED
+            return NO_PAIRS, march.FAILED
         turn += 1
         copy(part.w[t, part.used[t] - 1], first)
         pushing = numbers[on[part.used[t] - 1]]
-        if np.linalg.norm(after - middle, axis=1).max() > stray:
+        if np.linalg.norm(after - middle, axis=1).max() > margin:
             middle = after.copy()
-            view = pairs.around(surface, x, middle, stray)
-        new = np.setdiff1d(pairs.meeting(surface, x, after, view), numbers)
+            view = pairs.around(surface, x, middle, margin)
+        new = np.setdiff1d(pairs.colliding(surface, x, after, view), numbers)
         if turn >= ROUNDS or not (rough or len(new)):
             break
         rough = rough and len(new) > 0 and turn < ROUNDS - 1
         numbers = np.union1d(numbers, new)
     some, given = on.any(axis=0), (forms.at(part, t)._replace(contact=own.contact), part, t, surface, numbers, work)
     if second and (len(pairs.crossing(surface, x, after, numbers)) or gains(*given, True)):
-        return NOTHING, march.CONTACTS
+        return NO_PAIRS, march.CONTACTS
     made = separated(system, surface, part, t, numbers)
     if not second:
         bound = whole.guarded and not (draws(whole.inputs, whole.applied) or len(surface.drawn))
@@ -179,7 +179,7 @@ def pressed(
         w, halvings = part.w[t, part.used[t] - 1], (guard.SHORTEST if still else SHORTEST) if bound else 0
         ease(part, t, lambda: gains(*given, False, made), lambda by: shorten(by, system, x, w, after, made), halvings)
     # as compiled code is for arrays of one order: what NumPy picks out of columns has another
-    return Touch(numbers[some], np.ascontiguousarray(on[:, some]), made), march.DONE
+    return ActivePairs(numbers[some], np.ascontiguousarray(on[:, some]), made), march.DONE
 
 
 def taken_by(forms: Any, second: bool, safe: bool, iterations: int) -> System:
@@ -247,13 +247,13 @@ def gains(
     from clothfit.engine.work import rise  # which few scenes need
 
     w = part.w[t, part.used[t] - 1]
-    joined, given = w.copy(), 0.0
+    merged, given = w.copy(), 0.0
     if made is not None:
         given = zones.work(made, system.vertex, w)
         w[made.member] = made.found
     one, other = bdf2.forms(system)
-    more, before = rise(one, other, part, t, second, joined, work)
-    w[:] = joined
+    more, before = rise(one, other, part, t, second, merged, work)
+    w[:] = merged
     held = stored(surface, part.x[t], part.x[t], numbers)
     if part.theta[t] < 1.0 or made is not None:  # others may be near on the way
         numbers = np.union1d(numbers, pairs.near(surface, part.x[t + 1]))
@@ -267,10 +267,10 @@ def stored(surface: pairs.Surface, x: Array, y: Array, numbers: Indices) -> floa
     return float(contact.energy(pairs.of_numbers(surface, x, numbers), y))
 
 
-def hits(system: System, part: Rollout, t: int, surface: pairs.Surface, near: Indices, touch: Touch) -> bool:
+def hits(system: System, part: Rollout, t: int, surface: pairs.Surface, near: Indices, active: ActivePairs) -> bool:
     """Whether step t of a part stops much of the kinetic energy at colliders or between pairs that were not near."""
     x, v = part.x[t], part.velocity(t)
-    new = pairs.of_numbers(surface, x, np.setdiff1d(touch.numbers, near))
+    new = pairs.of_numbers(surface, x, np.setdiff1d(active.numbers, near))
     stopped = rows.stopped(new, system.vertex.mass, x, v) > march.HIT * guard.moving(system.vertex, v)[0]
     return bool(stopped or march.hits(system.colliders, system.vertex, x, v, part.x[t + 1]))
 
@@ -291,7 +291,7 @@ def separated(
         w[:] = found
         zones.join(made, system.vertex, w)
         arrive(system, x, w, after)
-        hit = np.setdiff1d(pairs.meeting(surface, x, after), known)
+        hit = np.setdiff1d(pairs.colliding(surface, x, after), known)
         hit = pairs.crossing(surface, x, after, hit)
     return made
 
@@ -307,26 +307,26 @@ class Taken(NamedTuple):
 
 def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Taken:
     """Step t of a part, for the system that it was taken with but for its pairs."""
-    touch, one = part.touches[t], part.part(t, t + 1).bare()
+    active, one = part.active_pairs[t], part.part(t, t + 1).bare()
     surface = surface_of(system, part.first + t)
-    own, room = with_pairs(system, work, surface, part.x[t], touch.numbers, touch.on)
-    if touch.zones is not None:
+    own, room = with_pairs(system, work, surface, part.x[t], active.numbers, active.on)
+    if active.zones is not None:
         w = one.w.copy()
-        w[0, one.used[0] - 1, touch.zones.member] = touch.zones.found
+        w[0, one.used[0] - 1, active.zones.member] = active.zones.found
         one = one._replace(w=w)
-    return Taken(own, room, one, touch.zones)
+    return Taken(own, room, one, active.zones)
 
 
 @kernel(nogil=True)
 def begin(system, part, t, work):
     """Write a first guess of the velocity to the workspace, and note an ordinary step."""
-    part.theta[t], part.clamped[t], part.early[t] = 1.0, system.springs.cap <= 1.0, False
+    part.theta[t], part.clamped[t], part.predicted[t] = 1.0, system.springs.cap <= 1.0, False
     part.hit[t] = False
     part.euler[t] = True
-    part.carried[t + 1, guard.POWER] = 0.0
+    part.guard_state[t + 1, guard.POWER] = 0.0
     part.solves[t] = 0
     copy(states.velocity(part, t), work.solution)
-    guess.advance(work.past, part.first + t, work.solution)
+    guess.next_guess(work.past, part.first + t, work.solution)
 
 
 @kernel(nogil=True)
@@ -336,7 +336,7 @@ def attempt(system, work, part, t, v, first, tolerance):
     contact.clear(system.colliders)
     implicit.prepare(system, part.x[t], v, work)
     used, iterations, direct = implicit.step(system, part.x[t], v, first, tolerance, work, part.w[t])
-    contact.note(system.colliders, part.met, t)
+    contact.save_active(system.colliders, part.active, t)
     march.count(part, t, used, iterations, direct)
     if used == 0:
         return False
@@ -353,7 +353,7 @@ def attempt_second(system, work, part, t, v, first, tolerance):
     used, iterations, direct, _, _, _ = bdf2.step(
         system, part.x[t], v, x_before, v_before, first, tolerance, work, part.w[t], part.x[t + 1]
     )
-    contact.note(system.colliders, part.met, t)
+    contact.save_active(system.colliders, part.active, t)
     march.count(part, t, used, iterations, direct)
     place_pins(system.inputs, system, part.x[t + 1])
     return used > 0

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from scipy.sparse import coo_array
 
 FREE, NORMAL, PUSH, RUB, WEIGHT, SIZE = 0, 4, 7, 8, 12, 16
-"""Places in a row of `Joined`: c of free vertices and 0 of fixed ones, n, a and ρ, c."""
+"""Places in a row of `ContactBlocks`: c of free vertices and 0 of fixed ones, n, a and ρ, c."""
 
 
-class Joined(NamedTuple):
+class ContactBlocks(NamedTuple):
     """The blocks of P pairs."""
 
     vertices: Indices  # (P, 4)
@@ -31,21 +31,21 @@ class Joined(NamedTuple):
     free: Array  # (n,), 1 of free vertices, else 0
 
 
-def joined(vertices: Indices, free: Array) -> Joined:
+def no_blocks(vertices: Indices, free: Array) -> ContactBlocks:
     """Memory for the blocks of pairs of these vertices (P, 4)."""
-    return Joined(vertices, np.zeros((len(vertices), SIZE)), free)
+    return ContactBlocks(vertices, np.zeros((len(vertices), SIZE)), free)
 
 
-def is_there(joined: Joined | None) -> bool:
+def is_there(blocks: ContactBlocks | None) -> bool:
     """Whether there are such blocks at some steps."""
-    return joined is not None and len(joined.free) > 0
+    return blocks is not None and len(blocks.free) > 0
 
 
 @kernel(absent=None)
-def clear(joined):
+def clear(blocks):
     """No pair adds anything."""
-    for k in range(len(joined.rows)):
-        joined.rows[k, PUSH] = joined.rows[k, RUB] = 0.0
+    for k in range(len(blocks.rows)):
+        blocks.rows[k, PUSH] = blocks.rows[k, RUB] = 0.0
 
 
 @kernel
@@ -67,13 +67,13 @@ def spread(c, own, v, out):
 
 
 @kernel
-def keep(joined, k, c, n, push, rub):
+def keep(blocks, k, c, n, push, rub):
     """Write row k."""
-    row = joined.rows[k]
+    row = blocks.rows[k]
     for e in range(4):
         row[WEIGHT + e] = c[e]
-        row[FREE + e] = c[e] * joined.free[joined.vertices[k, e]]
-    store(n, joined.rows, k, NORMAL)  # and a place more, of what follows
+        row[FREE + e] = c[e] * blocks.free[blocks.vertices[k, e]]
+    store(n, blocks.rows, k, NORMAL)  # and a place more, of what follows
     row[PUSH], row[RUB] = push, rub
 
 
@@ -85,14 +85,14 @@ def block_product(rows, k, z):
 
 
 @kernel(absent=0.0)
-def add_product(joined, scale, x, out):
+def add_product(blocks, scale, x, out):
     """out += scale · (C without its diagonal) x, between free vertices; x, out (n, 3) or (n, 4). Returns what is added
     times x.
     """
     total = 0.0
-    for k in range(len(joined.rows)):
-        if joined.rows[k, PUSH] != 0.0:
-            total += scale * add_row(joined.vertices[k], joined.rows, k, scale, x, out)
+    for k in range(len(blocks.rows)):
+        if blocks.rows[k, PUSH] != 0.0:
+            total += scale * add_row(blocks.vertices[k], blocks.rows, k, scale, x, out)
     return total
 
 
@@ -116,15 +116,15 @@ def add_end(i, rows, k, e, scale, z, own, out):
 
 
 @kernel(absent=None)
-def add_across(joined, scale, x, to_fixed, out):
+def add_across(blocks, scale, x, to_fixed, out):
     """out += scale · the blocks that join free vertices to fixed ones, times the x (n, 3) of these, or where it goes
     `to_fixed` the transposed ones times that of the free.
     """
-    for k in range(len(joined.rows)):
-        own, c, f = joined.vertices[k], joined.rows[k, WEIGHT:], joined.rows[k, FREE:]
+    for k in range(len(blocks.rows)):
+        own, c, f = blocks.vertices[k], blocks.rows[k, WEIGHT:], blocks.rows[k, FREE:]
         free, fixed = (f[0], f[1], f[2], f[3]), (c[0] - f[0], c[1] - f[1], c[2] - f[2], c[3] - f[3])
         of, to = (free, fixed) if to_fixed else (fixed, free)
-        spread(to, own, mul(splat(scale), block_product(joined.rows, k, mixed(of, own, x))), out)
+        spread(to, own, mul(splat(scale), block_product(blocks.rows, k, mixed(of, own, x))), out)
 
 
 def to_scipy(vertices: Indices, rows: Array, order: Indices) -> coo_array:

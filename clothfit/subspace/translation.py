@@ -52,7 +52,7 @@ def relative(x: Array, system: System) -> Array:
 
 
 def projection(basis: Array, system: System) -> Array:
-    """What displacements (…, 3 n) past the carrier are multiplied by to get coordinates on a basis U (n, 3, r):
+    """What displacements (…, 3 n) past the translation are multiplied by to get coordinates on a basis U (n, 3, r):
     M U (Uᵀ M U)⁻¹, (3 n, r).
     """
     flat = basis.reshape(-1, basis.shape[2])

@@ -36,7 +36,7 @@ MOST = 10_000_000
 """Vertices that nobody has."""
 
 
-class Worth(NamedTuple):
+class BreakEven(NamedTuple):
     """What is predicted for a scene, all its cloths together."""
 
     full_us: float  # a full step
@@ -51,14 +51,14 @@ class Worth(NamedTuple):
         return min(self.physics_us, self.network_us) < self.full_us
 
 
-def worth(scene: Scene) -> Worth | None:
+def break_even(scene: Scene) -> BreakEven | None:
     """The prediction; None where a subspace does not know what the scene has."""
     if scene.method not in (IMPLICIT, BDF2) or scene.self_contact is not None:
         return None
     k = scene.newton_iterations
     frames: list[float] = [sum(frame(len(c.mass), len(c.triangles), way, k) for c in scene.cloths) for way in STATE]
     full = sum(full_step(len(c.mass), k) for c in scene.cloths)
-    return Worth(full, frames[0], frames[1], *(vertices_from(way, k) for way in STATE))
+    return BreakEven(full, frames[0], frames[1], *(vertices_from(way, k) for way in STATE))
 
 
 def pays_from(scene: Scene, c: int, vectors: int, way: str, frame_us: float, full_us: float) -> int:
@@ -68,7 +68,7 @@ def pays_from(scene: Scene, c: int, vectors: int, way: str, frame_us: float, ful
     return vertices_from(way, k, vectors, full_us / full_step(n, k), frame_us / predicted)
 
 
-def sentence(found: Worth) -> str:
+def sentence(found: BreakEven) -> str:
     """The prediction, for people."""
     own = f"a full step takes about {rounded(found.full_us)} µs"
     other = f"about {rounded(found.physics_us)} by physics, {rounded(found.network_us)} by a network"

@@ -11,8 +11,8 @@ from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.motion.motion import rms
 from clothfit.motion.simulate import simulate
-from clothfit.subspace.judge import GOES_ON, bands, compare, floor, growth
-from clothfit.subspace.worth import FULL, STATE, frame, full_step, pays_from, sentence, vertices_from, worth
+from clothfit.subspace.break_even import FULL, STATE, break_even, frame, full_step, pays_from, sentence, vertices_from
+from clothfit.subspace.validation import GOES_ON, bands, compare, floor, growth
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
@@ -123,7 +123,7 @@ def test_what_was_measured_scales_the_prediction():
 
 def test_scenes_that_a_subspace_does_not_know_have_none():
     for fields in ({"integrationMethod": 1}, {"selfCollision": {"thickness": 0.01}}):
-        assert worth(scene_of(document(cloth(), **fields))) is None
-    small, large = (worth(scene_of(document(cloth(n, n)))) for n in (4, 60))
+        assert break_even(scene_of(document(cloth(), **fields))) is None
+    small, large = (break_even(scene_of(document(cloth(n, n)))) for n in (4, 60))
     assert (small.pays, large.pays) == (False, True)
     assert f"from about {large.vertices_from} vertices on" in sentence(large)

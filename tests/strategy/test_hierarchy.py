@@ -13,7 +13,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.strategy import few_values, ladder
+from clothfit.strategy import few_values, hierarchy
 
 FLAGS = {  # letters of masses and stiffnesses, and what else a cloth fits
     "stiffnesses": ("nL", {}),
@@ -65,12 +65,12 @@ def flagged(kind, **fields):
 @pytest.mark.parametrize("exactly", [False, True])
 def test_a_model_takes_the_place_of_finer_flags_or_of_all_masses_stiffnesses_and_lengths(exactly):
     for (kind, model), expected in (EXACTLY if exactly else AS_MODEL).items():
-        found = ladder.as_model(flagged(kind), model, exactly=exactly)
-        assert ladder.letters(found.cloths[0]) == expected, (kind, model)
+        found = hierarchy.as_model(flagged(kind), model, exactly=exactly)
+        assert hierarchy.letters(found.cloths[0]) == expected, (kind, model)
 
 
 def test_the_model_of_a_scene_is_its_finest():
-    found = {kind: ladder.model_of(flagged(kind)) for kind in FLAGS}
+    found = {kind: hierarchy.model_of(flagged(kind)) for kind in FLAGS}
     assert {kind for kind, model in found.items() if model != "L"} == {"factors", "only damping"}
     assert (found["factors"], found["only damping"]) == ("F", "G")
 
@@ -78,20 +78,20 @@ def test_the_model_of_a_scene_is_its_finest():
 @pytest.mark.parametrize("kind", FLAGS)
 def test_models_end_with_the_own_one_and_have_more_and_more_values(kind):
     scene = flagged(kind)
-    same = ladder.as_model(scene, ladder.model_of(scene))
-    assert ladder.letters(same.cloths[0]) == ladder.letters(scene.cloths[0])
-    found = ladder.models(scene)
-    counts = [ladder.count(ladder.as_model(scene, model)) for model in found]
-    assert found[-1] == ladder.model_of(scene)
+    same = hierarchy.as_model(scene, hierarchy.model_of(scene))
+    assert hierarchy.letters(same.cloths[0]) == hierarchy.letters(scene.cloths[0])
+    found = hierarchy.models(scene)
+    counts = [hierarchy.count(hierarchy.as_model(scene, model)) for model in found]
+    assert found[-1] == hierarchy.model_of(scene)
     assert all(few < many for few, many in pairwise(counts))
-    assert ladder.count(scene) == counts[-1] == len(parameters(scene))
+    assert hierarchy.count(scene) == counts[-1] == len(parameters(scene))
 
 
 def test_of_models_with_as_many_values_the_coarsest_stays():
     # the springs of one family, so that R is F; two of them, so that M is L
     strip = small("nL", triangles=[], springs=[0, 4, 5, 9], springStiffness=[20.0, 30.0])
-    assert ladder.models(strip) == ["F", "L"]
-    assert ladder.models(small("nR", triangles=[], springs=[0, 4, 5, 9], springStiffness=[20.0, 30.0])) == ["R"]
+    assert hierarchy.models(strip) == ["F", "L"]
+    assert hierarchy.models(small("nR", triangles=[], springs=[0, 4, 5, 9], springStiffness=[20.0, 30.0])) == ["R"]
 
 
 # --- values
@@ -111,7 +111,7 @@ def spread(p, seed, size=0.3):
 @pytest.mark.parametrize(("coarse", "fine"), [*pairwise("FRML")], ids=str)
 def test_each_model_contains_those_before_it(coarse, fine):
     scene = small("LL", vertMass=[0.002 + 1e-4 * i for i in range(16)])
-    less, more = ladder.as_model(scene, coarse), ladder.as_model(scene, fine)
+    less, more = hierarchy.as_model(scene, coarse), hierarchy.as_model(scene, fine)
     wanted = with_parameters(less, spread(parameters(less), 1))
     found = with_parameters(more, parameters(wanted, flags=more))  # on the same values of the scene
     for name in ("mass", "stiffness"):  # rounding of sums of maps
@@ -123,26 +123,26 @@ def test_each_model_contains_those_before_it(coarse, fine):
 def test_a_stage_begins_with_the_cost_of_the_best_before(model):
     search = search_of()
     p = spread(search.start, 2)
-    part = ladder.part_of(search, model, p)
+    part = hierarchy.subproblem(search, model, p)
     assert part.objective.cost(part.start) == pytest.approx(search.objective.cost(p), rel=1e-5)  # systems to 1e-7
     part.best.offer(part.start, 0.0)
-    np.testing.assert_allclose(ladder.found(part, search.objective.scene), p, rtol=1e-12)
+    np.testing.assert_allclose(hierarchy.as_flagged(part, search.objective.scene), p, rtol=1e-12)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [2, 3])
 def test_no_model_ends_above_a_smaller_one(method):
     search = search_of("nL", 24, count=8, method=method)
-    wanted = ladder.models(search.objective.scene)
+    wanted = hierarchy.models(search.objective.scene)
     first = search.objective.rmse(search.objective.cost(search.start))
-    ladder.climb(search, wanted, [search.start])
-    errors = [each.rmse for each in search.rungs]
-    assert [each.model for each in search.rungs] == wanted
+    hierarchy.refine(search, wanted, [search.start])
+    errors = [each.rmse for each in search.levels]
+    assert [each.model for each in search.levels] == wanted
     assert all(after <= before for before, after in pairwise([first, *errors]))
     assert errors[-1] < errors[0] < first  # single values follow what one factor cannot
-    for each in search.rungs:  # the values of each are those of its error
+    for each in search.levels:  # the values of each are those of its error
         assert search.objective.rmse(search.objective.cost(each.p)) == pytest.approx(each.rmse, rel=1e-9)
-    assert search.best.p.tolist() == search.rungs[-1].p.tolist()
+    assert search.best.p.tolist() == search.levels[-1].p.tolist()
 
 
 @pytest.mark.slow
@@ -151,7 +151,7 @@ def test_one_factor_is_found_from_far_away():
     start = with_parameters(truth, np.array([0.4]))
     target = degrade(simulate(truth, tolerance=1e-12), noise=1e-4, seed=2)
     search = Search(Objective(start, target, 1e-10), parameters(start), 0.0, 10**6)
-    ladder.climb(search, ["F"], [search.start])
+    hierarchy.refine(search, ["F"], [search.start])
     # 360 positions with noise of 0.1 mm, of a motion of decimetres that follows the stiffness
     assert search.best.p == pytest.approx([2.5 * parameters(start)[0]], rel=0.01)
 
@@ -160,8 +160,8 @@ def test_one_factor_is_found_from_far_away():
 def test_a_fit_that_is_late_ends_with_its_first_model_and_says_so():
     search = search_of("nL")
     search.longest = 0.0
-    ladder.climb(search, "FRML", [search.start])
-    assert [each.model for each in search.rungs] == ["F"]
+    hierarchy.refine(search, "FRML", [search.start])
+    assert [each.model for each in search.levels] == ["F"]
     assert [text for text in search.warnings if "--budget gives it more" in text]
 
 
@@ -176,7 +176,7 @@ def carried(search, end=None):
         if end is not None:
             raise end
 
-    ladder.carried(search, ladder.part_of(search, "F", search.start), method)
+    hierarchy.run_subproblem(search, hierarchy.subproblem(search, "F", search.start), method)
 
 
 @pytest.mark.slow
