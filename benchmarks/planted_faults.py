@@ -126,8 +126,8 @@ FAULTS = (
           "flags = np.linalg.norm(known.null, axis=1) > 2.0", "fit/test_confidence.py fit"),
     Fault("registration/free_fall: inverse rate", "np.sqrt(self.gravity / self.acceleration)",
           "np.sqrt(self.acceleration / self.gravity)", "registration/test_free_fall.py registration fit"),
-    Fault("registration/residuals: derivative by the rate", "= -t * u, -u / rate", "= -t * u / rate, -u / rate",
-          "registration/test_residuals.py registration"),
+    Fault("fit/registration: derivative by the rate", "= -t * u, -u / rate", "= -t * u / rate, -u / rate",
+          "fit/test_registration.py registration"),
     # scenes, files, meshes
     Fault("scene/factors: exponent's derivative", "inside[self.row] * self.exponent / p[self.column])",
           "inside[self.row] * self.exponent)", "scene/test_factors.py scene"),

@@ -37,6 +37,7 @@ from at_random import by_turns, show, total
 from clothfit.base.errors import InvalidScene
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.fit.estimate import record_target
+from clothfit.fit.hierarchy import as_model
 from clothfit.fit.holdout import split
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import load_motion, save_motion
@@ -44,7 +45,6 @@ from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load, save
-from clothfit.strategy.hierarchy import as_model
 
 FRAMES = 40
 SCATTER = 0.5  # of the logarithms of the stiffnesses

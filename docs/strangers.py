@@ -32,16 +32,15 @@ Each of these motions was simulated by another program, with its own model of cl
 by the same two commands as your own shot would be:
 
 ```sh
-clothfit new 'NAME_*.obj' --up z --fps FPS --fix-vertices HELD --pins-from 'NAME_*.obj' --fit auto -o scene.json
-clothfit estimate scene.json --target 'NAME_*.obj' --up z --fps FPS -o fitted.json
+clothfit new 'shot_*.obj' --up z --fps 40 --fix-side left --pins-from 'shot_*.obj' --fit auto -o scene.json
+clothfit estimate scene.json --target 'shot_*.obj' --up z --fps 40 -o fitted.json
 ```
 
-`--pins-from` is there where the held vertices move, `--sphere` where there is a ball. The cloth is blue, the target
-over it translucent green. A *still picture* is the best that does not move: the mean of all frames. The
-error is the root mean square distance over all vertices and frames; seconds are of the processor, with the program's
-start and the intervals. `make gallery` makes
-the shots ([benchmarks/shots](../benchmarks/shots)), the fits and this page; other shots, by default and with
-correspondence withheld, are in [accuracy.md](accuracy.md).
+Held vertices are named by their numbers; `--pins-from` is there where they move, `--sphere` where there is a ball. The
+cloth is blue, the target over it translucent green. A *still picture* is the best that does not move: the mean of all
+frames. The error is the root mean square distance over all vertices and frames; seconds are of the processor, with the
+program's start and the intervals. `make gallery` makes the shots ([benchmarks/shots](../benchmarks/shots)), the fits
+and this page; more shots are in [accuracy.md](accuracy.md).
 """
 
 
@@ -116,6 +115,7 @@ def write_sequence(arrays: Any, name: str) -> None:
 
 def clothfit(*words: str) -> dict[str, Any]:
     """Run a command; what it says as JSON. Its end without reaching a tolerance (5) is no failure."""
+    FILMS.mkdir(exist_ok=True)
     print("$ clothfit", shlex.join(words)[:150], flush=True)
     command = [sys.executable, "-m", "clothfit", *words, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -156,7 +156,6 @@ def small(film: Path, path: Path) -> None:
 def main() -> None:
     """Fit all shots that are there, and write their films, their figures and the page."""
     source = Path(sys.argv[1]).resolve()
-    FILMS.mkdir(exist_ok=True)
     known: dict[str, Any] = json.loads(FIGURES.read_text("utf-8")) if FIGURES.exists() else {}
     for shot in SHOTS:
         if sys.argv[2:] and shot.name not in sys.argv[2:]:

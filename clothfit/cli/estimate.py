@@ -255,9 +255,9 @@ class Watching(Observer):
 
 def check_start(scene: Scene, start: Any) -> None:
     """Raise InvalidInput where numbers to start from cannot be, before anything is compiled."""
+    from clothfit.fit.start import given_start
     from clothfit.scene.fit_vector import parameters
     from clothfit.scene.scene import Scene as Values
-    from clothfit.strategy.start import given_start
 
     if start is not None and not isinstance(start, Values):
         given_start(scene, start, parameters(scene))

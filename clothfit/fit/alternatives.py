@@ -30,6 +30,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.eigen import eigen
 from clothfit.base.messages import owned
+from clothfit.fit.registration import OFFSET, PLACE, RATE, THETA, Unknowns
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
 from clothfit.objective.experiment import Experiment, flagged_as
@@ -39,7 +40,6 @@ from clothfit.optimise.evidence import inverse
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, Unknowns
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, REST, SCENE_KINDS, Kind
 from clothfit.scene.scene import Scene

@@ -23,6 +23,7 @@ from clothfit.base.memory import budget as memory_budget
 from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
+from clothfit.fit import step_choice
 from clothfit.fit.flags import reflagged
 from clothfit.fit.hints import Hint, hints_before_fit
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
@@ -63,7 +64,6 @@ from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene, check_is_scene, load
-from clothfit.strategy import step_choice
 
 GRACE = 0.5
 """Seconds for each look at a result whose time is up."""

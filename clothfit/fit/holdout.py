@@ -19,7 +19,9 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
+from clothfit.fit import hierarchy
 from clothfit.fit.hints import Hint
+from clothfit.fit.trajectory_fit import leaves_noise
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
 from clothfit.motion.times import frame_places
@@ -29,8 +31,6 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import ModelFit, Status, Stop
 from clothfit.scene.fit_vector import fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import hierarchy
-from clothfit.strategy.trajectory_fit import leaves_noise
 
 SEED = 0
 

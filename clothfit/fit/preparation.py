@@ -39,7 +39,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.sampling import moved
 from clothfit.engine.system import BDF2
-from clothfit.fit import holdout
+from clothfit.fit import hierarchy, holdout, step_choice
 from clothfit.fit.options import AUTO, Request
 from clothfit.fit.result import Fit
 from clothfit.motion.degrade import rounding
@@ -51,7 +51,6 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.keys import Keys
 from clothfit.scene.scene import Scene, vectors, with_pins
-from clothfit.strategy import hierarchy, step_choice
 
 T = TypeVar("T")
 

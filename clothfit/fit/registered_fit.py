@@ -2,7 +2,7 @@
 
 Markers that are swapped are exchanged, and what shows no vertex is left out (`registration.mislabelled`).
 
-The clock, the place and the scale are sought with few values before the fit (`registration.residuals`), which then
+The clock, the place and the scale are sought with few values before the fit (`fit.registration`), which then
 compares with the registered targets. After it they are looked at again, with one factor for each kind of value or
 beside all values: what is left to go, and 95 % intervals. Near the result the cost is |r|² + 2 gᵀz + zᵀ H z in the
 values and the registrations together, and the prior of the fit adds A = (σ²/τ²) P to the values of a kind. With the
@@ -23,10 +23,12 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
+from clothfit.fit.hierarchy import as_model
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import split
 from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
+from clothfit.fit.registration import RATE, SPACE, THETA, TIME, Unknowns, descended, find, reweighted, sought
 from clothfit.fit.result import Fit
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import at_frames
@@ -37,10 +39,8 @@ from clothfit.optimise.prior import WIDEST
 from clothfit.registration.free_fall import late_start
 from clothfit.registration.mislabelled import mislabelled
 from clothfit.registration.record import Markers, Registration
-from clothfit.registration.residuals import RATE, SPACE, THETA, TIME, Unknowns, descended, find, reweighted, sought
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy.hierarchy import as_model
 
 BETTER = 0.99
 """Error relative to the one before below which a fit is done again with another registration."""

@@ -8,7 +8,7 @@ How much of what a fit leaves another clock or another place would explain.
 Near the result the cost is |r|² + 2 gᵀz + zᵀH z in the values and the coordinates of a registration. What one kind of
 registration saves beyond what the values save alone, relative to the cost, is the share of the squares that it
 promises to explain. As that is linear, a few steps of Gauss–Newton then show what it does explain. Places are judged by
-weighted residuals, as in `registration.residuals`: what is held must not move away from where it is held.
+weighted residuals, as in `fit.registration`: what is held must not move away from where it is held.
 
 What a fit must beat: the best still picture of its target, and the scene as it came.
 
@@ -33,6 +33,7 @@ from clothfit.engine.rollout import Rollout
 from clothfit.engine.tape import Tape
 from clothfit.fit.hints import Hint
 from clothfit.fit.registered_fit import cut, few
+from clothfit.fit.registration import OFFSET, PLACE, RATE, THETA, descended, weighted
 from clothfit.fit.result import FAILS, Baselines, Fit, without_intervals
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import in_groups
@@ -48,7 +49,6 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.registration.mislabelled import EXCHANGE, MOST_MISLABELLED
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, descended, weighted
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene

@@ -25,6 +25,7 @@ from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence, resi
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut, Judged
 from clothfit.fit.inextensible import by_strains, hardly_stretching, levels
+from clothfit.fit.step_choice import Step
 from clothfit.motion.correspondence import Correspondence
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
@@ -41,7 +42,6 @@ from clothfit.scene.bounds import wider
 from clothfit.scene.factors import geometric_mean
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy.step_choice import Step
 
 ADEQUATE, DIFFERS, FAILS = "adequate", "differs", "fails"
 

@@ -28,10 +28,23 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FIT_TOLERANCE
-from clothfit.fit import holdout
+from clothfit.fit import auto, continuation, few_values, frame_blocks, hierarchy, holdout, step_choice
+from clothfit.fit.continuation import with_substeps
+from clothfit.fit.few_values import FEW_VALUES
 from clothfit.fit.holdout import Judged
 from clothfit.fit.options import AUTO, LONGEST, LONGEST_KEYED, Request
 from clothfit.fit.preparation import counts_of
+from clothfit.fit.start import choose_start, first_point, other_starts, start_warnings, values_by
+from clothfit.fit.step_choice import Step, Trial
+from clothfit.fit.trajectory_fit import (
+    ModelDiffers,
+    best_prior,
+    by_gauss_newton,
+    first_frames,
+    go_on,
+    is_far,
+    is_near,
+)
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import sample
@@ -44,20 +57,6 @@ from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import of_kinds, parameters, with_parameters
 from clothfit.scene.kinds import KIND, REST
 from clothfit.scene.scene import Scene
-from clothfit.strategy import auto, continuation, few_values, frame_blocks, hierarchy, step_choice
-from clothfit.strategy.continuation import with_substeps
-from clothfit.strategy.few_values import FEW_VALUES
-from clothfit.strategy.start import choose_start, first_point, other_starts, start_warnings, values_by
-from clothfit.strategy.step_choice import Step, Trial
-from clothfit.strategy.trajectory_fit import (
-    ModelDiffers,
-    best_prior,
-    by_gauss_newton,
-    first_frames,
-    go_on,
-    is_far,
-    is_near,
-)
 
 BENDINGS = np.exp(0.2375 * np.array([0, *(sign * i for i in range(1, 9) for sign in (-1, 1))])).tolist()
 """Factors on the bending of the start of a cloth at rest that are tried, 0.15 to 6.7: each has folds of its own."""

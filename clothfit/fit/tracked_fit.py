@@ -19,11 +19,15 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres, percent
+from clothfit.fit import hierarchy
+from clothfit.fit.continuation import Even, some_steps
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
 from clothfit.fit.routes import best_bendings, shares_of_bending
+from clothfit.fit.start import start_of
+from clothfit.fit.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
 from clothfit.motion.correspondence import SCANNED, Correspondence
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
@@ -37,10 +41,6 @@ from clothfit.registration.tracking import FINE, median_edge, tracked
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene
-from clothfit.strategy import hierarchy
-from clothfit.strategy.continuation import Even, some_steps
-from clothfit.strategy.start import start_of
-from clothfit.strategy.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
 
 Start: TypeAlias = float | Array | Scene | None
 

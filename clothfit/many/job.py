@@ -204,10 +204,10 @@ def numbered(
     import numpy as np
 
     from clothfit.base.limits import FIT_TOLERANCE, checked_tolerance
+    from clothfit.fit.start import choose_start
     from clothfit.motion.simulate import simulate_cloths
     from clothfit.objective.objective import Objective
     from clothfit.scene.fit_vector import fitted_cloths, with_parameters
-    from clothfit.strategy.start import choose_start
 
     twin = target is None
     if target is None:

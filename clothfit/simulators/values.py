@@ -10,7 +10,7 @@ least of |J d + r|² + μ|d|². JᵀJ is added up frame by frame, with the chang
 
 Far from the values that fit, the cost of a whole motion has many minima. So descents are nudged after a first one that
 is not: after each step the state goes a part of the way, one of PULLS after the other, to where the target is, so that
-an error counts for about 1/pull steps; see `strategy.few_values`. They go on without a pull. One begins where the
+an error counts for about 1/pull steps; see `fit.few_values`. They go on without a pull. One begins where the
 first does, one with the mapped values, and the last, of smaller parts, leaves the best minimum so far; the best end
 counts.
 """

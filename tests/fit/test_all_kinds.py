@@ -14,10 +14,10 @@ from helpers.scenes import cloth, document, write_scene
 from clothfit import Forces, new_scene, parameters, simulate, with_parameters
 from clothfit.cli.program import run
 from clothfit.fit.estimate import record_target
+from clothfit.fit.start import neutral
 from clothfit.meshes.mesh import plane
 from clothfit.objective.identifiability import identifiable
 from clothfit.scene.scene import dumps, load
-from clothfit.strategy.start import neutral
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ from helpers.scenes import even, trial
 from helpers.strangers import small
 
 from clothfit import Diverged, InvalidInput, degrade, load, parameters, simulate, with_parameters
-from clothfit.fit import holdout
+from clothfit.fit import hierarchy, holdout
 from clothfit.fit.estimate import record_target
 from clothfit.fit.holdout import (
     BEATS,
@@ -27,7 +27,6 @@ from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import ModelFit
-from clothfit.strategy import hierarchy
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

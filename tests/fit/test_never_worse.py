@@ -10,9 +10,9 @@ from helpers.strangers import small
 
 from clothfit import Diverged, Scene, degrade, load, parameters, simulate, with_parameters
 from clothfit.fit import result
+from clothfit.fit.hierarchy import as_model
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import BestSoFar
-from clothfit.strategy.hierarchy import as_model
 
 pytestmark = pytest.mark.slow
 

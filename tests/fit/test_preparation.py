@@ -16,17 +16,16 @@ from clothfit import InvalidInput, Motion, degrade, parameters, save, save_motio
 from clothfit.base import checkpoint as module
 from clothfit.cli.program import run
 from clothfit.engine.system import BDF2, IMPLICIT
-from clothfit.fit import routes
+from clothfit.fit import hierarchy, routes
 from clothfit.fit.options import Request
 from clothfit.fit.preparation import counts_of, in_windows, windows_of
 from clothfit.fit.routes import Fitting, as_before
+from clothfit.fit.step_choice import COUNTS
 from clothfit.motion.motion import at_frames
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
 from clothfit.scene.scene import dumps
-from clothfit.strategy import hierarchy
-from clothfit.strategy.step_choice import COUNTS
 
 FRAMES = 24
 

@@ -10,10 +10,10 @@ from clothfit import InvalidInput, as_motion, load, parameters, simulate, with_p
 from clothfit.base.memory import human
 from clothfit.engine import tape
 from clothfit.engine.rollout import state_bytes
+from clothfit.fit import trajectory_fit
 from clothfit.objective import objective as objectives
 from clothfit.objective.memory_needs import snapshot_bytes
 from clothfit.objective.objective import Objective, cost_and_gradient
-from clothfit.strategy import trajectory_fit
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

@@ -9,6 +9,7 @@ from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth, even, trial
 from scipy import stats
 
+from clothfit.fit import trajectory_fit
 from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
@@ -20,7 +21,6 @@ from clothfit.optimise.status import Stop
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
-from clothfit.strategy import trajectory_fit
 
 pytestmark = pytest.mark.slow
 

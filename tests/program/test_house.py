@@ -14,7 +14,7 @@ PACKAGE = ROOT / "clothfit"
 
 FOLDERS = [
     "base", "kernels", "scene", "formats", "fabric", "meshes", "engine", "motion", "derivative", "objective",
-    "optimise", "registration", "strategy", "fit", "control", "evaluation", "many", "subspace", "pictures", "report",
+    "registration", "optimise", "fit", "control", "evaluation", "many", "subspace", "pictures", "report",
     "export", "simulators", "live", "cli",
 ]  # fmt: skip
 """From the bottom to the top: the path of the data."""
@@ -22,7 +22,7 @@ FOLDERS = [
 ENGINE = ["solve", "forces", "inputs", "system", "step", "march", "rollout", "tape"]
 """The floors of the engine, from the bottom to the top; what is not here imports as it likes within the engine."""
 
-CODE_LINES, FILES, FLOORS = 48_229, 367, 14
+CODE_LINES, FILES, FLOORS = 48_422, 366, 13
 """The weight of the package: lines with code, modules, and folders in the longest chain of imports. They may fall; who
 raises one says in the commit why.
 """

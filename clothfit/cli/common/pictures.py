@@ -149,9 +149,9 @@ def over_target(fit: Fit, scene: Scene, target: Goal | None) -> Overlay:
     import numpy as np
 
     from clothfit.evaluation.evaluate import overlaid
+    from clothfit.fit.continuation import with_interval
     from clothfit.objective.experiment import flagged_as
     from clothfit.scene.fit_vector import parameters, with_parameters
-    from clothfit.strategy.continuation import with_interval
 
     if target is None:
         return overlaid(scene, fit.scene, None, scene.frames)

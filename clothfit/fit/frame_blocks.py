@@ -39,6 +39,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.fit.continuation import Even, through_nudging
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise import preconditioned
 from clothfit.optimise.search import BestSoFar, Search
@@ -46,7 +47,6 @@ from clothfit.optimise.trajectory import Kept
 from clothfit.scene.fit_vector import of_kinds, with_parameters
 from clothfit.scene.kinds import KIND
 from clothfit.scene.scene import Scene
-from clothfit.strategy.continuation import Even, through_nudging
 
 PAYS = 0.3
 """Share of the cost that is worth another direction at once. What a wrong model leaves is so alike from frame to frame,

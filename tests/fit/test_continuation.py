@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from helpers.scenes import even, load_text
 
+from clothfit.fit import continuation
 from clothfit.fit.estimate import record_target
 from clothfit.motion.motion import at_frames
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy import continuation
 
 # --- coordinates
 

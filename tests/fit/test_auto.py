@@ -8,6 +8,8 @@ from helpers.fits import Watching, estimate
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, document, even, trial
 
+from clothfit.fit import auto, trajectory_fit
+from clothfit.fit.auto import SolvedLoosely, balances_can_hold, by_hierarchy, by_momentum, check_tolerance
 from clothfit.fit.estimate import record_target
 from clothfit.meshes.mesh import plane
 from clothfit.meshes.new_scene import at_side, new_scene
@@ -22,8 +24,6 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
-from clothfit.strategy import auto, trajectory_fit
-from clothfit.strategy.auto import SolvedLoosely, balances_can_hold, by_hierarchy, by_momentum, check_tolerance
 
 pytestmark = pytest.mark.slow
 
@@ -223,7 +223,7 @@ def test_an_error_that_is_asked_for_is_not_replaced_by_the_rounding():
 
 def test_an_exact_momentum_fit_ends_a_long_fit_of_many_values(monkeypatch):
     monkeypatch.setattr(trajectory_fit, "LONG_POSITIONS", 100)
-    monkeypatch.setattr("clothfit.strategy.auto.LARGEST", 0.0)  # no dense model is small enough
+    monkeypatch.setattr("clothfit.fit.auto.LARGEST", 0.0)  # no dense model is small enough
     made = load(trial("nL", windVel=xyz((3.0, 1.0, 2.0))))
     target = record_target(made)
     fit = estimate(made, target, start=7.0, rmse=1e-300)

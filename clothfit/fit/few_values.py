@@ -23,6 +23,8 @@ from dataclasses import replace
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.fit import continuation
+from clothfit.fit.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import rms
 from clothfit.motion.simulate import simulate
@@ -35,8 +37,6 @@ from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import continuation
-from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
 
 FEW_VALUES = preconditioned.FEW_VALUES
 """Values up to which a step of Gauss–Newton costs no more than a few gradients."""

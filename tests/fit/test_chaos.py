@@ -4,7 +4,7 @@ import numpy as np
 from helpers.scenes import even
 
 from clothfit import load, mesh, new_scene
-from clothfit.strategy.few_values import ROUNDING, steps_before_chaos, twins
+from clothfit.fit.few_values import ROUNDING, steps_before_chaos, twins
 
 
 def test_twins_of_a_hanging_sheet_stay_together():

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from helpers.strangers import small, with_finer_steps
 
+from clothfit.fit import few_values
 from clothfit.objective.objective import Objective
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.scipy_methods import minimise
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy import few_values
 
 
 def test_many_values_are_not_settled():

@@ -12,15 +12,7 @@ from helpers.scenes import cloth, document, even, sphere, trial
 from helpers.strangers import WIND, windy
 
 import clothfit
-from clothfit.meshes import mesh
-from clothfit.meshes.mesh import Mesh
-from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
-from clothfit.objective.objective import Objective
-from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
-from clothfit.scene.keys import Keys
-from clothfit.scene.scene import load
-from clothfit.strategy.start import (
+from clothfit.fit.start import (
     COARSE_FRAMES,
     best_scales,
     decades,
@@ -33,6 +25,14 @@ from clothfit.strategy.start import (
     undetermined,
     values_by,
 )
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
+from clothfit.scene.keys import Keys
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.slow
 

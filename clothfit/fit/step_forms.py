@@ -25,12 +25,12 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.engine.prescribed import Forms
 from clothfit.engine.system import meets_itself
+from clothfit.fit.continuation import nudged
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import SIGNIFICANT, residual_test
 from clothfit.optimise.prior import Prior
 from clothfit.optimise.search import Search
-from clothfit.strategy.continuation import nudged
 
 NUDGES = (3.0, 1.0, 0.3, 0.0)
 """ω of the springs, in radians per frame, one after the other."""

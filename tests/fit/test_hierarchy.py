@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.strangers import small, with_finer_steps
 
+from clothfit.fit import few_values, hierarchy
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
@@ -13,7 +14,6 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.strategy import few_values, hierarchy
 
 FLAGS = {  # letters of masses and stiffnesses, and what else a cloth fits
     "stiffnesses": ("nL", {}),

@@ -7,6 +7,8 @@ import pytest
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.engine.system import BDF2, IMPLICIT
+from clothfit.fit.continuation import frame_interval, last_time, with_interval, with_substeps
+from clothfit.fit.step_choice import COUNTS, chosen, finer
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
@@ -14,8 +16,6 @@ from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy.continuation import frame_interval, last_time, with_interval, with_substeps
-from clothfit.strategy.step_choice import COUNTS, chosen, finer
 
 pytestmark = pytest.mark.slow
 

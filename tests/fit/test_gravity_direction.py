@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from helpers.strangers import sheet
 
+from clothfit.fit import frame_blocks, hierarchy
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy import frame_blocks, hierarchy
 
 G = 9.81
 FREE = {  # gravity, and which of its components may turn

@@ -21,6 +21,11 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import BDF2, IMPLICIT
+from clothfit.fit import continuation, hierarchy
+from clothfit.fit.auto import balances_can_hold, by_momentum
+from clothfit.fit.continuation import ROUNDING, frame_interval, with_substeps
+from clothfit.fit.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
+from clothfit.fit.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_leave_noise
 from clothfit.kernels.clock import clock_of, computing
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
@@ -29,11 +34,6 @@ from clothfit.optimise import momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.kinds import INTEGRATORS
-from clothfit.strategy import continuation, hierarchy
-from clothfit.strategy.auto import balances_can_hold, by_momentum
-from clothfit.strategy.continuation import ROUNDING, frame_interval, with_substeps
-from clothfit.strategy.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
-from clothfit.strategy.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_leave_noise
 
 LONGEST, CLOSE, LONGEST_TRIAL = 25.0, 12.0, 10.0
 """Seconds of computing that a choice may take, those more where coarse steps come close, from where finer models soon

@@ -19,6 +19,9 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
+from clothfit.fit import continuation, frame_blocks
+from clothfit.fit.few_values import FEW_VALUES, in_a_round, may_touch, minimised, through_windows, to_the_minimum
+from clothfit.fit.start import is_steady, steadied, values_by
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import ModelFit, Status, Stop
@@ -27,9 +30,6 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
-from clothfit.strategy import continuation, frame_blocks
-from clothfit.strategy.few_values import FEW_VALUES, in_a_round, may_touch, minimised, through_windows, to_the_minimum
-from clothfit.strategy.start import is_steady, steadied, values_by
 
 STARTED = 2.0
 """Times what the windows from one start took, that must be left for those from the next one."""

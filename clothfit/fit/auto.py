@@ -11,15 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.objective.objective import Objective
-from clothfit.optimise import momentum
-from clothfit.optimise.scan import is_large, scan, scannable
-from clothfit.optimise.search import Search
-from clothfit.optimise.status import Status
-from clothfit.optimise.trajectory import LARGEST, Trajectory
-from clothfit.scene.kinds import LETTERED
-from clothfit.strategy import hierarchy
-from clothfit.strategy.trajectory_fit import (
+from clothfit.fit import hierarchy
+from clothfit.fit.trajectory_fit import (
     FAR_ERROR,
     NEAR_ERROR,
     ModelDiffers,
@@ -29,6 +22,13 @@ from clothfit.strategy.trajectory_fit import (
     is_near,
     leaves_noise,
 )
+from clothfit.objective.objective import Objective
+from clothfit.optimise import momentum
+from clothfit.optimise.scan import is_large, scan, scannable
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status
+from clothfit.optimise.trajectory import LARGEST, Trajectory
+from clothfit.scene.kinds import LETTERED
 
 ACCURATE = 3e-4
 """Error of a momentum fit, relative to how far the target moves, below which noise has hardly scattered its values."""

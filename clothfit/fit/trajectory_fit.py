@@ -19,6 +19,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
+from clothfit.fit.continuation import StepLimit, can_nudge, nudged
+from clothfit.fit.step_forms import Held, through_forms
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import WHOLE
 from clothfit.objective.objective import Objective
@@ -30,8 +32,6 @@ from clothfit.optimise.prior import FIRST_TAU, Prior, none
 from clothfit.optimise.search import SAME_POINT, Descent, Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
-from clothfit.strategy.continuation import StepLimit, can_nudge, nudged
-from clothfit.strategy.step_forms import Held, through_forms
 
 NEAR_ERROR = 2e-3
 """Error relative to how far the target moves, below which all frames are fitted at once."""

@@ -11,13 +11,13 @@ from helpers.scenes import cloth, document, load_text
 from helpers.strangers import sheet, stranger
 
 from clothfit.fit.registered_fit import few
+from clothfit.fit.registration import THETA, Unknowns, find, sought
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
 from clothfit.objective.comparison import loss_named
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.registration.record import Registration, rotation
-from clothfit.registration.residuals import THETA, Unknowns, find, sought
 from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a simulation and its sensitivity

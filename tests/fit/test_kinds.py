@@ -5,10 +5,10 @@ import pytest
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.engine.system import BDF2
+from clothfit.fit.frame_blocks import Choice, kept_out, needed, without
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy.frame_blocks import Choice, kept_out, needed, without
 
 pytestmark = pytest.mark.slow
 
