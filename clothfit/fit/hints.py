@@ -67,12 +67,16 @@ def hints_before_fit(given: list[Experiment]) -> list[Hint]:
 
 def hints_of(scene: Scene, motion: Motion) -> Iterator[Hint]:
     """What one target shows."""
+    end = scene.delta * (scene.frames - 1)
     if (fall := other_fall(scene, motion)) is not None:
         yield Hint(
             "time_scale",
             f"the target falls at {fall.acceleration:.3g} m/s² instead of {fall.gravity:.3g}: another clock (rate "
             f"{fall.rate:.3g}), or gravity; use --fit-time, or fit gravity",
         )
+    elif late := int((motion.times > end + (1.0 + STARTS) * scene.delta).sum()):
+        text = f"the scene ends at {end:.4g} s: {late} of {len(motion.times)} frames of the target come later and are"
+        yield Hint("ends_early", f"{text} not compared; give it more steps, by optimizationIterations or new --frames")
     moved = list(placed(scene, motion))
     yield from moved or elsewhere(scene, motion)
     for swap in islice(changes(motion, 1), 1):

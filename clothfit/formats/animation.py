@@ -206,7 +206,8 @@ def moving(shapes: Sequence[Shape], moves: Callable[[Shape], bool], notes: list[
     """
     found = [each for each in shapes if moves(each)]
     if found and len(found) < len(shapes):
-        notes.append(f"{len(shapes) - len(found)} of its meshes do not change their shape and are left out")
+        left = len(shapes) - len(found)
+        notes.append(counted(left, "mesh keeps its shape and is left out", "meshes keep their shape and are left out"))
     return found or shapes, bool(found)
 
 

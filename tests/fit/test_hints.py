@@ -28,6 +28,14 @@ def codes(scene, motion):
     return [hint.code for hint in hints_of(scene, motion)]
 
 
+def test_a_target_that_goes_on_after_the_scene_is_named():
+    scene = sheet(frames=12)
+    (hint,) = hints_of(scene, simulate(scene.with_step(scene.delta, frames=16)))
+    assert hint.code == "ends_early"
+    assert "3 of 16 frames" in hint.text
+    assert codes(scene, simulate(scene.with_step(scene.delta, frames=13))) == []  # a frame within a step of the end
+
+
 @pytest.mark.parametrize("held", ["side", "corners", None])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_the_model_itself_gives_no_hint(held, noise):
@@ -49,7 +57,7 @@ def test_nor_does_it_by_bdf2_whose_first_step_is_half_a_step_ahead(held, damping
 
 @pytest.mark.parametrize("rate", [0.7, 1.32, 2.0])
 def test_another_clock_is_seen_in_the_fall_but_not_where_gravity_is_fitted(rate):
-    scene = sheet()
+    scene = sheet(frames=20)  # longer than the slowest of these targets
     motion = simulate(sheet(delta=0.005, frames=30, damping=0.5))
     seen = replace(motion, times=motion.times * rate)
     (hint,) = hints_of(scene, seen)

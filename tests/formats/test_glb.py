@@ -144,7 +144,7 @@ def test_meshes_that_keep_their_shape_are_left_out_beside_one_that_does_not(read
     document["meshes"].append({"primitives": [{"attributes": {"POSITION": 0}}]})
     found = read(made.container(document, numbers))
     np.testing.assert_array_equal(found.positions, [CORNERS, 2 * CORNERS])
-    assert "1 of its meshes do not change their shape" in found.notes[0]
+    assert "1 mesh keeps its shape and is left out" in found.notes[0]
 
 
 def test_round_trip_to_the_tolerance_that_is_told(read):
