@@ -8,7 +8,6 @@ import pytest
 from helpers.fits import Watching, estimate
 from helpers.scenes import changed, cloth, document, even, trial
 
-import clothfit
 from clothfit import Diverged, InvalidInput, InvalidMotion, Motion, degrade, simulate
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.fit.estimate import record_target
