@@ -78,8 +78,8 @@ class Job:
 class Outcome:
     """How a job ended."""
 
-    fit: Fit | None
-    exit_code: int
+    fit: Fit | None  # None where it failed
+    exit_code: int  # of a command that ends so
     error: str | None = None  # a sentence why there is nothing to write; None if a result can be written
     checkpointed: bool = False  # whether its checkpoint was written
 

@@ -35,7 +35,7 @@ class Needs(NamedTuple):
 
     held: int  # kept beside the states: the targets, and the arrays of the cost
     predicted: int  # in all, if every state is kept
-    budget: int
+    budget: int  # that a fit may use
     plans: dict[tuple[tuple[int, ...], int], Plan]  # by shape of the state and number of steps
 
     @property

@@ -31,11 +31,11 @@ FARTHEST_TREND = 3.0
 class Progress:
     """What a fit reports while it runs."""
 
-    evaluations: int
+    evaluations: int  # of the cost so far
     budget: int  # evaluations allowed
     cost: float  # best so far, m²
     rmse: float  # best so far, m; of what is compared
-    seconds: float
+    seconds: float  # since the fit began, without compilation
     iteration: int = 0  # changes of the parameters that were accepted so far
     step: float = np.nan  # the largest relative change of a parameter by the last of them
     stage: str = ""  # what is being done: a method, or what prepares it

@@ -142,7 +142,7 @@ def test_the_changes_of_a_nudged_motion_are_those_of_its_distances(scene):
 
 
 def test_more_values_than_are_fitted_one_by_one_are_refused_before_any_fit(folder, monkeypatch, capsys):
-    monkeypatch.setattr("clothfit.simulators.estimate.MOST", 150)
+    monkeypatch.setattr("clothfit.simulators.estimate.MOST_ELEMENTS", 150)
     monkeypatch.delattr("clothfit.simulators.estimate.Fit")
     assert run(["estimate", "sheet.json", "--simulator", "xpbd", "--model", "L"]) == 3
     assert "at most 150 values in xpbd, and this cloth has 193; use --model G" in capsys.readouterr().err
