@@ -7,9 +7,8 @@ ends in, as with colliders (`forces.contact`). What still would pass through bec
 that draw it through itself and for explicit methods, of whose steps only the forces of near pairs are part.
 
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that is
-shortened, as `step.guard` does. Where something moves, which may press into a shorter step, it is taken anew with one
-of Newton's iterations after another, as many as it may have, then with the clamped matrix too, and only then shortened,
-to a sixteenth at the least; of all lengths the one is kept that gains the least.
+shortened, as `step.guard` does. Where something moves, which may press into a shorter step, it is shortened to a
+sixteenth at the least, then taken anew with the clamped matrix, and of all that the one is kept that gains the least.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
@@ -126,19 +125,16 @@ def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
 
 def pressed(
     forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface, second: bool,
-    again: int = 0,
+    safe: bool = False,
 ) -> tuple[ActivePairs, int]:  # fmt: skip
     """Take step t of a part by the implicit method or, as a step of `second` order, by BDF2; that ends with CONTACTS
-    where pairs would pass through each other, or the energy rises. Taken `again` it has so many iterations more, and
-    when there are no more, the clamped system.
+    where pairs would pass through each other, or the energy rises. `safe`: with the clamped system.
     """
-    whole, most = forms.form(False, False), part.w.shape[1]
-    iterations = whole.newton_iterations + again
-    safe = iterations > most
+    whole = forms.form(False, False)
     x, v, after, h = part.x[t], part.velocity(t), part.x[t + 1], whole.h
     begin(whole, part, t, work)
     part.euler[t], part.clamped[t] = not second, part.clamped[t] or safe
-    system, attempted = taken_by(forms, second, safe, min(iterations, most)), attempt_second if second else attempt
+    system, attempted = bdf2.forms(forms.form(False, safe))[second], attempt_second if second else attempt
     first, pushing, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
     middle, margin = x + h * first, SEARCH_MARGIN * surface.thickness
     view, turn = pairs.around(surface, x, middle, margin), 0
@@ -152,7 +148,7 @@ def pressed(
         if not attempted(own, room, part, t, v, first, implicit.ROUGH if rough else tolerance):
             if part.clamped[t] or second:
                 return NO_PAIRS, march.REFUSED
-            system, part.clamped[t] = taken_by(forms, second, True, min(iterations, most)), True
+            system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
             continue
         if not march.finite(after):
             return NO_PAIRS, march.FAILED
@@ -173,18 +169,15 @@ def pressed(
     made = separated(system, surface, part, t, numbers)
     if not second:
         bound = whole.guarded and not (draws(whole.inputs, whole.applied) or len(surface.drawn))
-        still = guard.applies(system)
-        if bound and not still and iterations + part.clamped[t] <= most and gains(*given, False, made):
-            return pressed(forms, tolerance, work, part, t, surface, False, again + 1)
-        w, halvings = part.w[t, part.used[t] - 1], (guard.SHORTEST if still else SHORTEST) if bound else 0
-        ease(part, t, lambda: gains(*given, False, made), lambda by: shorten(by, system, x, w, after, made), halvings)
+        most = guard.SHORTEST if guard.applies(system) else SHORTEST
+        w, halvings = part.w[t, part.used[t] - 1], most if bound else 0
+        left = ease(
+            part, t, lambda: gains(*given, False, made), lambda by: shorten(by, system, x, w, after, made), halvings
+        )
+        if left and bound and not part.clamped[t]:
+            return pressed(forms, tolerance, work, part, t, surface, False, safe=True)
     # as compiled code is for arrays of one order: what NumPy picks out of columns has another
     return ActivePairs(numbers[some], np.ascontiguousarray(on[:, some]), made), march.DONE
-
-
-def taken_by(forms: Any, second: bool, safe: bool, iterations: int) -> System:
-    """The system of a step of so many iterations, of `second` order or not, clamped where that is `safe`."""
-    return bdf2.forms(forms.form(False, safe))[second]._replace(newton_iterations=iterations)
 
 
 def ease(
@@ -207,8 +200,8 @@ def ease(
 
 
 def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> None:
-    """Take Euler step t of a part, after which the energy is higher than what moves has given it, with more iterations,
-    then with the clamped system, or shorten it; for a cloth that does not touch itself.
+    """Shorten Euler step t of a part, after which the energy is higher than what moves has given it, or take it with
+    the clamped system; for a cloth that does not touch itself.
     """
 
     def gains() -> float:
@@ -217,16 +210,12 @@ def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
     def halve(by: float) -> None:
         shorten(by, own, part.x[t], part.w[t, part.used[t] - 1], part.x[t + 1], None)
 
-    own, v, most = bdf2.forms(forms.at(part, t))[0], part.velocity(t), part.w.shape[1]
-    iterations = own.newton_iterations
-    while iterations + part.clamped[t] <= most and gains():
-        iterations += 1
-        part.clamped[t] |= iterations > most
-        own = taken_by(forms, False, part.clamped[t], min(iterations, most))
-        if not attempt(own, work, part, t, v, v.copy(), tolerance):
-            part.clamped[t], own = True, taken_by(forms, False, True, min(iterations, most))
-            attempt(own, work, part, t, v, v.copy(), tolerance)  # which succeeds
-    ease(part, t, gains, halve, SHORTEST)
+    own = bdf2.forms(forms.at(part, t))[0]
+    if ease(part, t, gains, halve, SHORTEST) and not part.clamped[t]:
+        part.clamped[t], part.theta[t] = True, 1.0
+        own, v = bdf2.forms(forms.at(part, t))[0], part.velocity(t)
+        attempt(own, work, part, t, v, v.copy(), tolerance)  # which succeeds
+        ease(part, t, gains, halve, SHORTEST)
 
 
 def shorten(theta: float, system: System, x: Array, w: Array, after: Array, made: zones.Zones | None) -> None:

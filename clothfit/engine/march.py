@@ -81,8 +81,7 @@ def run(system, tolerance, work, part, start, stop):
             begun, w_t = own, velocity(part, t)
             own = guard.own_energy(system, x[t], w_t)
             more = own - begun - system.h * given_in(system, before + t - 1, w_t)
-            turns = part.w.shape[1] > system.newton_iterations  # what a mesh with a thickness stores may rise as well
-            suspect = turns or more > guard.SUSPECT * begun + guard.LEAST_RISE
+            suspect = more > guard.SUSPECT * begun + guard.LEAST_RISE
             if suspect and gain(system.inputs, system, part, t - 1, work) != 0.0:
                 return t, GAINS
     if checked < stop and shortened(system, part, stop - 1, energy) == guard.CONTACTS:

@@ -26,9 +26,6 @@ from clothfit.scene.scene import Scene
 EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
 """Values of the scene's `integrationMethod`."""
 
-MORE = 2
-"""Iterations that a step may have beyond those of the scene, at meshes with a thickness: where their surfaces turn."""
-
 record(Elements)  # of which every derivative takes a direction or a gradient
 
 
@@ -174,7 +171,7 @@ def at_rest(scene: Scene, count: int) -> collider_rows.Colliders:
     mesh that cannot be read or is not closed.
     """
     own = scene.colliders
-    more = MORE * any(each.body and each.thickness > 0 for each in own)  # convex surfaces do not turn inward
+    more = any(each.body and each.thickness > 0 for each in own)  # iterations; convex surfaces do not turn inward
     return collider_rows.build(
         [shape_of(each) for each in own],
         [(each.thickness, each.stiffness, each.friction) for each in own],

@@ -173,9 +173,8 @@ def test_derivatives_where_a_later_iteration_lets_go_of_what_an_earlier_one_met(
     [(5, False, 2), (16, False, 2), (10, True, 2), (15, True, 2), (20, True, 3), (25, True, 3)],
 )
 def test_cloths_gain_little_energy_over_a_body_that_twists_fast(tmp_path, seed, alone, method):
-    """Zones join in them, and matrices are hardly definite: so steps have more iterations, are clamped and shortened.
-    Without that the cloths that are each `alone` come to 5 kJ and 63 MJ, and to 4 % with BDF2 steps that are judged
-    by the forces at their end.
+    """Zones join in them, and matrices are hardly definite: so steps are clamped and shortened. Without that the cloths
+    that are each `alone` come to 5 kJ and 63 MJ, and to 4 % with BDF2 steps that are judged by the forces at their end.
     """
     rng = np.random.default_rng(seed)
     places, stiffnesses = 0.02 * rng.normal(size=(3, 2)), rng.uniform(60, 200, 3)
@@ -186,8 +185,7 @@ def test_cloths_gain_little_energy_over_a_body_that_twists_fast(tmp_path, seed, 
     motion = simulate(made)
     found = energies(made, motion)
     assert found.excess <= 0.01 * found.scale
-    mended = motion.remedies.clamped_steps + motion.remedies.shortened_steps > 0 or motion.steps.euler.any()
-    assert mended or rollout(build(made, 0), 60, made.tolerance)[0].used.max() > made.newton_iterations  # by more
+    assert motion.remedies.clamped_steps + motion.remedies.shortened_steps > 0 or motion.steps.euler.any()
     assert alone or [crossings(made, x) for x in motion.positions[::6]] == [0] * len(motion.positions[::6])
 
 

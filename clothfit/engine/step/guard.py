@@ -19,10 +19,10 @@ the energy after that step becomes the bound, so that no later contact gives bac
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
 wind that stays, which brings energy, while air at rest only takes it away; and where the rise is below a thousandth.
 Where inputs change over time, or a cloth is let go by what it began inside of, the work done in a step (`work`) is no
-gain: of BDF2 motions each step is compared with it, and of implicit ones at meshes with a thickness, else those after
-which the kinetic energy and that of the springs are higher by more than SUSPECT. An Euler step that gains is mended as
-where a cloth touches itself (`contact_steps`). At `colliders` that stay where they are a step ends with the contacts
-that it knows (`forces.contact`): what rises there are springs, as elsewhere.
+gain: of BDF2 motions each step is compared with it, of implicit ones those after which the kinetic energy and that of
+the springs are higher by more than SUSPECT. An Euler step that gains is mended as where a cloth touches itself
+(`contact_steps`). At `colliders` that stay where they are a step ends with the contacts that it knows
+(`forces.contact`): what rises there are springs, as elsewhere.
 """
 
 from __future__ import annotations
