@@ -56,7 +56,7 @@ SHOTS = (
     Shot("mujoco-flag", "MuJoCo 4.0", "A sheet held at an edge that waves"),
     Shot("newton-skirt", "Newton 1.8, VBD", "A skirt on a waist that turns"),
     Shot("mujoco-ball", "MuJoCo 4.0", "A sheet falls on a ball"),
-    Shot("blender-wind-2", "Blender 4.2", "A sheet in Blender's wind"),
+    Shot("blender-wind-2", "Blender 4.5", "A sheet in Blender's wind"),
     Shot("newton-wind", "Newton 1.8, VBD", "A sheet in wind"),
     Shot("bullet-flag", "Bullet 3", "A sheet held at a waved edge, position based"),
 )
