@@ -72,7 +72,7 @@ PARTS = {
     "Scene": ("scene.scene.Sphere",),
     "Control": ("control.control.Reached",),
     "Forces": ("scene.forces.Regulator",),
-    "FitOptions": tuple(f"fit.options.{name}" for name in ("Comparison", "Capture", "Freedom", "Effort")),
+    "FitOptions": tuple(f"fit.options.{name}Options" for name in ("Comparison", "Capture", "Model", "Search")),
     "Observer": ("optimise.progress.Progress", "fit.hints.Hint", "objective.memory_needs.Needs"),
     "Fit": ("fit.result.FittedBlock", "fit.result.Verdict", "fit.result.Scatter", "fit.holdout.HeldOut"),
     "estimate_many": ("many.estimate_many.Result", "many.job.Outcome"),

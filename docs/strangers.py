@@ -115,7 +115,6 @@ def write_sequence(arrays: Any, name: str) -> None:
 
 def clothfit(*words: str) -> dict[str, Any]:
     """Run a command; what it says as JSON. Its end without reaching a tolerance (5) is no failure."""
-    FILMS.mkdir(exist_ok=True)
     print("$ clothfit", shlex.join(words)[:150], flush=True)
     command = [sys.executable, "-m", "clothfit", *words, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -156,6 +155,7 @@ def small(film: Path, path: Path) -> None:
 def main() -> None:
     """Fit all shots that are there, and write their films, their figures and the page."""
     source = Path(sys.argv[1]).resolve()
+    FILMS.mkdir(exist_ok=True)
     known: dict[str, Any] = json.loads(FIGURES.read_text("utf-8")) if FIGURES.exists() else {}
     for shot in SHOTS:
         if sys.argv[2:] and shot.name not in sys.argv[2:]:

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 Origin: TypeAlias = tuple[Sequence[str], Sequence[tuple[str, str]]]
 """Of a page: the commands that make it, and name and SHA-256 of each input."""
 
-SPELLED = {"True": "yes", "False": "no"}
 SILENT = ("quiet", "verbose", "as_json")
 """Parameters of a command that change no result."""
 
@@ -164,9 +163,10 @@ def command_line(context: click.Context) -> str:
         value = context.params.get(name)
         if name in SILENT or value in (None, (), parameter.default) or (value is False and not parameter.default):
             continue
-        given = [SPELLED.get(str(each), str(each)) for each in (value if isinstance(value, tuple) else (value,))]
+        values = value if isinstance(value, tuple) else (value,)
+        given = [str(each) for each in values]
         if isinstance(parameter, Setting):
-            options += [part for each in given for part in ("--set", f"{parameter.key}={each}")]
+            options += [part for each in values for part in ("--set", parameter.assigned(each))]
         elif isinstance(parameter, click.Option):
             option = parameter.opts[0]
             options += [option] if value is True else [part for each in given for part in (option, each)]

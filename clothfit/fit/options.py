@@ -52,7 +52,7 @@ little there. Values over time bring a motion much nearer, and there are many of
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class ComparisonOptions:
     """What a fit compares.
 
     A cost of one's own as `objective` takes a `Motion` of F frames and N vertices and returns the cost, at least 0, and
@@ -70,7 +70,7 @@ class Comparison:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Capture:
+class CaptureOptions:
     """What a fit finds out of a target besides the values; `Fit.registration` and `Fit.markers` say what that was.
 
     Fixed vertices that move in the target, by more than noise, follow it, and `Fit.scene` has pins for them; in windows
@@ -85,7 +85,7 @@ class Capture:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Freedom:
+class ModelOptions:
     """What may change. By Gauss–Newton the values of one kind scatter around those of a fabric, as widely as the data
     say, or as `prior` says around the start. Substeps are by the scene's integrator or by BDF2, whichever comes nearer;
     `Fit.scene` has the step with which it is to be played.
@@ -99,7 +99,7 @@ class Freedom:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effort:
+class SearchOptions:
     """How far a fit goes. With a `checkpoint` a fit that was killed goes on from there when `resume` is true;
     `max_evaluations` and `rmse` may differ then. Where matrices do not fit into `memory`, another method takes over,
     with a warning.
@@ -115,9 +115,9 @@ class Effort:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitOptions(Effort, Freedom, Capture, Comparison):
-    """The options of `clothfit.estimate`: what is compared (`Comparison`), what is known of the capture (`Capture`),
-    what may change (`Freedom`), and how far the fit goes (`Effort`).
+class FitOptions(SearchOptions, ModelOptions, CaptureOptions, ComparisonOptions):
+    """The options of `clothfit.estimate`: what is compared (`ComparisonOptions`), what is found out of the capture
+    (`CaptureOptions`), what may change (`ModelOptions`), and how far the fit goes (`SearchOptions`).
     """
 
     def __post_init__(self) -> None:
@@ -158,10 +158,6 @@ class Request(FitOptions):
             from clothfit.scene.bounds import from_user
 
             from_user(self.bounds)
-        if not callable(self.objective):
-            from clothfit.objective.comparison import loss_named
-
-            loss_named(self.loss, self.loss_scale)
         if self.max_evaluations < 1:
             raise InvalidInput(f"max_evaluations: {self.max_evaluations} evaluations are too few, at least 1 is needed")
         if self.model is not None and self.model not in MODELS:
@@ -185,7 +181,10 @@ class Request(FitOptions):
 
     def checked(self) -> Request:
         """The same with the tolerance and the bytes that None stands for. Raises InvalidInput."""
+        from clothfit.objective.comparison import loss_named
+
         self.check()
+        loss_named(self.loss, self.loss_scale)
         tolerance = checked_tolerance(self.tolerance, FIT_TOLERANCE)
         return replace(self, tolerance=tolerance, memory=memory.budget(self.memory))
 

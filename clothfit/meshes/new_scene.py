@@ -28,7 +28,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import meant
 from clothfit.formats.animation import unused
 from clothfit.meshes.mesh import Mesh, object_document
-from clothfit.scene.cloth import ELSEWHERE, SPHERE
+from clothfit.scene.cloth import ELSEWHERE, sphere_document, vector_document
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.kinds import AIR, AUTO, CLOTH_KINDS, EDITORS, INTEGRATORS, KIND, KINDS, LETTERED, PLATE, SCENE_KINDS
 from clothfit.scene.mesh_numbering import FIELD, NAME
@@ -121,12 +121,10 @@ def new_scene(
         "optimizationIterations": frames,
         "objects": [cloth],
         "colliders": [
-            {"type": SPHERE, "pos": _vector(centre), "rot": _vector((0, 0, 0)), "scale": _vector((2 * radius,) * 3)}
-            | ({"friction": KIND["friction"].neutral[0]} if auto else {})
-            for *centre, radius in spheres
-        ]
-        + [dict(each) | ({"friction": KIND["friction"].neutral[0]} if auto else {}) for each in colliders],
-        "windVel": _vector(wind),
+            dict(each) | ({"friction": KIND["friction"].neutral[0]} if auto else {})
+            for each in (*map(sphere_document, spheres), *colliders)
+        ],
+        "windVel": vector_document(wind),
         "printTimes": False,
         "forwardSubSteps": 1 if made is None or integrator != "bdf2" else 2,  # one leaves out what their push does
         "title": title,
@@ -181,11 +179,6 @@ def _flags(fits: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     asked = [(kind, fits[kind.name]) for kind in others if kind.name in fits]
     own = {kind.field: mode for kind, mode in asked if kind in CLOTH_KINDS}
     return own, {kind.field: mode for kind, mode in asked if kind in SCENE_KINDS}
-
-
-def _vector(xyz: Sequence[float]) -> dict[str, float]:
-    x, y, z = map(float, xyz)
-    return {"x": x, "y": y, "z": z}
 
 
 def text(document: dict[str, Any]) -> str:
@@ -251,7 +244,7 @@ def fields(
         vector = np.asarray(warp, float)
         if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
             raise InvalidInput(f"warp: {list(warp)} is not a direction; give three finite numbers that are not all 0")
-        made["warp"] = _vector(vector.tolist())
+        made["warp"] = vector_document(vector.tolist())
     named = _regions(mesh, regions)
     if named:
         made["regions"] = [{"name": name, "vertices": own.tolist()} for name, own in named.items()]

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import hypot, sqrt
@@ -298,6 +298,19 @@ def together(cloths: Sequence[Cloth]) -> Cloth:
 def vector(item: Mapping[str, Any]) -> Array:
     """The array (3,) of a vector in the file."""
     return np.array([item["x"], item["y"], item["z"]], dtype=np.float64)
+
+
+def vector_document(xyz: Iterable[float]) -> dict[str, float]:
+    """A vector as a file has it."""
+    x, y, z = map(float, xyz)
+    return {"x": x, "y": y, "z": z}
+
+
+def sphere_document(sphere: Sequence[float]) -> dict[str, Any]:
+    """The collider of a sphere (x, y, z, radius), m, as a file has it."""
+    *centre, radius = sphere
+    place, turn, size = map(vector_document, (centre, (0, 0, 0), (2 * radius,) * 3))
+    return {"type": SPHERE, "pos": place, "rot": turn, "scale": size}
 
 
 def obstacles(

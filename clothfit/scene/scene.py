@@ -27,7 +27,8 @@ from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
-from clothfit.scene.cloth import PLANE, SPHERE, Cloth, Collider, SelfContact, Sphere, layout_of, obstacles, self_contact
+from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, layout_of, obstacles, self_contact
+from clothfit.scene.cloth import sphere_document as _sphere
 from clothfit.scene.cloth import vector as _vector
 from clothfit.scene.forces import Forces, check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
@@ -270,15 +271,13 @@ class Scene(checks.ReadOnly):
         for each in map(_document, others):
             for name in ("objects", "colliders"):
                 document[name] = [*document.get(name, ()), *each.get(name, ())]
-        balls = [{"type": SPHERE, "pos": _plain_vector(place), "rot": _plain_vector(np.zeros(3)),
-                  "scale": _plain_vector(np.full(3, 2 * radius))} for *place, radius in spheres]  # fmt: skip
-        document["colliders"] = [*document.get("colliders", ()), *balls]
+        document["colliders"] = [*document.get("colliders", ()), *map(_sphere, spheres)]
         for name, value in fields.items():
             if (own := IN_FILE.get(name, name)) not in structure.fields("scene"):
                 raise InvalidScene(f"there is no field {name!r}", self.name)
             if (vector := name in ("wind", "gravity")) and np.shape(value) != (3,):
                 raise InvalidScene(f"{name}: three numbers are needed", self.name)
-            document[own] = _plain_vector(value) if vector else value
+            document[own] = vectors(np.array([value], float))[0] if vector else value
         return replace(load(document, folder=self.folder), name=self.name)
 
 
@@ -295,9 +294,6 @@ def _document(scene: Scene) -> dict[str, Any]:
     return found
 
 
-def _plain_vector(value: npt.ArrayLike) -> dict[str, float]:
-    """A vector as a file has it."""
-    return dict(zip("xyz", np.asarray(value, float).tolist(), strict=True))
 
 
 def check_is_scene(scene: object) -> None:

@@ -26,6 +26,11 @@ USAGE = [
     ("simulate scene.json --steps", "option '--steps' requires an argument"),
     ("target scene.json --quiet=3", "option '--quiet' does not take a value"),
     ("simulate scene.json --feedback", "--feedback goes with --forces only"),
+    ("simulate scene.json --set", "option '--set' requires an argument"),
+    ("simulate scene.json --set=", "--set: there is no ''"),
+    ("estimate scene.json --set lose=huber", "--set: there is no 'lose'; did you mean loss? (see clothfit estimate"),
+    ("estimate scene.json --set loss", "--set loss: write its value too, as in loss=…"),
+    ("estimate scene.json --set target=t.npz", "--set target: this is an option of its own, --target"),
     # slips of the pen
     ("estimat scene.json", "no such command 'estimat'; did you mean estimate? (see clothfit --help)"),
     ("Evaluate scene.json", "no such command 'Evaluate'; did you mean evaluate? (see clothfit --help)"),

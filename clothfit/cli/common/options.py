@@ -64,6 +64,10 @@ class Setting(click.Option):
             raise InvalidInput(f"--set {self.key} is yes or no; {value!r} was given")
         return self.opts[:1] if YES_OR_NO[value.lower()] else self.secondary_opts[:1]
 
+    def assigned(self, value: object) -> str:
+        """NAME=VALUE."""
+        return f"{self.key}={('no', 'yes')[value] if isinstance(value, bool) else value}"
+
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """What the help says of it."""
         other = "no" if self.default is True else "yes"
@@ -288,17 +292,15 @@ class ExamplesFirst(click.Command):
                 made += [word, *words]
             elif option != "--set" or not self.settings:
                 made.append(word)
-            elif text := value if equals else next(words, ""):
-                made += self.set_words(text, ctx)
             else:
-                made.append(word)
+                text = value if equals else next(words, None)
+                made += [word] if text is None else self.set_words(text, ctx)
         return super().parse_args(ctx, made)
 
     def set_words(self, text: str, ctx: click.Context) -> list[str]:
         """The words that NAME=VALUE stands for. Raises UsageError where nothing has that name."""
         name, equals, value = text.partition("=")
-        known = {option.lstrip("-").replace("-", "_"): each for each in self.settings.values() for option in each.opts}
-        own = known.get(name.replace("-", "_"))
+        own = self.settings.get(name.replace("-", "_"))
         if own is not None and equals:
             return own.words(value)
         if ctx.resilient_parsing:
@@ -307,7 +309,7 @@ class ExamplesFirst(click.Command):
             raise click.UsageError(f"--set {name}: write its value too, as in {own.key}=…", ctx)
         if f"--{name}" in {option for each in self.params for option in each.opts}:
             raise click.UsageError(f"--set {name}: this is an option of its own, --{name}", ctx)
-        raise click.UsageError(f"--set: there is no {name!r}{meant(name, tuple(known))}", ctx)
+        raise click.UsageError(f"--set: there is no {name!r}{meant(name, tuple(self.settings))}", ctx)
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the text: summary, examples, rest."""

@@ -89,8 +89,7 @@ class Pictures:
             f"{fit.status}: RMSE {metres(fit.rmse)} over {fit.frames} frames, "
             f"{counted(fit.evaluations, 'evaluation', 'evaluations')} in {fit.seconds:.1f} s"
         )
-        self.drawn("estimation", (over, title, history, float(fitted)), console)
-        self.animated(over.scene, over.times, over.own, over.goal, console)
+        self._compared("estimation", over, (title, history, float(fitted)), console)
 
     def evaluated(
         self, truth: Scene, fitted: Scene, target: Motion | None, horizon: int, report: Evaluation, console: Console
@@ -106,22 +105,26 @@ class Pictures:
             f"{metres(report.horizon.rmse)} over {report.horizon.frames}"
         )
         ends = (truth.delta * (truth.frames - 1), float(over.times[-1]))
-        self.drawn("evaluation", (over, truth, title, min(ends), ends[1]), console)
-        self.animated(fitted, over.times, over.own, over.goal, console)
+        self._compared("evaluation", over, (truth, title, min(ends), ends[1]), console)
 
     def fitted(
         self, truth: Scene, fitted: Scene, target: Motion | None, frames: int, log: Log, console: Console
     ) -> None:
         """Draw a fitted scene over its target, or over that of the true scene, with the course that a log knows."""
+        import numpy as np
+
         from clothfit.evaluation.evaluate import overlaid
         from clothfit.optimise.progress import Progress
 
         over = overlaid(truth, fitted, target, frames)
-        seen = over.rmse[over.rmse == over.rmse]
-        title = f"RMSE {metres(float((seen**2).mean() ** 0.5))} over {counted(len(seen), 'frame', 'frames')}"
+        seen = over.rmse[np.isfinite(over.rmse)]
+        title = f"RMSE {metres(float(np.sqrt((seen**2).mean())))} over {counted(len(seen), 'frame', 'frames')}"
         history = [Progress(at.evaluations, 0, at.cost, at.rmse, at.seconds) for at in log.points]
-        self.drawn("estimation", (over, title, history, truth.delta * (truth.frames - 1)), console)
-        self.animated(fitted, over.times, over.own, over.goal, console)
+        self._compared("estimation", over, (title, history, truth.delta * (truth.frames - 1)), console)
+
+    def _compared(self, name: str, over: Overlay, rest: tuple[Any, ...], console: Console) -> None:
+        self.drawn(name, (over, *rest), console)
+        self.animated(over.scene, over.times, over.own, over.goal, console)
 
     def drawn(self, name: str, what: tuple[Any, ...], console: Console) -> None:
         """Draw the picture, where it is asked for, by that function of `plots`."""
