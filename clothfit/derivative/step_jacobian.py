@@ -136,7 +136,7 @@ def offset(system, x, v, w, u, later, y, s):
     that the forces' model is for.
     """
     if system.method == IMPLICIT:
-        implicit.offset(system.h, x, w, u, later, y, s)
+        implicit.offset(system, x, w, u, later, y, s)
         return u, w
     copy(x, y)
     s[:] = 0.0

@@ -239,7 +239,7 @@ def hits(colliders, vertex, x, v, x_new):
                 continue
             depth, _, _, n, _, point = collider_rows.contact(colliders, x_new, i, c)
             if vertex.free[i] and depth > 0.0 and collider_rows.contact(colliders, x, i, c)[0] <= 0.0:
-                V = collider_rows.surface_velocity(colliders, x_new, i, c, point)
+                V = collider_rows.surface_velocity(colliders, load3(x_new, i), c, point)
                 towards = min(dot(n, sub(load3(v, i), V)), 0.0)
                 stopped += vertex.mass[i] * towards * towards
     return stopped > HIT * whole

@@ -41,10 +41,10 @@ def power(euler, inner, part, t, second, work):
         x_before, v_before = state_before(part, t)
         bdf2.extrapolate(inner.h, x, v, x_before, v_before, work)
         u = work.u if last == 0 else w[last - 1]
-        implicit.offset(inner.h, work.x_base, w[last], u, True, work.y, work.s)
+        implicit.offset(inner, work.x_base, w[last], u, True, work.y, work.s)
         return of_forces(inner, part.first + t, euler.h, work.v_base, u, w[last], work)
     u = v if last == 0 else w[last - 1]
-    implicit.offset(euler.h, x, w[last], u, last > 0, work.y, work.s)
+    implicit.offset(euler, x, w[last], u, last > 0, work.y, work.s)
     return of_forces(euler, part.first + t, euler.h, v, u, w[last], work)
 
 

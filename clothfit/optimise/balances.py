@@ -170,8 +170,9 @@ def active_rows(system: System, colliders: collider_rows.Colliders, x: Array, v:
     for t in range(steps):
         set_inputs(system.inputs, system, t)
         y = begun(system, x, v, t)
-        depth, normal = collider_rows.depths(colliders, y)
-        met[t] = ((depth <= 0) & (depth > np.einsum("cni,ni->cn", normal, x[t + 1] - y))).any(axis=0)
+        collider_rows.begin(colliders, y, 0.0 if system.method == BDF2 and t else system.h)
+        depth, left = collider_rows.depths_along(colliders, y, np.ascontiguousarray(x[t + 1]))
+        met[t] = ((depth <= 0) & (left > 0)).any(axis=0)
     return met
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import boxes, triangle
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, pack, splat, store3, sub, where_less
@@ -40,6 +40,7 @@ class Bodies(NamedTuple):
     vertex: Indices  # (B + 1,), the first vertex of each mesh
     triangle: Indices  # (B + 1,), the first triangle
     node: Indices  # (B + 1,), the first node
+    moves: Flags  # (B,), whether their vertices go their own way
     last: Indices  # (B, n), the nearest triangle of each vertex of the cloth when it was last asked for
 
 
@@ -72,7 +73,8 @@ def build(surfaces: list[Surface], count: int) -> Bodies:
     last = np.repeat(face[:-1, None], count, axis=1)
     made = Bodies(
         place, np.zeros_like(place), corners, np.concatenate(across).astype(np.int32), np.zeros((len(corners), 3)),
-        np.zeros_like(place), whole, vertex, face, node, last,
+        np.zeros_like(place), whole, vertex, face, node,
+        np.zeros(len(surfaces), bool), last,
     )  # fmt: skip
     for b in range(len(surfaces)):
         arrange(made, b)
@@ -81,7 +83,7 @@ def build(surfaces: list[Surface], count: int) -> Bodies:
 
 def copied(bodies: Bodies) -> Bodies:
     """The same bodies with memory of their own for what changes."""
-    own = {name: getattr(bodies, name).copy() for name in ("place", "velocity", "face", "corner", "last")}
+    own = {name: getattr(bodies, name).copy() for name in ("place", "velocity", "face", "corner", "moves", "last")}
     return bodies._replace(**own, tree=bodies.tree._replace(box=bodies.tree.box.copy()))
 
 

@@ -5,12 +5,16 @@ A vertex at the signed distance δ < d₀ from the surface (`surfaces`), d₀ th
 the outward normal n, the collider goes past it at y with the velocity V = ċ + W (y − c), W p = ω × p + S p with the
 rate S at which it stretches. There dV = W dy, from `surfaces` and `bodies` dδ = n·dy and dn = H dy, H = k P + j t tᵀ,
 and ∂F/∂c = −∂F/∂y. The surface of a mesh may also go its own way, which is then a part of V and of dV.
+
+A step that is linearised where it begins, at x, finds colliders where they are at its end. As if they stayed there, and
+the cloth came to meet them, it takes a vertex at the point p that x comes to if it goes with the collider, by
+V = (p − x)/h: so the depth is that before the step, with its friction, and the surface the one that x lies on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from math import cos, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +40,9 @@ box, m; how fast it stretches along its axes, 1/s; d₀, m, κ, N/m, and μ; the
 
 STATE = 8
 """Rows that change as a collider moves."""
+
+NOWHERE = (-1, 0)
+"""Triangle and part of a collider that is no mesh."""
 
 CUTS = 12
 """Times that a way is cut to two thirds of it, to see whether it leads through a collider."""
@@ -63,6 +70,8 @@ class Colliders(NamedTuple):
     on: Flags  # (N, C n), contacts that each iteration of a step only ends in (`contact.update_active`)
     turn: Indices  # (1,), the iteration that is computed
     depth: Array  # (C n,), m, of each vertex at most, where the step was linearised; inf before that
+    span: Array  # (1,), h, s, of a step that is linearised where it begins, else 0
+    point: Array  # (C n, 3), m, p of each vertex in such a step
     bodies: meshes.Bodies  # the meshes
     begin: Array  # (C, n, 4), d, m, and n of each vertex at the start, 0 where it may be pushed at once; or (0, 0, 4)
     release: Array  # (C,), s, in which what begins inside leaves
@@ -103,7 +112,8 @@ def build(
     on, turn = np.zeros((iterations, len(shape) * count), bool), np.zeros(1, np.int32)
     times = np.array(release if len(release) else np.zeros(len(shape)), float)
     depth = np.full(on.shape[1], np.inf)
-    return Colliders(rows, on, turn, depth, bodies or meshes.build([], count), NOBODY, times)
+    span, point = np.zeros(1), np.zeros((on.shape[1], 3))
+    return Colliders(rows, on, turn, depth, span, point, bodies or meshes.build([], count), NOBODY, times)
 
 
 def released(colliders: Colliders, vertex: Vertex, x0: Array) -> Colliders:
@@ -122,7 +132,8 @@ def released(colliders: Colliders, vertex: Vertex, x0: Array) -> Colliders:
 
 @kernel(absent=None)
 def let_go(colliders, time):
-    """Set what is left of what colliders hold at a time, s, from the start: it goes smoothly to 0."""
+    """Set what is left of what colliders hold at a time, s, from the start: it goes smoothly to 0; no step begins."""
+    colliders.span[0] = 0.0
     if len(colliders.begin) > 0:
         for c in range(len(colliders.rows)):
             colliders.rows[c, SHAPE, 2] = remaining(time, colliders.release[c])
@@ -142,7 +153,7 @@ def held(colliders, c, i):
 
 def copied(colliders: Colliders) -> Colliders:
     """The same colliders with memory of their own for what changes."""
-    own = {name: getattr(colliders, name).copy() for name in ("rows", "on", "turn", "depth")}
+    own = {name: getattr(colliders, name).copy() for name in ("rows", "on", "turn", "depth", "span", "point")}
     return colliders._replace(**own, bodies=meshes.copied(colliders.bodies))
 
 
@@ -151,8 +162,14 @@ def contact(colliders, y, i, c):
     """Depth d (0 or less: no contact), k, j, n and t of vertex i at collider c, and where on a mesh that is: triangle,
     part and weights.
     """
+    return touched(colliders, load3(y, i), i, c)
+
+
+@kernel
+def touched(colliders, p, i, c):
+    """The same of a vertex at p (lanes)."""
     own = colliders.rows[c]
-    delta, k, j, n, t, point = measured(colliders.bodies, own, i, load3(y, i))
+    delta, k, j, n, t, point = measured(colliders.bodies, own, i, p)
     return own[LAW, THICKNESS] - held(colliders, c, i) - delta, k, j, outward(own, n), outward(own, t), point
 
 
@@ -194,10 +211,99 @@ def count(colliders, y):
 def row(colliders, y, k):
     c = k // len(y)
     i = k - c * len(y)
-    depth, curve, bend, n, t, point = contact(colliders, y, i, c)
+    p = place(colliders, y, k)
+    depth, curve, bend, n, t, point = touched(colliders, p, i, c)
     kappa, mu = colliders.rows[c, LAW, STIFFNESS], colliders.rows[c, LAW, FRICTION]
-    V = surface_velocity(colliders, y, i, c, point)
+    if is_carried(colliders, c):
+        away = sub(p, load3(colliders.rows[c], PLACE))
+        V = stretched(colliders.rows[c], away, mul(splat(-1.0 / colliders.span[0]), behind(colliders, y, k)))
+    else:
+        V = surface_velocity(colliders, p, c, point)
     return (i, i, i, i), (1.0, 0.0, 0.0, 0.0), n, depth, kappa, mu, V, (c, 1.0, curve, bend, t, point)
+
+
+@kernel
+def level(colliders, y, k):
+    """κ, and how deep a vertex is at y, wherever the step is linearised."""
+    c = k // len(y)
+    return colliders.rows[c, LAW, STIFFNESS], contact(colliders, y, k - c * len(y), c)[0]
+
+
+@kernel
+def place(colliders, y, k):
+    """Where a vertex is linearised."""
+    return load3(colliders.point, k) if colliders.span[0] > 0.0 else load3(y, k % len(y))
+
+
+@kernel
+def behind(colliders, y, k):
+    """How far y is behind that."""
+    return sub(load3(y, k % len(y)), place(colliders, y, k))
+
+
+@kernel(absent=None)
+def begin(colliders, x, h):
+    """Linearise where a step begins, at x (n, 3), that is h long; with 0 at y, wherever that is."""
+    colliders.span[0] = h
+    if h > 0.0:
+        for k in range(count(colliders, x)):
+            c = k // len(x)
+            i = k - c * len(x)
+            store3(carried(colliders, c, i, load3(x, i))[0], colliders.point, k)
+
+
+@kernel
+def carried(colliders, c, i, x_i):
+    """Where vertex i comes to that is at x_i and goes with collider c; and of a mesh that changes the triangles, and
+    the parts of them, that were looked for to find with which it goes, else −1.
+    """
+    own, bodies, h = colliders.rows[c], colliders.bodies, colliders.span[0]
+    if not moves(own, bodies):
+        return x_i, (NOWHERE, NOWHERE, NOWHERE)
+    centre = load3(own, PLACE)
+    base = add(centre, turned(own, sub(fma(splat(h), load3(own, VELOCITY), x_i), centre), h))
+    if own[SHAPE, 0] != MESH or not bodies.moves[int(own[SHAPE, 1])]:
+        return base, (NOWHERE, NOWHERE, NOWHERE)
+    p, first = followed(bodies, own, i, base, base, h)
+    p, second = followed(bodies, own, i, base, p, h)
+    p, third = followed(bodies, own, i, base, p, h)
+    return p, (first, second, third)
+
+
+@kernel
+def followed(bodies, own, i, base, p, h):
+    """Where vertex i comes to from `base` with the point of a changing mesh that is nearest to p; and that's triangle
+    and part.
+    """
+    f, part, wb, wc = meshes.nearest(bodies, int(own[SHAPE, 1]), i, seen(own, p))
+    return fma(splat(h), outward(own, meshes.drift(bodies, f, wb, wc)), base), (f, part)
+
+
+@kernel
+def is_carried(colliders, c):
+    """Whether collider c takes vertices to where the step is linearised."""
+    return colliders.span[0] > 0.0 and moves(colliders.rows[c], colliders.bodies)
+
+
+@kernel
+def moves(own, bodies):
+    """Whether a collider moves or turns in the step, or its mesh changes."""
+    if own[SHAPE, 0] == MESH and bodies.moves[int(own[SHAPE, 1])]:
+        return True
+    V, W = load3(own, VELOCITY), load3(own, SPIN)
+    return dot(V, V) + dot(W, W) > 0.0
+
+
+@kernel
+def turned(own, v, h):
+    """v turned as a collider turns in h (Rodrigues' formula)."""
+    omega = load3(own, SPIN)
+    square = dot(omega, omega)
+    if square == 0.0:
+        return v
+    angle, about = sqrt(square) * h, cross(omega, v)
+    more = mul(splat((1.0 - cos(angle)) / square), cross(omega, about))
+    return add(v, fma(splat(sin(angle) / sqrt(square)), about, more))
 
 
 @kernel
@@ -211,7 +317,7 @@ def most(colliders, y, k):
         reach = max(size[0], size[1]) + 0.5 * size[2]
     else:
         return np.inf
-    away = sub(load3(y, k % len(y)), load3(own, PLACE))
+    away = sub(place(colliders, y, k), load3(own, PLACE))
     return WIDER * reach + own[LAW, THICKNESS] - sqrt(dot(away, away))
 
 
@@ -224,13 +330,13 @@ def is_far(colliders, k, way):
 
 @kernel
 def knows(colliders, y, k, found, way):
-    """Whether a step by `way` from y_i knows a vertex: inside, met, or about to enter, seen from where it is."""
+    """Whether a step by `way` knows a vertex: inside, met, or about to enter, seen from where it is linearised."""
     (i, _, _, _), _, n, depth, _, _, _, more = found
     if depth > 0.0 or colliders.on[colliders.turn[0], k]:
         return True
     if depth - dot(n, way) <= 0.0:
         return False
-    c, y_i = more[0], load3(y, i)
+    c, y_i = more[0], place(colliders, y, k)
     bodies, own, slack = colliders.bodies, colliders.rows[c], held(colliders, c, i)
     least = own[LAW, THICKNESS] - slack
     if own[SHAPE, 0] != MESH:
@@ -260,8 +366,8 @@ def is_reached(colliders, k, free, y, end, least):
 
 @kernel
 def deeper(colliders, i, c, y, end, least):
-    """Whether vertex i ends deeper in collider c than that: distances fall no faster than it goes from y on."""
-    depth, way = colliders.depth[c * len(y) + i], sub(load3(end, i), load3(y, i))
+    """Whether vertex i ends deeper in collider c than that: distances fall no faster than it goes on."""
+    depth, way = colliders.depth[c * len(y) + i], sub(load3(end, i), place(colliders, y, c * len(y) + i))
     if depth <= least and dot(way, way) <= (least - depth) * (least - depth):
         return False
     return contact(colliders, end, i, c)[0] > least
@@ -272,14 +378,15 @@ def may_change(colliders, k, found, presses, at, end, h):
     """Whether a vertex is outside where the step is linearised, and not known for any other reason than that it is met.
     """
     on = colliders.on[colliders.turn[0], k]
-    return found[3] <= 0.0 and (on or not knows(colliders, at[1], k, found, led_by(found, at, h)))
+    return found[3] <= 0.0 and (on or not knows(colliders, at[1], k, found, led_by(colliders, k, at, h)))
 
 
 @kernel
-def led_by(found, at, h):
-    """h u of a vertex, or 0 where the step is linearised ahead; `at` as for `contact.update_active`."""
-    (i, _, _, _), (x, y, u, _) = found[0], at
-    return fma(splat(h), load3(u, i), sub(load3(x, i), load3(y, i)))
+def led_by(colliders, k, at, h):
+    """From where a vertex is linearised to where u leads it; `at` as for `contact.update_active`."""
+    x, y, u, _ = at
+    i = k % len(x)
+    return fma(splat(h), load3(u, i), sub(load3(x, i), place(colliders, y, k)))
 
 
 @kernel
@@ -287,9 +394,9 @@ def pass_on(colliders, k, free, at, h, end):
     """Whether a vertex presses, and is outside at its end."""
     found = row(colliders, at[1], k)
     (i, _, _, _), _, n, depth, _, _, _, more = found
-    if not (free[i] and knows(colliders, at[1], k, found, led_by(found, at, h))):
+    if not (free[i] and knows(colliders, at[1], k, found, led_by(colliders, k, at, h))):
         return False
-    presses = depth - dot(n, sub(load3(end, i), load3(at[1], i))) > 0.0
+    presses = depth - dot(n, sub(load3(end, i), place(colliders, at[1], k))) > 0.0
     return presses and contact(colliders, end, i, more[0])[0] <= 0.0
 
 
@@ -297,20 +404,31 @@ def pass_on(colliders, k, free, at, h, end):
 def changes(colliders, y, found, dy, direction):
     (i, _, _, _), _, n, _, _, _, _, (c, _, curve, bend, t, point) = found
     offset = offset_of(direction)
-    dy_i = sub(load3(dy, i), offset)
+    away = sub(load3(dy, i), offset)
+    dy_i = carried_change(colliders, c, i, y, away)
     dn = fma(splat(curve), across(n, dy_i), mul(splat(bend * dot(t, dy_i)), t))
-    dV = surface_change(colliders.bodies, colliders.rows[c], point, dy_i)
-    return (0.0, 0.0, 0.0, 0.0), dn, dot(n, dy_i) + held_change(colliders, c, i, offset), dV, 0.0
+    lag, own = sub(away, dy_i), colliders.rows[c]
+    if is_carried(colliders, c):
+        dV = stretched(own, dy_i, mul(splat(-1.0 / colliders.span[0]), lag))
+    else:
+        dV = surface_change(colliders.bodies, own, point, dy_i)
+    ddelta = dot(n, dy_i) + held_change(colliders, c, i, offset)
+    return (0.0, 0.0, 0.0, 0.0), dn, ddelta, dV, 0.0, lag
 
 
 @kernel
 def add_back(colliders, found, vectors, by_law, at, h, grad, gy):
     (i, _, _, _), _, n, _, _, _, _, (c, _, curve, bend, t, point) = found
-    by_n, by_U, _, by_Z, _ = vectors
+    by_n, by_U, by_S, by_Z, _ = vectors
     own = colliders.rows[c]
     by_y = fma(splat(curve), across(n, by_n), mul(splat(bend * dot(t, by_n)), t))
-    by_y = sub(by_y, surface_gradient(colliders.bodies, own, point, add(by_U, by_Z)))
-    by_y = fma(splat(by_law[0]), n, by_y)
+    by_y, by_V = fma(splat(by_law[0]), n, by_y), add(by_U, by_Z)  # but for the sign
+    if is_carried(colliders, c):
+        lag = fma(splat(1.0 / colliders.span[0]), by_V, by_S)
+        by_p = sub(sub(by_y, stretched(own, by_V, splat(0.0))), lag)
+        by_y = add(lag, carried_gradient(colliders, c, i, at[0], by_p))
+    else:
+        by_y = sub(by_y, surface_gradient(colliders.bodies, own, point, by_V))
     add_along(gy, i, h, by_y)
     if len(grad.offset) > 0:
         grad.offset[0] -= h * lane0(by_y)
@@ -319,6 +437,33 @@ def add_back(colliders, found, vectors, by_law, at, h, grad, gy):
         if len(colliders.begin) > 0:
             for axis in range(3):  # what is held begins deeper
                 grad.offset[axis] += h * by_law[0] * own[SHAPE, 2] * colliders.begin[c, i, 1 + axis]
+
+
+@kernel
+def carried_change(colliders, c, i, y, dy):
+    """The change of where vertex i is linearised for one of y, both less than how far the colliders are moved."""
+    if not is_carried(colliders, c):
+        return dy
+    h, own, bodies = colliders.span[0], colliders.rows[c], colliders.bodies
+    feet, dy = carried(colliders, c, i, load3(y, i))[1], turned(own, dy, h)
+    dp = dy
+    for f, part in feet:
+        if f >= 0:
+            dp = fma(splat(h), outward(own, meshes.drift_change(bodies, f, part, inward(own, dp))), dy)
+    return dp
+
+
+@kernel
+def carried_gradient(colliders, c, i, y, by_p):
+    """The transpose."""
+    h, own, bodies = colliders.span[0], colliders.rows[c], colliders.bodies
+    feet = carried(colliders, c, i, load3(y, i))[1]
+    by_y = by_p
+    for f, part in (feet[2], feet[1], feet[0]):
+        if f >= 0:
+            by_p = mul(splat(h), outward(own, meshes.drift_gradient(bodies, f, part, inward(own, by_p))))
+            by_y = add(by_y, by_p)
+    return turned(own, by_y, -h)
 
 
 @kernel
@@ -391,10 +536,10 @@ def surface_gradient(bodies, own, point, by_v):
 
 
 @kernel
-def surface_velocity(colliders, y, i, c, point):
-    """V of collider c at vertex i."""
+def surface_velocity(colliders, p, c, point):
+    """V of collider c at p (lanes)."""
     own, (f, _, wb, wc) = colliders.rows[c], point
-    away = sub(load3(y, i), load3(own, PLACE))
+    away = sub(p, load3(own, PLACE))
     V = stretched(own, away, add(load3(own, VELOCITY), cross(load3(own, SPIN), away)))
     return add(V, outward(own, meshes.drift(colliders.bodies, f, wb, wc))) if f >= 0 else V
 
@@ -408,6 +553,17 @@ def depths(colliders, y):
             depth[c, i], _, _, n, _, _ = contact(colliders, y, i, c)
             store3(n, normal[c], i)
     return depth, normal
+
+
+@kernel
+def depths_along(colliders, y, end):
+    """Depth (C, n), m, where vertices are linearised, and for the planes there at their `end`; y and end (n, 3)."""
+    depth = np.zeros((len(colliders.rows), len(y)))
+    left = np.zeros_like(depth)
+    for k in range(count(colliders, y)):
+        (i, _, _, _), _, n, deep, _, _, _, (c, _, _, _, _, _) = row(colliders, y, k)
+        depth[c, i], left[c, i] = deep, deep - dot(n, sub(load3(end, i), place(colliders, y, k)))
+    return depth, left
 
 
 def contact_points(colliders: Colliders, y: Array) -> Indices:

@@ -7,6 +7,7 @@ closest points of two parts of the cloth (`selfcontact.rows`). Of row k these sa
     back (`row`),
     whether a step that takes the vertex of a collider by a way, from where it is linearised, knows it (`knows`), and
     before that whether it surely does not (`is_far`),
+    how far it is linearised from where the other forces are (`behind`), and how deep it is anywhere (`level`),
     how c, n, d, V and κ change with the vertices (`changes`, `add_back`),
 
 the rest is here, once for all. With U = Σ cᵢ uᵢ − V, S = Σ cᵢ sᵢ and Z = Σ cᵢ wᵢ − V, vertex i feels cᵢ T, with the T
@@ -48,11 +49,11 @@ DROPS = 4
 EXCESS_DEPTH = 0.5
 """How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
 
-count, row, most, is_far, knows, lay, is_reached, may_change, changes, add_back, leaving, pass_on = (
+(count, row, level, behind, most, is_far, knows, lay, is_reached, may_change, changes, add_back, leaving, pass_on) = (
     OfKind({collider_rows.Colliders: getattr(collider_rows, name), rows.Contact: getattr(rows, name)})
     for name in (
-        "count", "row", "most", "is_far", "knows", "lay", "is_reached", "may_change", "changes", "add_back", "leaving",
-        "pass_on",
+        "count", "row", "level", "behind", "most", "is_far", "knows", "lay", "is_reached", "may_change", "changes",
+        "add_back", "leaving", "pass_on",
     )
 )  # fmt: skip
 
@@ -69,10 +70,10 @@ def sliding(found, u):
 
 
 @kernel
-def past(found, u, w, s):
-    """U, S and Z of a row."""
+def past(found, u, w, s, lag):
+    """U, S and Z of a row that is linearised by `lag` ahead of the others."""
     own, c, V = found[0], found[1], found[6]
-    return sub(mixed(c, own, u), V), mixed(c, own, s), sub(mixed(c, own, w), V)
+    return sub(mixed(c, own, u), V), add(mixed(c, own, s), lag), sub(mixed(c, own, w), V)
 
 
 @kernel(empty=0.0, apart=0.0)
@@ -80,7 +81,7 @@ def energy(part, y):
     total = 0.0  # ½ κ d²
     for k in range(count(part, y)):
         if most(part, y, k) > 0.0:
-            _, _, _, depth, kappa, _, _, _ = row(part, y, k)
+            kappa, depth = level(part, y, k)
             total += 0.5 * kappa * max(depth, 0.0) * max(depth, 0.0)
     return total
 
@@ -103,13 +104,14 @@ def power(part, y, u, w, s, h, begin, f):
     """
     total = 0.0
     for k in range(count(part, y)):
-        part.depth[k], way = most(part, y, k), way_of(k % len(y), u, w, s, h)
+        lag = behind(part, y, k)
+        part.depth[k], way = most(part, y, k), way_of(k % len(y), u, w, s, h, lag)
         if is_far(part, k, way):
             continue
         found = row(part, y, k)
         own, c, n, depth, kappa, _, V, _ = found
         if knows(part, y, k, found, way):
-            push = kappa * (depth - dot(n, mixed(c, own, s)))
+            push = kappa * (depth - dot(n, add(mixed(c, own, s), lag)))
             T = law.force(push, sliding(found, u)[0], n, sub(mixed(c, own, w), V))
             spread(c, own, T, f)
             total += dot(T, V) + push * leaving(part, found, begin)
@@ -117,9 +119,10 @@ def power(part, y, u, w, s, h, begin, f):
 
 
 @kernel
-def way_of(i, u, w, s, h):
-    """h u of vertex i where a step begins at y, else 0: it goes by s from y, at last with w for u."""
-    return fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))
+def way_of(i, u, w, s, h, lag):
+    """From where vertex i is linearised, `lag` from y, to where u leads it: it goes by s from y, at last with w for u.
+    """
+    return add(fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i)), lag)
 
 
 @kernel(empty=None, apart=None)
@@ -153,7 +156,8 @@ def damp_row(part, k, y, u, scale, q, out):
 def add_step(part, y, u, h, ahead, A, b):
     stored, reach = 0.0, 0.0 if ahead else h
     for k in range(count(part, y)):
-        part.depth[k], way = most(part, y, k), mul(splat(reach), load3(u, k % len(y)))
+        lag = behind(part, y, k)
+        part.depth[k], way = most(part, y, k), fma(splat(reach), load3(u, k % len(y)), lag)
         if is_far(part, k, way):
             continue
         found = row(part, y, k)
@@ -164,8 +168,8 @@ def add_step(part, y, u, h, ahead, A, b):
             lay(part, k, found, h * h * kappa, rub, law.turning(h, h * h * kappa, depth), 1.0, A)
             if len(b) > 0:
                 stored += 0.5 * kappa * max(depth, 0.0) * depth
-                going = dot(n, mixed(c, own, u)) if ahead else 0.0
-                spread(c, own, law.force(h * kappa * (depth + h * going), -rub, n, V), b)
+                going = h * dot(n, mixed(c, own, u)) if ahead else -dot(n, lag)
+                spread(c, own, law.force(h * kappa * (depth + going), -rub, n, V), b)
     return stored
 
 
@@ -178,13 +182,14 @@ def add_pullback(part, y, u, w, s, lam, h, grad, gy, gu):
 @kernel
 def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
     """`add_pullback` of one row."""
-    way = way_of(k % len(y), u, w, s, h)
+    lag = behind(part, y, k)
+    way = way_of(k % len(y), u, w, s, h, lag)
     if is_far(part, k, way):
         return
     found = row(part, y, k)
     own, c, n, depth, kappa, mu, _, more = found
     if knows(part, y, k, found, way):
-        U, S, Z = past(found, u, w, s)
+        U, S, Z = past(found, u, w, s, lag)
         vectors, by_law = law.pull((kappa, mu, depth, n, U), S, Z, mixed(c, own, lam))
         spread(c, own, mul(splat(h), vectors[1]), gu)
         add_back(part, found, vectors, by_law, (y, u, w, s, lam), h, grad, gy)
@@ -197,18 +202,19 @@ def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
 @kernel(empty=None, apart=None)
 def add_pushforward(part, y, u, w, s, dy, du, direction, h, out):
     for k in range(count(part, y)):
-        way = way_of(k % len(y), u, w, s, h)
+        lag = behind(part, y, k)
+        way = way_of(k % len(y), u, w, s, h, lag)
         if is_far(part, k, way):
             continue
         found = row(part, y, k)
         own, c, n, depth, kappa, mu, _, more = found
         if knows(part, y, k, found, way):
-            U, S, Z = past(found, u, w, s)
-            dc, dn, ddelta, dV, dkappa = changes(part, y, found, dy, direction)
+            U, S, Z = past(found, u, w, s, lag)
+            dc, dn, ddelta, dV, dkappa, dlag = changes(part, y, found, dy, direction)
             dU, dZ = add(mixed(dc, own, u), sub(mixed(c, own, du), dV)), sub(mixed(dc, own, w), dV)
             dmu = direction.friction[more[0]] if len(direction.friction) > 0 else 0.0
             dkappa += more[1] * direction.contact[more[0]] if len(direction.contact) > 0 else 0.0
-            moved = dn, ddelta, dU, mixed(dc, own, s), dZ
+            moved = dn, ddelta, dU, add(mixed(dc, own, s), dlag), dZ
             T, dT = law.change((kappa, mu, depth, n, U), S, Z, moved, dmu, dkappa)
             spread(dc, own, mul(splat(h), T), out)
             spread(c, own, mul(splat(h), dT), out)
@@ -274,7 +280,7 @@ def update_active(part, free, at, h, end, drops, A, b):
             continue
         found = row(part, y, k)
         own, c, n, depth, kappa, _, _, _ = found
-        at_y = mixed(c, own, y)
+        at_y = sub(mixed(c, own, y), behind(part, y, k))
         presses = depth > dot(n, sub(mixed(c, own, end), at_y))
         if presses == on[k] or not (presses or drops) or not may_change(part, k, found, presses, at, end, h):
             continue
@@ -313,12 +319,12 @@ def too_deep(colliders, free, at, h, end):
     for c in range(len(colliders.rows)):
         own = colliders.rows[c]
         for i in range(len(y)):
-            thickness = own[collider_rows.LAW, collider_rows.THICKNESS]
+            thickness, k = own[collider_rows.LAW, collider_rows.THICKNESS], c * len(y) + i
             if own[collider_rows.SHAPE, 0] == MESH and thickness > 0.0 and free[i]:
                 most = EXCESS_DEPTH * thickness + h * STICTION_SPEED
                 if collider_rows.deeper(colliders, i, c, y, end, most):
-                    deep = collider_rows.contact(colliders, end, i, c)[0]
-                    depth, _, _, n, _, _ = collider_rows.contact(colliders, y, i, c)
-                    if deep - max(depth - dot(n, sub(load3(end, i), load3(y, i))), 0.0) > most:
+                    deep, p = collider_rows.contact(colliders, end, i, c)[0], collider_rows.place(colliders, y, k)
+                    depth, _, _, n, _, _ = collider_rows.touched(colliders, p, i, c)
+                    if deep - max(depth - dot(n, sub(load3(end, i), p)), 0.0) > most:
                         return True
     return False

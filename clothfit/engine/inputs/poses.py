@@ -98,7 +98,7 @@ def pose(poses, colliders, row, lead, h):
     bodies, step = colliders.bodies, min(max(row - lead, 0), len(poses.first) - 2)
     for m in range(len(poses.body)):
         b = poses.body[m]
-        begin = bodies.vertex[b]
+        begin, bodies.moves[b] = bodies.vertex[b], True
         for v in range(bodies.vertex[b + 1] - begin):
             store3(place_at(poses, row, m, v), bodies.place, begin + v)
             way = sub(place_at(poses, step + 1, m, v), place_at(poses, step, m, v))

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.engine.forces import contact, total
+from clothfit.engine.forces import collider_rows, contact, total
 from clothfit.engine.inputs.tables import couple, move_pins, pull_pins, pull_through, push_pins, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.solve.contact_blocks import no_blocks
@@ -84,6 +84,7 @@ def assemble_newton(system, x, v, u, y, A, f, b):
     """Write y = x + h u, A at (y, u) and b = M (v − u) + h f(y, u) + A u, so that b − A u is Newton's residual."""
     h = system.h
     combine(1.0, x, h, u, y)
+    collider_rows.begin(system.colliders, x, 0.0)
     assemble(system, y, u, True, A, b)
     sparse.multiply(A, u, b)
     add_mass(system.vertex.mass, 1.0, v, b)
@@ -96,8 +97,9 @@ def assemble_newton(system, x, v, u, y, A, f, b):
 @kernel
 def prepare(system, x, v, work):
     """The system of the first iteration, in the workspace; returns the kinetic and stored energy of the state, J, and
-    the power of the weight, W (see `guard`): they come with it, almost free.
+    the power of the weight, W (see `guard`): they come with it, almost free, where no collider moves.
     """
+    collider_rows.begin(system.colliders, x, system.h)
     keep_point(system.colliders, x, v, work.y, work.u)
     stored = assemble(system, x, v, False, work.A, work.b)
     kinetic, power = add_momentum(system.vertex, v, work.b)
@@ -254,12 +256,15 @@ def pull_iteration(system, x, v, w, u, later, tolerance, work, x_bar, v_bar, gra
 def linearise(system, x, w, u, later, A, b, y, s):
     """The point y, A and b (see `assemble`), and the offset s of an iteration from u to w, the first or a `later` one.
     """
-    offset(system.h, x, w, u, later, y, s)
+    offset(system, x, w, u, later, y, s)
     assemble(system, y, u, later, A, b)
 
 
 @kernel
-def offset(h, x, w, u, later, y, s):
+def offset(system, x, w, u, later, y, s):
+    """The point y alone, and s."""
+    h = system.h
+    collider_rows.begin(system.colliders, x, 0.0 if later else h)
     if later:
         combine(1.0, x, h, u, y)
         combine(h, w, -h, u, s)

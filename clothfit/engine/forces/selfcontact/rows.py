@@ -63,6 +63,17 @@ def row(contact, y, k):
 
 
 @kernel
+def level(contact, y, k):
+    _, _, _, depth, kappa, _, _, _ = row(contact, y, k)
+    return kappa, depth
+
+
+@kernel
+def behind(contact, y, k):
+    return splat(0.0)
+
+
+@kernel
 def most(contact, y, k):
     return np.inf
 
@@ -109,7 +120,7 @@ def changes(contact, y, found, dy, direction):
     own, c, n, _, _, _, _, (_, share, free, r, delta, kind) = found
     dc, dn, ddelta = nearest.moved(kind, own, y, free, c, r, delta, n, dy)
     more = nearest.share_change(own, y, dy) if share < 1.0 else 0.0
-    return dc, dn, ddelta, splat(0.0), contact.stiffness * more
+    return dc, dn, ddelta, splat(0.0), contact.stiffness * more, splat(0.0)
 
 
 @kernel
