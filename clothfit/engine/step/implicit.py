@@ -25,6 +25,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import collider_rows, contact, total
+from clothfit.engine.forces.selfcontact import rows
 from clothfit.engine.inputs.tables import couple, move_pins, pull_pins, pull_through, push_pins, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.solve.contact_blocks import no_blocks
@@ -164,12 +165,23 @@ def step(system, x, v, first, tolerance, work, iterates):
         direct += more_direct
         if not solved:
             return 0, iterations, direct
-        if k + 1 >= system.newton_iterations and not contact.too_deep(system.colliders, free, at, system.h, work.gy):
+        if k + 1 >= system.newton_iterations and not ends_badly(system, at, work.gy):
             return k + 1, iterations, direct
         if k + 1 < len(iterates):
             contact.carry(system.colliders, free, at, system.h, work.gy)
             contact.carry(system.contact, free, at, system.h, work.gy)
     return len(iterates), iterations, direct
+
+
+@kernel
+def ends_badly(system, at, end):
+    """Whether an iteration ends with a vertex too deep in a collider, or pairs that pass through each other; writes
+    `end` (n, 3).
+    """
+    combine(1.0, at[0], system.h, at[3], end)
+    if contact.too_deep(system.colliders, system.vertex.free, at, system.h, end):
+        return True
+    return rows.passing(system.contact, at[0], end)
 
 
 @kernel

@@ -115,6 +115,15 @@ def may_change(contact, k, found, presses, at, end, h):
     return nearest.passes(contact.kind[k], contact.vertices[k], at[0], end, contact.thick, thickness)
 
 
+@kernel(empty=False, apart=False)
+def passing(contact, x, end):
+    """Whether a pair passes through on the way from x to `end`, (n, 3) each."""
+    for k in range(len(contact.kind)):
+        if nearest.passes(contact.kind[k], contact.vertices[k], x, end, contact.thick, contact.thickness[k]):
+            return True
+    return False
+
+
 @kernel
 def changes(contact, y, found, dy, direction):
     own, c, n, _, _, _, _, (_, share, free, r, delta, kind) = found
