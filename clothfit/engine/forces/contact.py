@@ -40,10 +40,10 @@ from clothfit.kernels.kernel import OfKind, kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sub
 from clothfit.kernels.vectors import combine, dot
 
-ACTIVE_SET_ROUNDS = 12
+ACTIVE_SET_ROUNDS = 24
 """Times, at most, that an iteration is solved again."""
 
-DROPS = 4
+DROPS = 20
 """In how many of these, contacts that pull are taken out; later they stay, so that the rounds end."""
 
 EXCESS_DEPTH = 0.5
@@ -292,6 +292,27 @@ def update_active(part, free, at, h, end, drops, A, b):
         Z = mixed(led(free, own, c), own, w)
         spread(c, own, law.force(sign * h * kappa * (left - h * dot(n, Z)), sign * rub, n, Z), b)
     return changed
+
+
+@kernel(empty=0.0, apart=0.0)
+def slope_error(part, free, at, before, h, end):
+    """The derivative of the rows' energies, J, along the way from the velocities `before` (n, 3) to w, at its end, less
+    that of those which the solution w had; the other arguments are those of `update_active`.
+    """
+    x, y, _, w = at
+    combine(1.0, x, h, w, end)
+    total, on = 0.0, part.on[part.turn[0]]
+    for k in range(count(part, y)):
+        if not is_reached(part, k, free, y, end, h * STICTION_SPEED):
+            continue
+        found = row(part, y, k)
+        own, c, n, depth, kappa, _, _, _ = found
+        left = depth - dot(n, add(sub(mixed(c, own, end), mixed(c, own, y)), behind(part, y, k)))
+        presses = left > 0.0
+        if presses != on[k] and may_change(part, k, found, presses, at, end, h):
+            change = -h * dot(n, sub(mixed(c, own, w), mixed(c, own, before)))
+            total += kappa * abs(left) * change  # −left where it pulls
+    return total
 
 
 @kernel

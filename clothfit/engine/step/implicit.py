@@ -189,22 +189,46 @@ def solve_again(system, at, solved_to, tolerance, work, anyhow):
     """Solve an iteration again until it meets no other contacts, first as roughly as it is `solved_to`; `at` is as for
     `contact.update_active`, of which the velocity changes. Returns what `linear.solve` does.
     """
-    iterations, direct, turn = 0, 0, 0
+    iterations, direct, turn, whole = 0, 0, 0, True
     while turn < contact.ACTIVE_SET_ROUNDS:
-        if meet(system, at, turn < contact.DROPS, work) == 0:
+        if meet(system, at, turn < contact.DROPS, work) == 0 and whole:
             if solved_to <= tolerance:
                 break
             turn, solved_to = -1, tolerance
         elif turn == contact.ACTIVE_SET_ROUNDS - 1 and solved_to > tolerance:
             turn, solved_to = -1, tolerance
         turn += 1
+        copy(at[3], work.s)
         more, more_direct, solved = linear.solve(work.A, work.b, solved_to, work.solver, at[3], anyhow)
         iterations += more
         direct += more_direct
         set_pins(system.inputs, system, at[0], at[3])
         if not solved:
             return iterations, direct, False
+        whole = turn >= contact.DROPS or not back_off(system, at, work)
     return iterations, direct, True
+
+
+@kernel
+def back_off(system, at, work):
+    """Go back towards work.s, the velocities before a solution, where the energy that an iteration minimises rises at
+    last on the way from there, to about where it is least; whether it did. That energy is convex, so with this the
+    rounds end (a line search of Newton's method).
+    """
+    free, h, w = system.vertex.free, system.h, at[3]
+    rise = contact.slope_error(system.colliders, free, at, work.s, h, work.gy)
+    rise += contact.slope_error(system.contact, free, at, work.s, h, work.gy)
+    if rise <= 0.0:
+        return False
+    combine(1.0, w, -1.0, work.s, work.gu)
+    hold_fixed(free, work.gu)
+    sparse.multiply(work.A, work.gu, work.gy)
+    fall = 0.0
+    for i in range(len(w)):
+        fall += dot(load3(work.gu, i), load3(work.gy, i))
+    share = fall / (fall + rise)
+    combine(share, w, 1.0 - share, work.s, w)
+    return True
 
 
 @kernel
