@@ -222,7 +222,7 @@ def gain(inputs, system, part, t, work):
     where colliders grow, whose work is not known.
     """
     more, before = rise(system, system, part, t, False, velocity(part, t + 1), work)
-    return more if guard.rises(before, before + more, 0.0) and not collider_rows.grows(system.colliders) else 0.0
+    return more if guard.rises(before, before + more, 0.0) and not collider_rows.some_grow(system.colliders) else 0.0
 
 
 @kernel(empty=False, apart=False)
@@ -267,7 +267,7 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded, watche
         weight += moved(euler.inputs, euler, inner, part, t, True, part.w[t, used - 1], work)
     bound = np.inf if watched else part.guard_state[t, guard.BOUND]
     after, fault = guard.judged(euler, energy, bound, x[t], x[t + 1], kinetic, weight)
-    if fault != guard.NONE and not collider_rows.grows(euler.colliders):
+    if fault != guard.NONE and not collider_rows.some_grow(euler.colliders):
         return energy, False
     grant(part, t, weight)
     return after, True

@@ -216,7 +216,7 @@ def row(colliders, y, k):
     kappa, mu = colliders.rows[c, LAW, STIFFNESS], colliders.rows[c, LAW, FRICTION]
     if is_carried(colliders, c):
         away = sub(p, load3(colliders.rows[c], PLACE))
-        V = stretched(colliders.rows[c], away, mul(splat(-1.0 / colliders.span[0]), behind(colliders, y, k)))
+        V = swollen(colliders.rows[c], away, mul(splat(-1.0 / colliders.span[0]), behind(colliders, y, k)))
     else:
         V = surface_velocity(colliders, p, c, point)
     return (i, i, i, i), (1.0, 0.0, 0.0, 0.0), n, depth, kappa, mu, V, (c, 1.0, curve, bend, t, point)
@@ -261,7 +261,8 @@ def carried(colliders, c, i, x_i):
     if not moves(own, bodies):
         return x_i, (NOWHERE, NOWHERE, NOWHERE)
     centre = load3(own, PLACE)
-    base = add(centre, turned(own, sub(fma(splat(h), load3(own, VELOCITY), x_i), centre), h))
+    from_centre = turned(own, sub(fma(splat(h), load3(own, VELOCITY), x_i), centre), h)
+    base = add(centre, widened(own, from_centre, h))
     if own[SHAPE, 0] != MESH or not bodies.moves[int(own[SHAPE, 1])]:
         return base, (NOWHERE, NOWHERE, NOWHERE)
     p, first = followed(bodies, own, i, base, base, h)
@@ -287,7 +288,9 @@ def is_carried(colliders, c):
 
 @kernel
 def moves(own, bodies):
-    """Whether a collider moves or turns in the step, or its mesh changes."""
+    """Whether a collider moves in the step, or a box of it grows, or its mesh changes."""
+    if own[SHAPE, 0] == BOX and grows(own):
+        return True
     if own[SHAPE, 0] == MESH and bodies.moves[int(own[SHAPE, 1])]:
         return True
     V, W = load3(own, VELOCITY), load3(own, SPIN)
@@ -304,6 +307,21 @@ def turned(own, v, h):
     angle, about = sqrt(square) * h, cross(omega, v)
     more = mul(splat((1.0 - cos(angle)) / square), cross(omega, about))
     return add(v, fma(splat(sin(angle) / sqrt(square)), about, more))
+
+
+@kernel
+def widened(own, v, h):
+    """v as a box that grows stretches it in h; it is its own transpose."""
+    if own[SHAPE, 0] != BOX or not grows(own):
+        return v
+    more = pack(1.0 / (1.0 - h * own[RATE, 0]), 1.0 / (1.0 - h * own[RATE, 1]), 1.0 / (1.0 - h * own[RATE, 2]), 0.0)
+    return outward(own, mul(more, inward(own, v)))
+
+
+@kernel
+def grows(own):
+    """Whether a collider grows or shrinks."""
+    return own[RATE, 0] != 0.0 or own[RATE, 1] != 0.0 or own[RATE, 2] != 0.0
 
 
 @kernel
@@ -409,7 +427,7 @@ def changes(colliders, y, found, dy, direction):
     dn = fma(splat(curve), across(n, dy_i), mul(splat(bend * dot(t, dy_i)), t))
     lag, own = sub(away, dy_i), colliders.rows[c]
     if is_carried(colliders, c):
-        dV = stretched(own, dy_i, mul(splat(-1.0 / colliders.span[0]), lag))
+        dV = swollen(own, dy_i, mul(splat(-1.0 / colliders.span[0]), lag))
     else:
         dV = surface_change(colliders.bodies, own, point, dy_i)
     ddelta = dot(n, dy_i) + held_change(colliders, c, i, offset)
@@ -425,7 +443,7 @@ def add_back(colliders, found, vectors, by_law, at, h, grad, gy):
     by_y, by_V = fma(splat(by_law[0]), n, by_y), add(by_U, by_Z)  # but for the sign
     if is_carried(colliders, c):
         lag = fma(splat(1.0 / colliders.span[0]), by_V, by_S)
-        by_p = sub(sub(by_y, stretched(own, by_V, splat(0.0))), lag)
+        by_p = sub(sub(by_y, swollen(own, by_V, splat(0.0))), lag)
         by_y = add(lag, carried_gradient(colliders, c, i, at[0], by_p))
     else:
         by_y = sub(by_y, surface_gradient(colliders.bodies, own, point, by_V))
@@ -445,7 +463,7 @@ def carried_change(colliders, c, i, y, dy):
     if not is_carried(colliders, c):
         return dy
     h, own, bodies = colliders.span[0], colliders.rows[c], colliders.bodies
-    feet, dy = carried(colliders, c, i, load3(y, i))[1], turned(own, dy, h)
+    feet, dy = carried(colliders, c, i, load3(y, i))[1], widened(own, turned(own, dy, h), h)
     dp = dy
     for f, part in feet:
         if f >= 0:
@@ -463,7 +481,7 @@ def carried_gradient(colliders, c, i, y, by_p):
         if f >= 0:
             by_p = mul(splat(h), outward(own, meshes.drift_gradient(bodies, f, part, inward(own, by_p))))
             by_y = add(by_y, by_p)
-    return turned(own, by_y, -h)
+    return turned(own, widened(own, by_y, h), -h)
 
 
 @kernel
@@ -500,11 +518,10 @@ def away_from(own, y_i):
 
 
 @kernel(absent=False)
-def grows(colliders):
+def some_grow(colliders):
     """Whether a collider grows or shrinks."""
     for c in range(len(colliders.rows)):
-        own = colliders.rows[c]
-        if own[RATE, 0] != 0.0 or own[RATE, 1] != 0.0 or own[RATE, 2] != 0.0:
+        if grows(colliders.rows[c]):
             return True
     return False
 
@@ -514,9 +531,15 @@ def stretched(own, away, V):
     """V, and the velocity with which a collider that grows moves what is `away` from its centre; it is its own
     transpose.
     """
-    if own[RATE, 0] == 0.0 and own[RATE, 1] == 0.0 and own[RATE, 2] == 0.0:
+    if not grows(own):
         return V
     return add(V, outward(own, mul(load3(own, RATE), inward(own, away))))
+
+
+@kernel
+def swollen(own, away, V):
+    """The same where `carried` has that of boxes in V."""
+    return V if own[SHAPE, 0] == BOX else stretched(own, away, V)
 
 
 @kernel
