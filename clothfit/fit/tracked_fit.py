@@ -1,9 +1,10 @@
 """Scans: tracked by the values that they show themselves, before the fit.
 
 A cloth of wrong values is drawn to a scan along another way than it took. So the first frames are tracked, some steps
-of Gauss–Newton bring few values near them, then more and more frames, each time with the values of those before; in the
-end all frames by the values that all have led to. What is matched then is what the fit compares, and it begins with
-these values, unless its own start is nearer.
+of Gauss–Newton bring one factor near them, and then all values where these are few: so many, from afar, may end in
+another minimum. More and more frames follow, each time with the values of those before; in the end all of them by the
+values that all have led to. What is matched then is what the fit compares, and it begins with these values, unless its
+own start is nearer.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ SAME = 0.01
 """Change of the coordinates of values up to which what was tracked before holds."""
 
 FEW, NEAREST, PART = 12, 0.9, 0.5
-"""Values of cloths at rest that are fitted at once; the share of the points, the nearest, by which their shapes are
+"""Values, at most, that are fitted at once; the share of the points, the nearest, by which shapes of cloths at rest are
 compared; and the part of the time in which these are tried.
 """
 

@@ -1,8 +1,8 @@
 """Where the vertices of a cloth are in a scan: the cloth is simulated, and drawn to the points frame by frame.
 
 After the steps to a frame the points y are tied to the nearest places of the cloth (`motion.feet`), as far as they are
-within a cap, not much farther than the points around them, and their normals agree. The least change u of the vertices
-that brings these near,
+within a cap, not much farther than the points around them, and their normals agree. Where they are farther from it
+than the noise of the first frame, the least change u of the vertices that brings these near,
 
     Σ (n·(B u + q − y))² + α |B u + q − y|² + κ |G u|² + λ Σ (e·G u + l − L)² + Σ |u + x − y|²,
 

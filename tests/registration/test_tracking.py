@@ -9,6 +9,7 @@ from helpers.fits import estimate
 from helpers.strangers import sheet
 
 from clothfit import InvalidMotion, cost_and_gradient, evaluate, simulate, with_parameters
+from clothfit.cli.parts.info_records import motion as motion_facts
 from clothfit.fit.tracked_fit import left_behind
 from clothfit.formats.animation import normals_at
 from clothfit.formats.axes import RIGHT, Reading, facing, from_scene
@@ -75,7 +76,9 @@ def read(path, **said):
 @pytest.mark.slow
 @pytest.mark.parametrize("written", [as_npz, as_obj, as_ply])
 def test_points_on_the_surface_have_the_values_of_the_cloth(tmp_path, written):
-    scan = read(written(tmp_path, cloud()))
+    path = written(tmp_path, cloud())
+    found, scan = motion_facts(path), read(path)
+    assert (found["scan"], found["frames"], found["points"], found["travel"]) == (True, 24, len(cloud()[0]), None)
     fit = estimate(SCENE, scan, start=5.0 * FACTOR, intervals=False)
     assert (fit.correspondence.kind, fit.correspondence.share > 0.95) == ("scan", True)
     assert fit.scene.cloths[0].stiffness == pytest.approx(FACTOR * CLOTH.stiffness, rel=1e-6)  # rounding of 1e-8 m
