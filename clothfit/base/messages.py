@@ -88,7 +88,7 @@ def listed(names: Sequence[str]) -> str:
 
 def percent(fraction: float) -> str:
     """Write a fraction in percent with two digits."""
-    return f"{100 * fraction:.2g} %" if fraction < 1 else f"{100 * fraction:.0f} %"
+    return f"{100 * fraction:.2g} %" if fraction < 0.995 else f"{100 * fraction:.0f} %"
 
 
 def spans(numbers: Iterable[int]) -> list[str]:

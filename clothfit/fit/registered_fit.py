@@ -30,6 +30,7 @@ from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
 from clothfit.fit.registration import RATE, SPACE, THETA, TIME, Unknowns, descended, find, reweighted, sought
 from clothfit.fit.result import Fit
+from clothfit.motion.correspondence import SCANNED
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import at_frames
 from clothfit.objective.comparison import Loss, loss_named
@@ -81,7 +82,8 @@ def put_right(
     """
     shown = given if options.holdout is None else split(scene, given, options.holdout, options.holdout_of)[0]
     known = [
-        Markers() if len(motion.correspondence.seen) else mislabelled(own, motion, late=options.fit_time)
+        Markers() if len(motion.correspondence.seen) or motion.correspondence.kind == SCANNED
+        else mislabelled(own, motion, late=options.fit_time)
         for motion, own in shown
     ]
     hints = [

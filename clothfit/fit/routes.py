@@ -645,7 +645,7 @@ ROUTES = (
     Route("Gauss–Newton alone", lambda fit: fit.options.method == "gauss-newton",
           lambda fit: by_gauss_newton(fit.search, fit.search.start, fit.search.start, fit.tau)),
     Route("models left", lambda fit: fit.wanted is not None or bool(fit.state and fit.state.rungs), by_models_left),
-    Route("balances of momentum", lambda fit: True, by_balances),
+    Route("balances of momentum", lambda fit: not fit.search.objective.scanned, by_balances),
     Route("single steps", lambda fit: fit.search.proven is not None, lambda fit: Status.CONVERGED),
     Route("scan", lambda fit: auto.one_value_each(fit.search), by_scan),
     Route("exact balances", lambda fit: auto.too_many(fit.search) and bool(fit.exact) and auto.is_exact(fit.search),

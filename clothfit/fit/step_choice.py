@@ -122,7 +122,8 @@ class Trial:
         def look(search: Search) -> None:
             search.visit(search.start)
             balances = momentum.Momentum(objective, search.start, search.fitted)
-            if momentum.fits(objective) and balances_can_hold(search, balances, first_frames(objective)):
+            fits = momentum.fits(objective) and not objective.scanned
+            if fits and balances_can_hold(search, balances, first_frames(objective)):
                 by_momentum(search, search.start, momentum.TREATMENTS[:1], balances=balances)
             single = hierarchy.model_of(objective.scene) == "L"
             self.explains = is_near(search) or search.proven is not None or (single and may_leave_noise(search, None))

@@ -1,9 +1,10 @@
 """Scans: tracked by the values that they show themselves, before the fit.
 
 A cloth of wrong values is drawn to a scan along another way than it took. So the first frames are tracked, some steps
-of Gauss–Newton bring few values near them, then more and more frames, each time with the values of those before; in the
-end all frames by the values that all have led to. What is matched then is what the fit compares, and it begins with
-these values, unless its own start is nearer.
+of Gauss–Newton bring one factor near them, and then all values where these are few: so many, from afar, may end in
+another minimum. More and more frames follow, each time with the values of those before; in the end all of them by the
+values that all have led to. What is matched then is what the fit compares, and it begins with these values, unless its
+own start is nearer.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
 from clothfit.fit.routes import best_bendings, shares_of_bending
-from clothfit.fit.start import start_of
+from clothfit.fit.start import start_of, values_by
 from clothfit.fit.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
 from clothfit.motion.correspondence import SCANNED, Correspondence
 from clothfit.motion.divergence import Diverged
@@ -35,6 +36,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.motion.times import frame_places, interpolated
 from clothfit.objective.experiment import Experiment, experiment
 from clothfit.objective.objective import Objective
+from clothfit.optimise.prior import guard
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.registration.tracking import FINE, median_edge, tracked
@@ -44,14 +46,14 @@ from clothfit.scene.scene import Scene
 
 Start: TypeAlias = float | Array | Scene | None
 
-STEPS, SAVING = 8, 0.01
+STEPS, SAVING = 12, 1e-3
 """Of Gauss–Newton in each window, and the share of the cost that a step must save."""
 
 SAME = 0.01
 """Change of the coordinates of values up to which what was tracked before holds."""
 
 FEW, NEAREST, PART = 12, 0.9, 0.5
-"""Values of cloths at rest that are fitted at once; the share of the points, the nearest, by which their shapes are
+"""Values, at most, that are fitted at once; the share of the points, the nearest, by which shapes of cloths at rest are
 compared; and the part of the time in which these are tried.
 """
 
@@ -103,7 +105,7 @@ def tracked_by_values(
     if scene.method == REST:
         few, found = by_folds(first if len(parameters(first)) <= FEW else few, scene, given, options, best)
     else:
-        few, found = by_windows(few, scene, given, options)
+        few, found = by_windows([few, first] if len(parameters(first)) <= FEW else [few], scene, given, options)
     found = own_scenes(found, given)
     whole = objective_of(scene, found, options)
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
@@ -131,7 +133,7 @@ def left_behind(given: Sequence[Experiment]) -> list[Hint]:
         edge = median_edge(scene)
         frames = zip(scan.points, scan.seen, strict=True)
         away = [float(np.median(KDTree(points[seen]).query(x)[0])) for points, seen in frames]
-        if away[0] <= edge < max(away):
+        if away[0] <= edge < np.median(away):  # holes in some frames hide them, too
             return [Hint("held_vertices_move", LEFT_BEHIND.format(metres(max(away))))]
     return []
 
@@ -174,14 +176,19 @@ def at_times(scene: Scene, motion: Motion) -> Array:
 
 
 def by_windows(
-    few: Scene, scene: Scene, given: Sequence[Experiment], options: Request
+    models: Sequence[Scene], scene: Scene, given: Sequence[Experiment], options: Request
 ) -> tuple[Scene, list[Experiment]]:
-    """The values of `few` that more and more frames lead to, and the targets tracked by them."""
+    """The values that more and more frames lead to, and the targets tracked by them: in the first window those of
+    `models` from coarse to fine, then of the last.
+    """
+    few, *finer = models
     longest, found = max(len(each.motion.times) for each in given), list(given)
     for frames in window_lengths(FIRST_WINDOW, longest):
         found = by(few, scene, given, frames)
         before = few
         few = nearer(few, found, options)
+        while finer:
+            few = nearer(with_parameters(finer[0], values_by(few, finer.pop(0))), found, options)
     return few, found if few is before else by(few, scene, given, longest)
 
 
@@ -309,5 +316,5 @@ def nearer(few: Scene, given: Sequence[Experiment], options: Request) -> Scene:
     search.enter("tracking")
     y = start = part.y(search.start)
     with suppress(Diverged, Stop), np.errstate(over="ignore", invalid="ignore"):
-        y = some_steps(part, start, STEPS, SAVING, prior=part.prior(start, None))
+        y = some_steps(part, start, STEPS, SAVING, prior=guard(start, part.own_widths))
     return few if np.abs(y - start).max(initial=0.0) <= SAME else with_parameters(few, part.parameters(y))

@@ -84,7 +84,7 @@ def of_scan(frames: Sequence[tuple[Array, Indices | None]], axes: Axes) -> Anima
         positions[frame, : len(points)] = points
         if triangles is not None and len(triangles):
             normals[frame, : len(points)] = normals_at(points, triangles)
-    return Animation(positions, axes, normals=normals)
+    return Animation(positions, axes, normals=normals, observed=np.isfinite(positions).all(axis=2))
 
 
 def normals_at(points: Array, triangles: Indices) -> Array:

@@ -201,10 +201,10 @@ def _meshes(
     """What a file holds; of several meshes those that are asked for, those that the scene was made of, or the only one
     with as many points, with a sentence on which that is.
     """
+    if reading.bind == SCAN and reading.mesh is None:
+        return read_format(kind, path, scan=True), reading, []
     if reading.mesh is not None or scene is None:
         return read_format(kind, path, reading.mesh or ""), reading, []
-    if reading.bind == SCAN:
-        return read_format(kind, path, scan=True), reading, []
     every = paths(kind, path) if (names := mesh_names(scene)) else []
     if names and len(every) > 1:
         with suppress(InvalidMotion):  # no meshes of these names
@@ -420,8 +420,8 @@ def _native(
 
 def _scanned(cloud: dict[str, NDArray[Any]], scene: Scene | None, reading: Reading, name: str) -> Loaded:
     """The scan of a file of this program, in the scene's axes unless the user says otherwise."""
-    if scene is None:
-        raise InvalidMotion(f"{name}: is a scan, whose points are others in each frame; it is a target of estimate")
+    if scene is None and reading.bind != SCAN:
+        raise OtherPoints(f"{name}: is a scan, whose points are others in each frame; it is a target of estimate")
     parts = [(each, None) for each in np.split(cloud["points"].astype(float), cloud["first"][1:-1])]
     read = replace(of_scan(parts, SCENE), times=cloud.get("times"))
     if "normals" in cloud:

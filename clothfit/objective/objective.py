@@ -33,7 +33,7 @@ from clothfit.objective import memory_needs as storage
 from clothfit.objective.comparison import OWN, Comparison, loss_named, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.identifiability import identifiable
-from clothfit.objective.measures import surface_of
+from clothfit.objective.measures import Cloud, surface_of
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, unseen
 from clothfit.objective.run import Recent, Run, at_rest, cost_at_rest, seen_in
@@ -220,6 +220,11 @@ class Objective:
     def plain(self) -> bool:
         """Whether G is the sum of squared distances, in m², and nothing else."""
         return all(run.comparison.plain for run in self.runs)
+
+    @property
+    def scanned(self) -> bool:
+        """Whether a target is a scan, whose vertices are known as a cloth was drawn to it, and no better."""
+        return any(isinstance(run.comparison.surface, Cloud) for run in self.runs)
 
     @property
     def observations(self) -> int:

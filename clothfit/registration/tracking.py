@@ -1,8 +1,8 @@
 """Where the vertices of a cloth are in a scan: the cloth is simulated, and drawn to the points frame by frame.
 
 After the steps to a frame the points y are tied to the nearest places of the cloth (`motion.feet`), as far as they are
-within a cap, not much farther than the points around them, and their normals agree. The least change u of the vertices
-that brings these near,
+within a cap, not much farther than the points around them, and their normals agree. Where they are farther from it
+than the noise of the first frame, the least change u of the vertices that brings these near,
 
     Σ (n·(B u + q − y))² + α |B u + q − y|² + κ |G u|² + λ Σ (e·G u + l − L)² + Σ |u + x − y|²,
 
@@ -61,6 +61,11 @@ ROUNDS, CONVERGED, SLIDING, SMOOTH, LASTING = 5, 0.01, 0.1, 0.3, 10.0
 the weight of the points of a vertex.
 """
 
+FREE = 1.5
+"""Mean square distance of the points of a frame, relative to that of the first one from a cloth that is drawn to it, up
+to which a cloth that moves is not drawn: it is where the points are, and noise would shake it.
+"""
+
 RESTING = 30
 """Times that points are tied to a cloth at rest, whose shape by other values may have other folds."""
 
@@ -93,16 +98,23 @@ class State:
 
     def advance(self, begin: int, end: int) -> Array:
         """The positions (n, 3) after the steps to `end`; as they were where these diverge."""
-        part = self.whole.part(begin, end)._replace(ready=False)
+        part = self.whole.part(begin, end)
         if rollout.fill(self.system, TOLERANCE, self.work, part) < end - begin:
             part.x[:] = part.x[0]
             part.w[:] = 0.0
         return np.asarray(part.x[-1])
 
     def put(self, at: int, change: Array, seconds: float) -> None:
-        """Move the vertices after step `at` by a change (n, 3), m, that took so many seconds."""
+        """Move the vertices after step `at` by a change (n, 3), m, that took so many seconds, and those a step before
+        by their part of it, which a BDF2 step goes on from as well.
+        """
         self.whole.x[at] += change
+        self.whole.x[at - 1] += (1.0 - self.system.h / seconds) * change
         self.whole.w[at - 1, self.whole.used[at - 1] - 1] += change / seconds
+        if at > 1:
+            self.whole.w[at - 2, self.whole.used[at - 2] - 1] += change / seconds
+        else:
+            self.whole = self.whole._replace(v=self.whole.v + change / seconds)
 
 
 def tracked(given: Experiment, rounds: int | None = None) -> Experiment:
@@ -122,18 +134,21 @@ def tracked(given: Experiment, rounds: int | None = None) -> Experiment:
     x = np.concatenate([state.whole.x[0] for state in states])
     faces, matched = np.full_like(own.faces, -1), np.zeros_like(own.seen)
     positions, observed = np.tile(x, (len(at), 1, 1)), np.zeros((len(at), len(x)), bool)
-    before = 0
+    before, noise = 0, 0.0
     for frame, end in enumerate(at):
         seen = own.seen[frame]
         points = own.points[frame, seen]
         normals = None if own.normals is None else own.normals[frame, seen]
         if end > before:
             x = np.concatenate([state.advance(before, end) for state in states])
-        drawn, found, good = draw(x, points, normals, rounds if end > before else 0)
-        if end > before:
+        _, found, good = draw(x, points, normals, 0)
+        if not end and rounds and scene.method != REST:
+            noise = left_by(*draw(x, points, normals, rounds)[1:])  # of the first frame, which shows where the cloth is
+        elif end > before and rounds and not left_by(found, good) <= FREE * noise:
+            drawn, found, good = draw(x, points, normals, rounds)
             for state in states:
                 state.put(end, (drawn - x)[state.part], (end - before) * scene.delta)
-        x = drawn
+            x = drawn
         faces[frame, seen], matched[frame, seen] = found.faces, good
         positions[frame] = x
         weight = weights_of_corners(mesh.triangles[found.faces[good]], found.weights[good], len(x)).sum(axis=0)
@@ -144,6 +159,11 @@ def tracked(given: Experiment, rounds: int | None = None) -> Experiment:
     bound = motion.correspondence._replace(share=share, seen=matched, faces=faces)
     made = in_scene(replace(motion, positions=positions, observed=None, correspondence=Correspondence()), scene)
     return Experiment(replace(made, observed=observed, correspondence=bound), scene)
+
+
+def left_by(found: Feet, good: Flags) -> float:
+    """The mean square distance, m², of the points that are tied; 0 without any."""
+    return float(np.mean(found.gaps[good] ** 2)) if good.any() else 0.0
 
 
 def placed(given: Experiment) -> Scene:
@@ -293,7 +313,8 @@ class Drawing:
         flat = SLIDING * square + diags_array(way.any(axis=1).astype(float))
         A = J.T @ J + kron(flat, eye_array(3), format="csr") + SMOOTH * unit * self.smooth
         left = np.concatenate([(1.0 + SLIDING) * found.gaps[good], root * (own - lengths)])
-        out = splu(csc_array(A)).solve(-(J.T @ left) - way.ravel())
+        factors = splu(csc_array(A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        out = factors.solve(-(J.T @ left) - way.ravel())
         out[self.held] = 0.0
         return np.asarray(out.reshape(x.shape))
 

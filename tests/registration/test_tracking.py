@@ -9,6 +9,7 @@ from helpers.fits import estimate
 from helpers.strangers import sheet
 
 from clothfit import InvalidMotion, cost_and_gradient, evaluate, simulate, with_parameters
+from clothfit.cli.parts.info_records import motion as motion_facts
 from clothfit.fit.tracked_fit import left_behind
 from clothfit.formats.animation import normals_at
 from clothfit.formats.axes import RIGHT, Reading, facing, from_scene
@@ -27,12 +28,12 @@ MOTION = simulate(TRUTH, tolerance=1e-12)
 TRIANGLES = CLOTH.triangles.reshape(-1, 3)
 
 
-def cloud(count=400, noise=0.0, lost=0, strangers=0):
-    """Points on the faces of the motion, others in each frame: `lost` of them, around one, are not there, and
+def cloud(count=400, noise=0.0, lost=0, strangers=0, motion=MOTION):
+    """Points on the faces of a motion, others in each frame: `lost` of them, around one, are not there, and
     `strangers` lie anywhere near.
     """
     rng, frames = np.random.default_rng(0), []
-    for x in MOTION.positions:
+    for x in motion.positions:
         chosen = TRIANGLES[rng.integers(len(TRIANGLES), size=count)]
         y = np.einsum("mk,mkc->mc", rng.dirichlet([1, 1, 1], count), x[chosen])
         y = y[np.argsort(-np.linalg.norm(y - y[0], axis=1))[: count - lost]]
@@ -75,7 +76,9 @@ def read(path, **said):
 @pytest.mark.slow
 @pytest.mark.parametrize("written", [as_npz, as_obj, as_ply])
 def test_points_on_the_surface_have_the_values_of_the_cloth(tmp_path, written):
-    scan = read(written(tmp_path, cloud()))
+    path = written(tmp_path, cloud())
+    found, scan = motion_facts(path), read(path)
+    assert (found["scan"], found["frames"], found["points"], found["travel"]) == (True, 24, len(cloud()[0]), None)
     fit = estimate(SCENE, scan, start=5.0 * FACTOR, intervals=False)
     assert (fit.correspondence.kind, fit.correspondence.share > 0.95) == ("scan", True)
     assert fit.scene.cloths[0].stiffness == pytest.approx(FACTOR * CLOTH.stiffness, rel=1e-6)  # rounding of 1e-8 m
@@ -122,6 +125,26 @@ def test_vertices_are_tracked_to_where_they_were(tmp_path, factor):
     assert away < (1e-6 if factor == 1.0 else 0.02 * np.median(CLOTH.lengths))
 
 
+@pytest.mark.parametrize("method", ["implicit", "bdf2"])
+def test_noise_does_not_shake_a_cloth_that_is_where_the_points_are(tmp_path, method):
+    """By the scan's own values the cloth moves freely, with the steps of its scene."""
+    own = TRUTH.with_step(TRUTH.delta, TRUTH.frames, method)
+    motion = simulate(own, tolerance=1e-12)
+    scan = load(as_npz(tmp_path, cloud(noise=2e-3, strangers=8, motion=motion)), own, Reading()).motion
+    given = tracked(Experiment(scan, own)).motion
+    np.testing.assert_allclose(given.positions, motion.positions, atol=1e-4)  # systems are solved to 1e-5
+
+
+@pytest.mark.slow
+def test_families_come_out_of_a_scan_each_by_itself(tmp_path):
+    """From equal factors, far off, though one factor alone cannot bring the cloth to the points."""
+    scene = sheet(letters="nR", frames=24)
+    truth = with_parameters(scene, np.array([0.5, 3.0, 1.0]))
+    scan = load(as_npz(tmp_path, cloud(motion=simulate(truth, tolerance=1e-12))), scene, Reading()).motion
+    fit = estimate(scene, scan, start=3.0, intervals=False)
+    assert fit.scene.cloths[0].stiffness == pytest.approx(truth.cloths[0].stiffness, rel=1e-4)
+
+
 @pytest.mark.slow
 def test_another_fabric_is_fitted_where_it_was_tracked(tmp_path):
     """One that falls another way: the model differs, and vertices end about as near as if they were known."""
@@ -154,7 +177,9 @@ def test_held_vertices_that_a_scan_leaves_are_told(tmp_path):
     frames = [y + [0.0, 0.0, k / 23] for k, y in enumerate(cloud())]
     said = {hint.code: hint.text for hint in estimate(SCENE, read(as_npz(tmp_path, frames)), time_limit=1e-3).hints}
     assert "pins-from" in said["held_vertices_move"]
-    assert not left_behind([Experiment(read(as_npz(tmp_path, cloud())), SCENE)])
+    holes = [y[y[:, 2] > np.median(y[:, 2])] if k % 3 == 1 else y for k, y in enumerate(cloud())]
+    for seen in (cloud(), holes):
+        assert not left_behind([Experiment(read(as_npz(tmp_path, seen)), SCENE)])
 
 
 def test_points_with_normals_of_another_side_are_left_out(tmp_path):

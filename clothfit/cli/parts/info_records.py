@@ -13,7 +13,7 @@ from clothfit.base.limits import doubts
 from clothfit.base.messages import counted, metres, spans
 from clothfit.cli.common.motions import vector
 from clothfit.evaluation.overview import extent
-from clothfit.formats.axes import Reading
+from clothfit.formats.axes import SCAN, Reading
 
 MOST_MESHES = 30
 """Meshes of a file that are looked at."""
@@ -21,9 +21,13 @@ MOST_MESHES = 30
 
 def motion(path: str) -> dict[str, Any]:
     """The facts of a motion's file, of any format; lengths in m, times in s. Raises InvalidInput."""
+    from clothfit.formats.animation import OtherPoints
     from clothfit.motion import foreign
 
-    loaded = foreign.load(path, None, Reading())
+    try:
+        loaded, scan = foreign.load(path, None, Reading()), False
+    except OtherPoints:
+        loaded, scan = foreign.load(path, None, Reading(bind=SCAN)), True
     own, taken = loaded.motion, loaded.interpretation
     seen: Flags = np.ones(own.positions.shape[:2], bool) if own.observed is None else own.observed
     each = [box(x[some(here)]) for x, here in zip(own.positions, seen, strict=True) if here.any()]  # no second copy
@@ -31,6 +35,7 @@ def motion(path: str) -> dict[str, Any]:
     summary = taken.summary()
     return {
         "kind": "motion",
+        "scan": scan,
         **{key: summary[key] for key in ("file", "format", "frames", "points", "duration", "rate", "notes")},
         "fps": summary["fps"] if loaded.timed else None,
         "timed": loaded.timed,
@@ -39,9 +44,10 @@ def motion(path: str) -> dict[str, Any]:
         **around,
         "first": frame(own.positions[0], seen[0], float(own.times[0])),
         "last": frame(own.positions[-1], seen[-1], float(own.times[-1])),
+        "fewest": int(seen.sum(axis=1).min(initial=seen.shape[1])),
         "observed": float(seen.mean()) if seen.size else 0.0,
         "never_observed": int((~seen.any(axis=0)).sum()),
-        "travel": rms_displacement(own.positions, seen),
+        "travel": None if scan else rms_displacement(own.positions, seen),
         "warnings": doubts(box(own.positions[0][seen[0]])["size"], remedy="read it with estimate --scale {}"),
     }
 
@@ -222,16 +228,19 @@ def motion_rows(own: dict[str, Any]) -> dict[str, str]:
     timed = f"{own['duration']:.4g} s" if own["timed"] else "no times (--fps)"
     unseen = f", {counted(own['never_observed'], 'point', 'points')} never" if own["never_observed"] else ""
     gaps = "none" if own["observed"] == 1 else f"{100 * (1 - own['observed']):.3g} % of the positions{unseen}"
+    faces = counted(own["faces"], "face", "faces") if own["faces"] else "no faces"
+    count = str(own["points"]) if own["fewest"] == own["points"] else f"{own['fewest']} to {own['points']}"
+    scan = f"{count}, others in each frame: a scan, which is a target of estimate"
+    as_motion = {} if own["scan"] else {"travel": f"{metres(own['travel'])} from the first frame (RMS)", "gaps": gaps}
     return {
         "format": own["format"],
         "frames": f"{own['frames']}{rate}, {timed}",
-        "points": f"{own['points']}, {counted(own['faces'], 'face', 'faces') if own['faces'] else 'no faces'}",
+        "points": scan if own["scan"] else f"{own['points']}, {faces}",
         "axes": f"{own['up']} up, {own['handedness']}-handed, {own['scale']:g} m per unit",
         "size": f"{extent(own['size'])} over all frames",
         "first frame": place(own["first"], own["timed"], own["points"]),
         "last frame": place(own["last"], own["timed"], own["points"]),
-        "travel": f"{metres(own['travel'])} from the first frame (RMS)",
-        "gaps": gaps,
+        **as_motion,
         **({"note": "; ".join(own["notes"])} if own["notes"] else {}),
         **mesh_lines(own),
     }
