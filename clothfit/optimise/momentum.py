@@ -172,7 +172,7 @@ class SingleSteps(NamedTuple):
     largest: float  # m, of the one that ends farthest
 
 
-LOOSE = 1e-4
+LOOSE = 1e-3
 """Tolerance of the linear systems of products for single steps, whose errors do not grow."""
 
 
