@@ -172,7 +172,7 @@ class SingleSteps(NamedTuple):
     largest: float  # m, of the one that ends farthest
 
 
-LOOSE = 1e-4
+LOOSE = 1e-3
 """Tolerance of the linear systems of products for single steps, whose errors do not grow."""
 
 
@@ -461,11 +461,11 @@ MOST_OUT = 0.25
 ROUNDS = 10
 """Rounds of trimming; a few suffice."""
 
-PATCH, PATCHES, RUN = 36, 3, 4
+PATCH, PATCHES, RUN = 36, 3, 3
 """Vertices of a patch, patches of a motion, and steps that follow one another, at least, with which values begin."""
 
-BEGIN = 1.5
-"""Rows of these steps for each value: as few as one can do with."""
+BEGIN, SURELY = 1.1, 1.5
+"""Rows of these steps for each value: as few as one can do with; and so many that such steps show that they agree."""
 
 DAMPED = 1e-12
 """Added to CᵀC of a patch, whose columns have the length 1: what is below it is rounding."""
@@ -563,12 +563,13 @@ class Agreeing(NamedTuple):
 def agreeing(patch: Patch) -> Agreeing:
     """The most steps of a patch that are in balance with the same values, which some that follow one another determine
     (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981): as few as can, as a
-    motion may have no more between exceptions, or else twice as many, by which rounding of the target hardly scatters
-    them.
+    motion may have no more between exceptions, or else more, and twice as many, by which rounding of the target hardly
+    scatters them.
     """
     T, R, Q = len(patch.steps), patch.entries.shape[1], patch.spread.shape[1]
-    length, own = max(RUN, int(np.ceil(BEGIN * Q / max(R, 1)))), False
-    for steps in (length, 2 * length) if Q else ():
+    fewest, enough = (max(RUN, int(np.ceil(share * Q / max(R, 1)))) for share in (BEGIN, SURELY))
+    own = False
+    for steps in sorted({fewest, enough, 2 * enough}) if Q else ():
         if steps <= T:
             found = agreeing_with_runs(patch, steps)
             own |= found.own
@@ -598,7 +599,7 @@ def agreeing_with_runs(patch: Patch, length: int) -> Agreeing:
 
 
 def shows_more(C: Array) -> bool:
-    """Whether the rows C (K, R, Q) of some steps determine more than those of one could, and `BEGIN` holds. Steps that
+    """Whether the rows C (K, R, Q) of some steps determine more than those of one could, and `SURELY` holds. Steps that
     are as the one before do not count: of a cloth at rest all are, and some values balance any shape.
     """
     others = 1 + int((np.linalg.norm(np.diff(C, axis=0), axis=(1, 2)) > CHANGED * np.linalg.norm(C[0])).sum())
@@ -607,7 +608,7 @@ def shows_more(C: Array) -> bool:
     flat = flat / np.where(size > 0, size, 1.0)
     shown = np.linalg.eigvalsh(flat.T @ flat)
     rank = int((shown > DETERMINED * shown.max(initial=0.0)).sum())
-    return bool(C.shape[1] < rank <= others * C.shape[1] / BEGIN)
+    return bool(C.shape[1] < rank <= others * C.shape[1] / SURELY)
 
 
 def solved(C: Array, r: Array) -> Array:

@@ -9,7 +9,8 @@ is linear in e, v₀, a and d: four numbers for the mean of many vertices over t
 shows in e and v₀: implicit Euler is ahead by v₀ = a h / 2; the first step of BDF2 is one of implicit Euler, h²/2 too
 far, and of e₁ the next ones make eₙ = (4 eₙ₋₁ − eₙ₋₂)/3 = 3/2 (1 − 3⁻ⁿ) e₁. Where a is not the scene's gravity, the
 target's clock or its gravity is another one: with times stretched by c, a is g / c². A sheet that hangs in the
-direction of gravity shows nothing of this, nor does one in wind.
+direction of gravity shows nothing of this, nor does one in wind. A later step of BDF2 that is taken by implicit Euler
+sets all vertices ahead once more: what the regression leaves of their mean counts as an error of a.
 """
 
 from __future__ import annotations
@@ -127,14 +128,17 @@ def acceleration(times: Array, fallen: Array, depth: float, g: float) -> float |
     t, u = times[1:end], whole[1:end]
     passed = np.cumsum(np.diff(times[:end]) * (u + whole[: end - 1]) / 2.0)
     columns = np.stack([1.0 - 3.0 ** (-t / t[0]), t, t**2 / 2.0, -passed], axis=1)
-    each = np.linalg.pinv(columns) @ fallen[1:end]
-    a, error = float(each[2].mean()), float(each[2].std(ddof=1) / np.sqrt(each.shape[1]))
-    _, speed, _, damping = mean = each.mean(axis=1)
+    inverse = np.linalg.pinv(columns)
+    each = inverse @ fallen[1:end]
+    _, speed, a, damping = mean = each.mean(axis=1)
+    left = columns @ mean - u
+    shared = (left @ left) / (len(t) - len(mean)) * (inverse[2] @ inverse[2])
+    error = np.sqrt(shared + each[2].var(ddof=1) / each.shape[1])
     starts = abs(speed) <= abs(a) * t[0]  # else it moves already
-    free = np.abs(columns @ mean - u).max() <= SMOOTH * np.abs(u).max()
+    free = np.abs(left).max() <= SMOOTH * np.abs(u).max()
     before = a * (1.0 + max(damping, 0.0) * t[0])  # an implicit step damps the gravity as well
     apart = max(min(a, before) - g, g - max(a, before)) - SURE * error
-    return a if starts and free and apart > OFF * g and a > 0 else None
+    return float(a) if starts and free and apart > OFF * g and a > 0 else None
 
 
 def late_start(scene: Scene, motion: Motion) -> float:

@@ -345,7 +345,7 @@ def test_what_is_left_out_is_little_unless_the_rest_is_exact(out, noise, kept):
     assert kept_of(C, r).sum() == kept
 
 
-@pytest.mark.parametrize(("steps", "count"), [(10, 0), (0, 2), (3, 2)])
+@pytest.mark.parametrize(("steps", "count"), [(10, 0), (0, 2), (2, 2)])
 def test_a_patch_of_no_value_or_too_few_steps_says_nothing(steps, count):
     every, base = np.arange(steps, dtype=np.int32), np.ones(4)
     patch = Patch(every, np.ones((steps, 6, 4)), np.ones((steps, 6)), base, np.ones((4, count)))
@@ -372,6 +372,17 @@ def test_few_steps_are_enough_where_they_agree_exactly(noise, kept):
     r[30:44] = C[30:44] @ q + noise * rng.normal(size=(14, 6))  # 84 rows for 20 values, of a seventh of the steps
     found = agreeing(Patch(np.arange(100, dtype=np.int32), C, r, np.zeros(20), np.eye(20))).steps
     assert found[30:44].sum() == found.sum() == kept
+
+
+def test_three_steps_that_follow_one_another_are_enough_to_begin_with():
+    rng = np.random.default_rng(10)
+    C, q = rng.normal(size=(60, 6, 16)), rng.normal(size=16)
+    r = C @ q + rng.normal(size=(60, 6))
+    places = (np.arange(5, 50, 10)[:, None] + np.arange(3)).ravel()  # 18 rows for 16 values, five times
+    r[places] = (C @ q)[places]
+    found = agreeing(Patch(np.arange(60, dtype=np.int32), C, r, np.zeros(16), np.eye(16)))
+    assert np.flatnonzero(found.steps).tolist() == places.tolist()
+    assert found.own
 
 
 @pytest.mark.parametrize("length", [8, 30])

@@ -27,6 +27,15 @@ def test_the_rate_of_a_clock_is_the_root_of_the_gravity_over_the_fall_that_it_sh
     assert other_fall(scene, as_motion(scene, positions, times)) is None
 
 
+@pytest.mark.parametrize(("h", "odd"), [(0.02, (3,)), (0.02, (4, 6)), (0.01, (6,)), (0.01, (5, 6)), (0.005, (2, 4))])
+def test_steps_of_bdf2_that_are_taken_by_implicit_euler_are_no_other_clock(h, odd):
+    """Each one sets all vertices ahead alike, by h²/2, and by what the next steps make of that."""
+    scene, n = sheet(delta=h), np.arange(17)
+    ahead = sum(0.75 * h**2 * (1.0 - 3.0 ** -np.maximum(n - step, 0)) for step in (0, *odd))
+    positions = scene.cloths[0].positions + (0.5 * (h * n) ** 2 + ahead)[:, None, None] * scene.gravity
+    assert other_fall(scene, as_motion(scene, positions, h * n)) is None
+
+
 @pytest.mark.parametrize("ahead", [0.0, 0.5 * H], ids=["exact", "implicit Euler"])
 @pytest.mark.parametrize("noise", [0.0, 2e-6])
 def test_a_cloth_that_stands_still_at_first_begins_to_fall_late(ahead, noise):
