@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from helpers.fits import estimate
 from helpers.strangers import small, with_finer_steps
 
+from clothfit import degrade, mesh, new_scene, simulate
 from clothfit.engine.system import BDF2
 from clothfit.fit.frame_blocks import Choice, kept_out, needed, without
 from clothfit.objective.objective import Objective
@@ -52,3 +54,21 @@ def test_gravity_is_needed_where_the_scene_has_another(started):
     assert (found["gravity"].needed, found["gravity"].rise > 0.1) == (started == -4.0,) * 2
     fewer = without(scene, parameters(scene), ["wind"])
     assert [each.name for each in fewer.blocks] == [each.name for each in scene.blocks if each.name != "wind"]
+
+
+def stiff(stiffness):
+    """A sheet so stiff that folds buckle, which falls from one side."""
+    sheet = mesh.plane(6, 1.0)
+    held = sheet.positions[:, 0] < -0.49
+    return new_scene(sheet, held, stiffness=stiffness, bending=0.05, fit="nn", fits={"damping": "G"}, frames=50)
+
+
+def test_few_kinds_explain_a_noisy_capture_that_buckles_from_a_start_that_is_far_off():
+    noise = 1.5e-3
+    capture = degrade(simulate(stiff(500.0)), noise, observed=0.8, fps=30, seed=1)
+    found = estimate(stiff(1500.0), capture, fit="auto")
+    assert [each.model for each in found.ladder] == ["F"]  # and neither maps nor wind nor gravity
+    assert "nothing else is fitted" in " ".join(hint.text for hint in found.hints)
+    assert found.rmse == pytest.approx(noise * np.sqrt(3), rel=0.05)  # some 4000 numbers scatter by 1 %
+    # half of those frames follow the stiffness by centimetres for each factor e
+    assert found.scene.cloths[0].stiffness == pytest.approx(stiff(500.0).cloths[0].stiffness, rel=0.02)
