@@ -25,7 +25,7 @@ from clothfit.base.messages import metres
 from clothfit.engine.system import build
 from clothfit.fit import step_choice
 from clothfit.fit.flags import reflagged
-from clothfit.fit.hints import Hint, hints_before_fit
+from clothfit.fit.hints import Hint, hints_before_fit, other_step
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.observer import Observer, bar
 from clothfit.fit.options import AUTO, FitOptions, Request, requested, resolved
@@ -245,6 +245,7 @@ def one_fit(
     options = options.within(objective.rounding)
     timeless = twin or objective.own or scene.method == REST
     hints = [] if timeless else hints_before_fit(objective.experiments)
+    hints += [] if before else other_step(scene, start)
     same = {}
     if options.checkpoint:  # digests of all arrays
         same = identity(scene, None if twin else objective.experiments, start, **options.identity)
