@@ -196,7 +196,7 @@ def registered_fit(refinement: Refinement, start: float | Array | Scene | None, 
         refinement, found = other, replace(fit, hints=[*(hint for hint in found.hints if hint.before_fit), *fit.hints])
     if options.intervals and not ended(found):
         refinement = refinement.with_intervals(found, left(options, began))
-    if options.fit_time and refinement.scene.mode("gravity") != "n":
+    if options.fit_time and any(block.name == "gravity" for block in found.parameters):
         found = replace(found, warnings=[*found.warnings, SAME_FALL])
     return replace(found, registration=list(refinement.known))
 

@@ -219,7 +219,7 @@ def by_routes(fit: Fitting) -> Status:
         status = stop.status
     except interrupts.OutOfTime:
         status = Status.LIMIT
-        if not np.isfinite(fit.search.best.cost):
+        if not (np.isfinite(fit.search.best.cost) or (fit.few and np.isfinite(fit.few.cost))):
             with interrupts.grace(np.inf), suppress(Stop):  # which may be there already
                 fit.search.visit(fit.search.start)
             fit.search.warn("the time was used up before the first step, so the values are those of the start")
@@ -235,9 +235,9 @@ def by_routes(fit: Fitting) -> Status:
         fit.search.warn(f"the search ended early: {in_words(error)}")
         status = Status.STALLED
     if fit.few and fit.few.cost < fit.search.best.cost:
+        fit.kinds, fit.step, fit.judged, fit.tried = (), None, None, ()
         with_few(fit, fit.few)
         fit.keep()
-        fit.kinds, fit.step, fit.judged, fit.tried = (), None, None, ()
         status = Status.STALLED if status == Status.CONVERGED else status
     return fit.search.finish(status)
 
@@ -283,10 +283,9 @@ class Few(NamedTuple):
 
 def by_few_kinds(fit: Fitting) -> None:
     """One factor on stiffnesses, and damping, where these alone reproduce the target but for noise or rounding: with
-    more values a motion has more minima. The friction is that of the scene, else none, else one
-    value that is fitted.
+    more values a motion has more minima. The friction is that of the scene, else none, else one value that is fitted.
     """
-    scene, found = fit.search.objective.scene, list[Few]()
+    scene, found, began = fit.search.objective.scene, list[Few](), fit.search.progress.computing
     smooth = parameters(with_parameters(scene, fit.first))
     smooth[of_kinds(scene, ("friction",))] = 0.0
     for start, others in ((fit.first, ()), (smooth, ()), (fit.first, ("friction",))):
@@ -298,6 +297,7 @@ def by_few_kinds(fit: Fitting) -> None:
         with_few(fit, best)
     else:
         fit.few = min(found, key=lambda each: each.cost)
+        fit.search.longest += fit.search.progress.computing - began  # which is no time of other kinds
 
 
 def with_few(fit: Fitting, best: Few) -> None:
@@ -306,7 +306,7 @@ def with_few(fit: Fitting, best: Few) -> None:
     known += "" if np.array_equal(best.start, fit.first) else ", without friction"
     what = "the target; nothing else is fitted"
     if not (best.explains or best.chaotic):
-        what = "more of the target than with others beside them; nothing else is fitted"
+        what = "more of the target than all that was tried beside them; nothing else is fitted"
     if best.chaotic:
         what = f"the target's first {best.chaotic} steps; {few_values.TEXT}"
     fit.notes = [f"one factor on the stiffnesses, and {known}, reproduce {what}"]

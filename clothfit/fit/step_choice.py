@@ -301,6 +301,7 @@ def by_exact_windows(own: Search, exact: list[tuple[Objective, Array]]) -> None:
     """Windows of more and more frames to the minimum, as far as each is reproduced but for noise; those that are, with
     the values (P,) that do so, go to `exact`. Raises Stop.
     """
+    own.visit(own.start)
     if own.fitted.sum() > FEW_VALUES:
         return
     with np.errstate(over="ignore", invalid="ignore"):  # of sensitivities where a cloth buckles

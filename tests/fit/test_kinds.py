@@ -6,10 +6,14 @@ from helpers.fits import estimate
 from helpers.strangers import small, with_finer_steps
 
 from clothfit import degrade, mesh, new_scene, simulate
+from clothfit.base.interrupts import OutOfTime
 from clothfit.engine.system import BDF2
+from clothfit.fit import routes
 from clothfit.fit.frame_blocks import Choice, kept_out, needed, without
+from clothfit.motion.motion import rms
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status
 from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow
@@ -72,3 +76,25 @@ def test_few_kinds_explain_a_noisy_capture_that_buckles_from_a_start_that_is_far
     assert found.rmse == pytest.approx(noise * np.sqrt(3), rel=0.05)  # some 4000 numbers scatter by 1 %
     # half of those frames follow the stiffness by centimetres for each factor e
     assert found.scene.cloths[0].stiffness == pytest.approx(stiff(500.0).cloths[0].stiffness, rel=0.02)
+
+
+@pytest.mark.parametrize("ended", [True, False])
+def test_what_few_kinds_came_to_is_kept_where_nothing_comes_nearer(monkeypatch, ended):
+    """By longer steps than those of the target, which no values make up for; the rest has no time, or does nothing."""
+
+    def rest(fit):
+        if ended:
+            raise OutOfTime
+        return Status.CONVERGED
+
+    few = next(route for route in routes.CHOICES if route.name == "few kinds")
+    monkeypatch.setattr(routes, "CHOICES", [few])
+    monkeypatch.setattr(routes, "ROUTES", [routes.Route("rest", lambda fit: True, rest)])
+    scene, truth = stiff(60.0), stiff(20.0)
+    target = with_finer_steps(truth, 8)
+    found = estimate(scene, target, fit="auto")
+    assert found.status == ("limit" if ended else "stalled")
+    # no farther than the start, whose linear systems `simulate` solves to 1e-8
+    assert found.rmse <= (1.0 + 1e-4) * rms(simulate(scene).positions - target.positions)
+    assert [block.name for block in found.parameters] == ["stiffness", "damping"]
+    assert not [text for text in found.warnings if "those of the start" in text]
