@@ -283,14 +283,18 @@ class Few(NamedTuple):
 
 def by_few_kinds(fit: Fitting) -> None:
     """One factor on stiffnesses, and damping, where these alone reproduce the target but for noise or rounding: with
-    more values a motion has more minima. The friction is that of the scene, else none, else one value that is fitted.
+    more values a motion has more minima. The friction is that of the scene, else none, else one value that is fitted;
+    the wind that of the scene, else fitted.
     """
     scene, found, began = fit.search.objective.scene, list[Few](), fit.search.progress.computing
     smooth = parameters(with_parameters(scene, fit.first))
     smooth[of_kinds(scene, ("friction",))] = 0.0
-    for start, others in ((fit.first, ()), (smooth, ()), (fit.first, ("friction",))):
+    tried: list[tuple[Array, Sequence[str]]] = [(fit.first, ())]
+    tried += [(smooth, ()), (fit.first, ("friction",))] if scene.laws else []
+    tried += [(fit.first, ("wind",))] if any(cloth.feels_air for cloth in scene.cloths) else []
+    for start, others in tried:
         found.append(by_few(fit, start, others))
-        if found[-1].explains or not scene.laws:
+        if found[-1].explains:
             break
     best = max(found, key=lambda each: (each.explains, each.chaotic))
     if best.explains or best.chaotic:

@@ -1,5 +1,7 @@
 """Which kinds a fit needs: the error on blocks that are kept out, and what is found of a sheet that falls."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.fits import estimate
@@ -78,6 +80,20 @@ def test_few_kinds_explain_a_noisy_capture_that_buckles_from_a_start_that_is_far
     assert found.scene.cloths[0].stiffness == pytest.approx(stiff(500.0).cloths[0].stiffness, rel=0.02)
 
 
+def test_a_wind_that_the_scene_does_not_have_is_one_of_few_kinds():
+    windy = replace(stiff(500.0), wind=np.array([1.0, 0.0, 0.7]), cloths=in_air(stiff(500.0)))
+    start = replace(stiff(1500.0), cloths=in_air(stiff(1500.0)))
+    capture = degrade(simulate(windy), 1e-3, observed=0.8, fps=30, seed=2)
+    found = estimate(start, capture, fit="auto")
+    assert [block.name for block in found.parameters] == ["stiffness", "damping", "wind"]
+    assert found.scene.wind == pytest.approx(windy.wind, abs=0.05)  # it moves the sheet by decimetres
+
+
+def in_air(scene):
+    """The cloths of a scene, which feel real air."""
+    return tuple(replace(cloth, drag=1.2, drag_law="air") for cloth in scene.cloths)
+
+
 @pytest.mark.parametrize("ended", [True, False])
 def test_what_few_kinds_came_to_is_kept_where_nothing_comes_nearer(monkeypatch, ended):
     """By longer steps than those of the target, which no values make up for; the rest has no time, or does nothing."""
@@ -96,5 +112,5 @@ def test_what_few_kinds_came_to_is_kept_where_nothing_comes_nearer(monkeypatch, 
     assert found.status == ("limit" if ended else "stalled")
     # no farther than the start, whose linear systems `simulate` solves to 1e-8
     assert found.rmse <= (1.0 + 1e-4) * rms(simulate(scene).positions - target.positions)
-    assert [block.name for block in found.parameters] == ["stiffness", "damping"]
+    assert {block.name for block in found.parameters} <= {"stiffness", "damping", "wind"}
     assert not [text for text in found.warnings if "those of the start" in text]
