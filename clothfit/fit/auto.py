@@ -83,13 +83,13 @@ def by_hierarchy(
     models = hierarchy.models(search.objective.scene)
     left = models if wanted is None else wanted
     coarse = [model for model in left if model not in FINE]
-    hierarchy.refine(search, coarse, starts, more=bool(left))
+    hierarchy.refine(search, coarse, starts)
     status = by_single_values(search, tau) if left else None
     if status is not None:
         return status
     fine, begin = left[len(coarse):], [search.best.p] if coarse else starts
     if too_many(search) and "L" in fine:
-        hierarchy.refine(search, fine[:-1], begin, more=True)
+        hierarchy.refine(search, fine[:-1], begin)
         if np.isfinite(search.best.cost) and not is_far(search):
             return by_products(search, tau)
         fine, begin = fine[-1:], [search.best.p]

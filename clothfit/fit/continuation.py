@@ -239,9 +239,10 @@ def some_steps(
     saving: float = SAVING,
     patience: Patience = PATIENCE,
     prior: Prior | None = None,
+    widths: Array | None = None,
 ) -> Array:
     """Where some steps of Gauss–Newton lead from y (Q,), without a model of the last point, until one would save less
-    than a share of the cost. Raises Diverged.
+    than a share of the cost, in a trust region of these `widths` (Q,), or of those of the part. Raises Diverged.
     """
     points: list[Array] = []
 
@@ -251,7 +252,7 @@ def some_steps(
             raise StepLimit
         return part.model(y)
 
-    problem = replace(part.problem(saving, patience), model=model, widths=part.widths)
+    problem = replace(part.problem(saving, patience), model=model, widths=part.widths if widths is None else widths)
     with contextlib.suppress(StepLimit):
         return gauss_newton.minimise(problem, y, prior or none(part.size), part.passed)[0].y
     return points[-1]

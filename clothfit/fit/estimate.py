@@ -25,7 +25,7 @@ from clothfit.base.messages import metres
 from clothfit.engine.system import build
 from clothfit.fit import step_choice
 from clothfit.fit.flags import reflagged
-from clothfit.fit.hints import Hint, hints_before_fit
+from clothfit.fit.hints import Hint, hints_before_fit, other_step
 from clothfit.fit.holdout import HeldOut, error_of, judged, nearer, split
 from clothfit.fit.observer import Observer, bar
 from clothfit.fit.options import AUTO, FitOptions, Request, requested, resolved
@@ -196,7 +196,7 @@ def registered_fit(refinement: Refinement, start: float | Array | Scene | None, 
         refinement, found = other, replace(fit, hints=[*(hint for hint in found.hints if hint.before_fit), *fit.hints])
     if options.intervals and not ended(found):
         refinement = refinement.with_intervals(found, left(options, began))
-    if options.fit_time and refinement.scene.mode("gravity") != "n":
+    if options.fit_time and any(block.name == "gravity" for block in found.parameters):
         found = replace(found, warnings=[*found.warnings, SAME_FALL])
     return replace(found, registration=list(refinement.known))
 
@@ -245,6 +245,7 @@ def one_fit(
     options = options.within(objective.rounding)
     timeless = twin or objective.own or scene.method == REST
     hints = [] if timeless else hints_before_fit(objective.experiments)
+    hints += [] if before else other_step(scene, start)
     same = {}
     if options.checkpoint:  # digests of all arrays
         same = identity(scene, None if twin else objective.experiments, start, **options.identity)

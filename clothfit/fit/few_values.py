@@ -24,11 +24,20 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.fit import continuation
-from clothfit.fit.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
+from clothfit.fit.trajectory_fit import (
+    FIRST_WINDOW,
+    MOSTLY,
+    NEAR_ERROR,
+    WINDOW_GROWTH,
+    is_long,
+    loosened,
+    window_lengths,
+)
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import rms
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
+from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import gauss_newton, preconditioned
 from clothfit.optimise.gauss_newton import Patience
 from clothfit.optimise.prior import none
@@ -125,52 +134,83 @@ below which nothing bars the way.
 """
 
 
+LOUDER = 1.1
+"""Times the noise of the first frames that all frames leave at most: of 300 numbers it scatters by 4 %."""
+
+
 def through_windows(
-    own: Search, windows: slice = slice(None), bar: float = np.inf,
-    reproduced: list[tuple[Objective, Array]] | None = None,
-) -> Array:  # fmt: skip
+    own: Search, windows: slice = slice(None), reproduced: list[tuple[Objective, Array]] | None = None
+) -> Array:
     """A few steps of Gauss–Newton on the first frames, on more and more, or on some of these windows: they show gravity
     and other values that all frames hide behind what a late frame is off by. None is begun that cannot end in time, as
-    it takes as long for each frame as the one before; nor one after a window whose error, relative to how far its
-    target moves, is above the `bar`; those that are not go to `reproduced`. Returns the last values (P,).
+    it takes as long for each frame as the one before.
+
+    With a list of what is `reproduced` windows grow slowly, and each is fitted nearly to the minimum; those that are
+    reproduced but for noise go there, with the values (P,) that do so, and one of which most is left ends it. Returns
+    the last values (P,).
     """
+    close = reproduced is not None
     y, pace = own.y, 0.0
-    for number, window in list(enumerate(windows_of(own.objective)))[windows]:
+    for number, window in list(enumerate(windows_of(own.objective, close)))[windows]:
         part, began = Trajectory(own, window), own.progress.computing
         own.enter("windows", window)
         if own.is_late or not own.has_time(pace * window.steps) or not np.isfinite(part.cost(y)):
             break
-        most = LATER_STEPS if number and not may_touch(window) else FIRST_STEPS
-        y = some_steps(part, y, most // (2 if is_long(own) else 1))
-        if may_touch(window) and not is_long(own):
-            y = beyond_switches(part, y, most)
+        thorough = close or may_touch(window)
+        most = FIRST_STEPS if thorough or not number else LATER_STEPS
+        y = some_steps(part, y, most // (2 if is_long(own) else 1), thorough)
+        noise = min((each.rmse(each.cost(p)) for each, p in reproduced or ()), default=np.inf)
+        if not is_long(own) and (may_touch(window) or (close and unexplained(window, own.parameters(y), noise))):
+            y = beyond_switches(part, y, most, close)
         pace = (own.progress.computing - began) / window.steps
         own.visit(own.parameters(y))
-        if part.cost(y) > bar**2 * window.cost_at_rest:
+        if reproduced is None:
+            continue
+        left = unexplained(window, own.parameters(y), noise)
+        if left > MOSTLY:
             break
-        if reproduced is not None:
+        if not left:
             reproduced.append((window, own.parameters(y)))
     return own.parameters(y)
 
 
-def some_steps(part: Trajectory, y: Array, most: int) -> Array:
-    """Where some steps of Gauss–Newton on a window lead from y (Q,). Raises Diverged."""
-    ends = (CONTACT_SAVING, CONTACT_PATIENCE) if may_touch(part.objective) else (WINDOW_SAVING, HASTY)
-    return continuation.some_steps(part, y, most, *ends)
-
-
-def beyond_switches(part: Trajectory, y: Array, most: int) -> Array:
-    """Where steps of Gauss–Newton lead from points around y (Q,) that cost clearly less, where contacts that switch bar
-    its way: along the axes of M = V diag(μ) Vᵀ = H / c + 1 / w², y ± r vᵢ / √μᵢ, with the cost c and the widths w.
+def unexplained(objective: Objective, p: Array, noise: float = np.inf) -> float:
+    """The share of the squares at p (P,) that is no noise; 0 where all may be, or hardly anything is left. What is left
+    beyond a `noise` that is known, m, is none: of some dozen frames a test says little. Raises Diverged.
     """
-    lower, upper = part.bounds
+    cost = objective.cost_or_infinity(p)
+    test = None if cost <= NEAR_ERROR**2 * objective.cost_at_rest else residual_test(objective, p)
+    if test is None:
+        return 0.0
+    louder = objective.rmse(cost) > LOUDER * noise
+    return max(0.0 if test.is_noise else test.structured, 1.0 - (noise / objective.rmse(cost)) ** 2 if louder else 0.0)
+
+
+def some_steps(part: Trajectory, y: Array, most: int, thorough: bool = True) -> Array:
+    """Where some steps of Gauss–Newton on a window lead from y (Q,): nearly to the minimum where they are `thorough`.
+    Raises Diverged.
+
+    They may change a value by a factor e at first: in a ball of coordinates, by which a factor on a whole cloth counts
+    as often as that has springs, it would hardly change, and a step that saves so little is the last.
+    """
+    ends = (CONTACT_SAVING, CONTACT_PATIENCE) if thorough else (WINDOW_SAVING, HASTY)
+    return continuation.some_steps(part, y, most, *ends, widths=part.own_widths)
+
+
+def beyond_switches(part: Trajectory, y: Array, most: int, wide: bool = False) -> Array:
+    """Where steps of Gauss–Newton lead from points around y (Q,) that cost clearly less, where contacts that switch bar
+    its way: along the axes of M = V diag(μ) Vᵀ = H / c + 1 / w², y ± r vᵢ / √μᵢ, with the cost c and the widths w; a
+    `wide` look is along those of 1 / w² as well: where a cloth buckles another way, H says nothing of what is near.
+    """
+    flat = np.diag(1.0 / part.own_widths**2)
     for _ in range(POLL_STEPS):
         if part.cost(y) <= CLOSE**2 * part.objective.cost_at_rest or part.search.is_late:
             break
         model = part.model(y)
-        values, axes = np.linalg.eigh(model.H / model.cost + np.diag(1.0 / part.own_widths**2))
-        steps = axes.T / np.sqrt(values)[:, None]
-        around = [np.clip(y + r * side * step, lower, upper) for r in RADII for step in steps for side in (1.0, -1.0)]
+        metrics = [np.nan_to_num(model.H / model.cost) + flat, *([flat] if wide else [])]
+        found, least = map(np.linalg.eigh, metrics), flat.diagonal().min()  # of all, but for rounding
+        steps = np.concatenate([(axes / np.sqrt(np.maximum(values, least))).T for values, axes in found])
+        around = [np.clip(y + r * side * step, *part.bounds) for r in RADII for step in steps for side in (1.0, -1.0)]
         costs = [part.cost(each) for each in around]
         best = int(np.argmin(costs))
         if not costs[best] < (1.0 - PAYS) * model.cost:
@@ -179,13 +219,15 @@ def beyond_switches(part: Trajectory, y: Array, most: int) -> Array:
     return y
 
 
-def windows_of(objective: Objective) -> list[Objective]:
-    """The objective over the first frames, over more and more, all of them left out."""
-    first = objective.first_step + FIRST_WINDOW * frame_steps(objective)
-    if may_touch(objective):
-        lengths = window_lengths(first, objective.steps + 1, CONTACT_GROWTH)[:-1]
-        return [objective.until(frames, objective.tolerance) for frames in lengths]
-    return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1)[:-1]]
+def windows_of(objective: Objective, close: bool = False) -> list[Objective]:
+    """The objective over the first frames, over more and more, all of them left out; `close` windows begin with fewer,
+    and grow as slowly as those of cloths that may touch something.
+    """
+    touches, frames = may_touch(objective), FIRST_WINDOW // (2 if close else 1)
+    growth = CONTACT_GROWTH if close or touches else WINDOW_GROWTH
+    first = objective.first_step + frames * frame_steps(objective)
+    lengths = window_lengths(first, objective.steps + 1, growth)[:-1]
+    return [objective.until(end, objective.tolerance) if touches else loosened(objective, end) for end in lengths]
 
 
 def may_touch(objective: Objective) -> bool:

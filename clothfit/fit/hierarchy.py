@@ -108,16 +108,21 @@ def count(scene: Scene) -> int:
     return sum(block.count for block in scene.blocks)
 
 
-def refine(search: Search, wanted: Sequence[str], starts: Sequence[Array] = (), more: bool = False) -> None:
-    """Fit models of a search one after the other, each from the best point before; the windows of the first go from
-    `starts` (P,), where there are any. Warns where it is late, unless `more` is fitted after them. Raises Stop.
+def refine(search: Search, wanted: Sequence[str], starts: Sequence[Array] = ()) -> None:
+    """Fit models of a search one after the other, until it is late, each from the best point before; the windows of the
+    first go from `starts` (P,), where there are any. Raises Stop.
     """
     for number, model in enumerate(wanted):
         if number and search.is_late:
             break
         fit_level(search, model, () if number else starts)
-    if search.is_late and not more:
-        search.warn(f"the fit ended after {search.longest:g} s, short of the target; --budget gives it more")
+
+
+def warn_where_late(search: Search, status: Status) -> None:
+    """Warn where the time ended models that had not come to a minimum."""
+    if search.levels and search.is_late and status == Status.STALLED:
+        ended = f"the fit ended after {search.longest:.0f} s of computing, before it came to a minimum"
+        search.warn(f"{ended}; --budget gives it more")
 
 
 def fit_level(search: Search, model: str, starts: Sequence[Array] = ()) -> None:

@@ -21,6 +21,7 @@ from clothfit.registration.free_fall import other_fall
 from clothfit.registration.mislabelled import changes
 from clothfit.registration.record import named, rigid, scale_between
 from clothfit.scene.cloth import Cloth
+from clothfit.scene.kinds import INTEGRATORS
 from clothfit.scene.scene import Scene
 
 AWAY, RIGID = 0.001, 0.2
@@ -54,6 +55,15 @@ class Hint:
     code: str  # "time_scale", "time_offset", "placement", "held_vertices_move", "rest_lengths", "swapped_markers", …
     text: str  # a sentence
     before_fit: bool = True  # said before the fit
+
+
+def other_step(scene: Scene, start: object) -> list[Hint]:
+    """A hint where a scene to start from has another step, which its values made up for."""
+    if not isinstance(start, Scene) or (start.delta, start.method) == (scene.delta, scene.method):
+        return []
+    own, other = (f"{1e3 * each.delta:.4g} ms by {INTEGRATORS[each.method]}" for each in (scene, start))
+    text = f"start: the values of {start.name} are for steps of {other}, not of {own}, and only they are taken"
+    return [Hint("start_step", f"{text}; to keep its steps, fit {start.name} itself")]
 
 
 def hints_before_fit(given: list[Experiment]) -> list[Hint]:

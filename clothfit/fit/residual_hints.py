@@ -267,8 +267,8 @@ def with_stall_hint(fit: Fit, objective: Objective) -> Fit:
         )
     else:
         text = (
-            "the search has stalled short of a minimum: fit again from its result (--start), by another --method, or "
-            "from other starts (--starts 8)"
+            "the search has stalled short of a minimum: fit again from its result (--start), by another --method, from "
+            "other starts (--starts 8), or from a scene of the fabric, where you know it (new --fabric denim)"
         )
     return replace(fit, hints=[*fit.hints, Hint("stalled", text, before_fit=False)])
 
@@ -385,4 +385,7 @@ def way_out(scene: Scene) -> str:
             f"Fit {listed(missing)} as well (--fit auto), or see that what is held, and wind, are as in the target; "
             "where its clock may be another, use --fit-time"
         )
-    return "Try other starts (--starts 8), more time (--budget), or fewer frames first"
+    return (
+        "Try a scene of the fabric, where you know it (new --fabric denim), other starts (--starts 8), more time "
+        "(--budget), or fewer frames first"
+    )

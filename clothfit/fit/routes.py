@@ -126,6 +126,7 @@ class Fitting:
     kinds: Sequence[frame_blocks.Choice] = ()  # what was found of them
     notes: Sequence[str] = ()  # on what was chosen
     chaotic: int = 0  # steps from which on rounding decides how the cloth moves; 0: it does not
+    few: Few | None = None  # values of few kinds that do not explain the target
     judged: list[Judged] | None = None  # the models among which one was chosen
     wanted: list[str] | None = None  # models that are left to try, where no values reproduce the target
     as_it_is: float = np.inf  # cost of the scene's own values, where equal ones are fitted
@@ -205,6 +206,7 @@ def through_routes(fit: Fitting) -> Status:
     for route in WITH_TIME_LEFT:
         if route.applies(fit):
             status = route.run(fit) or status
+    hierarchy.warn_where_late(fit.search, status)
     return status
 
 
@@ -217,7 +219,7 @@ def by_routes(fit: Fitting) -> Status:
         status = stop.status
     except interrupts.OutOfTime:
         status = Status.LIMIT
-        if not np.isfinite(fit.search.best.cost):
+        if not (np.isfinite(fit.search.best.cost) or (fit.few and np.isfinite(fit.few.cost))):
             with interrupts.grace(np.inf), suppress(Stop):  # which may be there already
                 fit.search.visit(fit.search.start)
             fit.search.warn("the time was used up before the first step, so the values are those of the start")
@@ -232,6 +234,11 @@ def by_routes(fit: Fitting) -> Status:
             raise
         fit.search.warn(f"the search ended early: {in_words(error)}")
         status = Status.STALLED
+    if fit.few and fit.few.cost < fit.search.best.cost:
+        fit.kinds, fit.step, fit.judged, fit.tried = (), None, None, ()
+        with_few(fit, fit.few)
+        fit.keep()
+        status = Status.STALLED if status == Status.CONVERGED else status
     return fit.search.finish(status)
 
 
@@ -269,32 +276,45 @@ class Few(NamedTuple):
     p: Array  # (P′,)
     start: Array  # (P,), which has the rest
     others: Sequence[str]
-    explains: bool  # the target, but for noise or rounding
+    cost: float  # there, over all frames
+    explains: bool  # the target, but for noise or rounding, or what a motion makes of that at its end
     chaotic: int = 0  # steps that they reproduce before rounding decides
 
 
 def by_few_kinds(fit: Fitting) -> None:
     """One factor on stiffnesses, and damping, where these alone reproduce the target but for noise or rounding: with
-    more values a motion that touches something has more minima. The friction is that of the scene, else none, else one
-    value that is fitted.
+    more values a motion has more minima. The friction is that of the scene, else none, else one value that is fitted;
+    the wind that of the scene, else fitted.
     """
-    scene, found = fit.search.objective.scene, list[Few]()
+    scene, found, began = fit.search.objective.scene, list[Few](), fit.search.progress.computing
     smooth = parameters(with_parameters(scene, fit.first))
     smooth[of_kinds(scene, ("friction",))] = 0.0
-    for start, others in ((fit.first, ()), (smooth, ()), (fit.first, ("friction",))):
+    tried: list[tuple[Array, Sequence[str]]] = [(fit.first, ())]
+    tried += [(smooth, ()), (fit.first, ("friction",))] if scene.laws else []
+    tried += [(fit.first, ("wind",))] if any(cloth.feels_air for cloth in scene.cloths) else []
+    for start, others in tried:
         found.append(by_few(fit, start, others))
-        if found[-1].explains or not scene.laws:
+        if found[-1].explains:
             break
     best = max(found, key=lambda each: (each.explains, each.chaotic))
-    if not (best.explains or best.chaotic):
-        return
+    if best.explains or best.chaotic:
+        with_few(fit, best)
+    else:
+        fit.few = min(found, key=lambda each: each.cost)
+        fit.search.longest += fit.search.progress.computing - began  # which is no time of other kinds
+
+
+def with_few(fit: Fitting, best: Few) -> None:
+    """Go on with few kinds alone."""
     known = " and ".join(["the damping", *(KIND[kind].title for kind in best.others)])
     known += "" if np.array_equal(best.start, fit.first) else ", without friction"
     what = "the target; nothing else is fitted"
+    if not (best.explains or best.chaotic):
+        what = "more of the target than all that was tried beside them; nothing else is fitted"
     if best.chaotic:
         what = f"the target's first {best.chaotic} steps; {few_values.TEXT}"
     fit.notes = [f"one factor on the stiffnesses, and {known}, reproduce {what}"]
-    fit.adopt(best.objective, best.p, best.objective.cost_or_infinity(best.p))
+    fit.adopt(best.objective, best.p, best.cost)
     fit.left_out = tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in best.others)
     fit.first, fit.model, fit.known, fit.chaotic = best.start, FEWEST, True, best.chaotic
 
@@ -309,18 +329,21 @@ def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     trial.run(lambda own: step_choice.by_exact_windows(own, exact))
     near = search.best.cost <= ALIKE_MOTION**2 * whole.cost_at_rest
     there = np.isfinite(search.best.cost) and not trial.ended
-    if near or (there and step_choice.leaves_noise(search)):
-        return Few(fewer, search.best.p, start, others, True)
-    p, chaotic = exact[-1][1] if exact else search.best.p, few_values.steps_before_chaos(fewer, exact)
-    return Few(fewer, p, start, others, False, chaotic)
+    if near or (there and (step_choice.is_whole(exact, fewer) or step_choice.leaves_noise(search))):
+        return Few(fewer, search.best.p, start, others, search.best.cost, True)
+    p, cost = search.best.p, search.best.cost
+    if chaotic := few_values.steps_before_chaos(fewer, exact):
+        p, cost = exact[-1][1], fewer.cost_or_infinity(exact[-1][1])
+    return Few(fewer, p, start, others, cost, False, chaotic)
 
 
 def with_best_step(fit: Fitting) -> None:
     """The step that gains most."""
     root = fit.search.subsearch(fit.search.objective, fit.search.start, np.inf)
-    root.budget = Budget(step_choice.EVALUATIONS)
+    root.budget, before = Budget(step_choice.EVALUATIONS), fit.search.budget.evaluations
+    root.budget.extra = before  # what is reported goes on from there
     stepped = step_choice.chosen(root, fit.counts, fit.own, fit.options.model != AUTO)
-    fit.search.budget.extra += root.budget.evaluations
+    fit.search.budget.extra += root.budget.evaluations - before
     fit.search.own, fit.search.single = root.own, root.single
     fit.step, fit.tried, fit.known = stepped.step, stepped.tried, True
     fit.adopt(stepped.objective, stepped.p, stepped.cost)

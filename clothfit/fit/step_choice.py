@@ -24,8 +24,17 @@ from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.fit import continuation, hierarchy
 from clothfit.fit.auto import balances_can_hold, by_momentum
 from clothfit.fit.continuation import ROUNDING, frame_interval, with_substeps
-from clothfit.fit.few_values import FEW_VALUES, in_a_round, through_windows, to_the_minimum, windows_of
-from clothfit.fit.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_leave_noise
+from clothfit.fit.few_values import (
+    FEW_VALUES,
+    FIRST_STEPS,
+    beyond_switches,
+    in_a_round,
+    through_windows,
+    to_the_minimum,
+    unexplained,
+    windows_of,
+)
+from clothfit.fit.trajectory_fit import UNLIKE, first_frames, is_near, may_leave_noise
 from clothfit.kernels.clock import clock_of, computing
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
@@ -33,6 +42,7 @@ from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
+from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.kinds import INTEGRATORS
 
 LONGEST, CLOSE, LONGEST_TRIAL = 25.0, 12.0, 10.0
@@ -289,13 +299,23 @@ def by_windows_of_noise(own: Search) -> None:
 
 
 def by_exact_windows(own: Search, exact: list[tuple[Objective, Array]]) -> None:
-    """Windows of more and more frames to the minimum, as far as each is reproduced; those that are, with the values
-    (P,) that do so, go to `exact`. Raises Stop.
+    """Windows of more and more frames to the minimum, as far as each is reproduced but for noise; those that are, with
+    the values (P,) that do so, go to `exact`. Raises Stop.
     """
-    if own.fitted.sum() <= FEW_VALUES:
-        through_windows(own, bar=NEAR_ERROR, reproduced=exact)
-        if own.best.cost < UNLIKE**2 * own.objective.cost_at_rest:
+    own.visit(own.start)
+    if own.fitted.sum() > FEW_VALUES:
+        return
+    with np.errstate(over="ignore", invalid="ignore"):  # of sensitivities where a cloth buckles
+        through_windows(own, reproduced=exact)
+        if own.best.cost < UNLIKE**2 * own.objective.cost_at_rest or is_whole(exact, own.objective):
             to_the_minimum(own)
+            if unexplained(own.objective, own.best.p):
+                beyond_switches(Trajectory(own, own.objective), own.y, FIRST_STEPS, wide=True)
+
+
+def is_whole(exact: Sequence[tuple[Objective, Array]], objective: Objective) -> bool:
+    """Whether the longest window of an objective is among those that are reproduced."""
+    return bool(exact) and exact[-1][0].frames == windows_of(objective, close=True)[-1].frames
 
 
 def through_windows_to_the_minimum(own: Search) -> None:

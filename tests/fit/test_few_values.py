@@ -76,12 +76,27 @@ def _barred(monkeypatch):
     monkeypatch.setattr(few_values, "some_steps", lambda part, y, most: np.ones(2) if y[0] >= STEP else y)
 
 
+class Rough(Barred):
+    """The same, with a sensitivity that is so large that all points by its metric are within the edge."""
+
+    own_widths = np.ones(2)
+
+    def model(self, y):
+        return Model(y, self.cost(y), 1e12 * np.eye(2), 1e12 * SLOPES**2 * (y - 1.0))
+
+
 @pytest.mark.usefixtures("_barred")
 @pytest.mark.parametrize(("still", "end"), [(100.0, 1.0), (1e12, 0.4)])
 def test_a_point_around_leads_beyond_the_step_but_near_the_target_none_is_polled(still, end):
     part = Barred(still)
     assert few_values.beyond_switches(part, np.array([0.4, 1.0]), 4).tolist() == [end, 1.0]
     assert (len(part.asked) == 1) is (end < STEP)
+
+
+@pytest.mark.usefixtures("_barred")
+@pytest.mark.parametrize(("wide", "end"), [(True, 1.0), (False, 0.4)])
+def test_a_wide_look_leads_out_of_where_the_sensitivity_says_nothing(wide, end):
+    assert few_values.beyond_switches(Rough(), np.array([0.4, 1.0]), 4, wide).tolist() == [end, 1.0]
 
 
 @pytest.mark.usefixtures("_barred")

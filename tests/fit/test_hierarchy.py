@@ -162,6 +162,9 @@ def test_a_fit_that_is_late_ends_with_its_first_model_and_says_so():
     search.longest = 0.0
     hierarchy.refine(search, "FRML", [search.start])
     assert [each.model for each in search.levels] == ["F"]
+    hierarchy.warn_where_late(search, Status.CONVERGED)  # more time would find nothing
+    assert not search.warnings
+    hierarchy.warn_where_late(search, Status.STALLED)
     assert [text for text in search.warnings if "--budget gives it more" in text]
 
 

@@ -8,7 +8,7 @@ from helpers.fits import estimate
 from helpers.scenes import cloth, document
 
 from clothfit import degrade, load, simulate, with_parameters
-from clothfit.fit.hints import hints_of
+from clothfit.fit.hints import hints_of, other_step
 
 pytestmark = pytest.mark.slow  # compiles a simulation
 
@@ -159,3 +159,11 @@ def test_equal_values_that_are_worse_than_the_scenes_own_are_said():
     assert "pattern" in [hint.code for hint in found.hints]
     factor = replace(uneven, cloths=tuple(replace(each, settings="nF") for each in uneven.cloths))
     assert "pattern" not in [hint.code for hint in estimate(factor, motion, intervals=False).hints]
+
+
+def test_a_start_with_another_step_is_named():
+    scene = sheet()
+    assert other_step(scene, None) == other_step(scene, 3.0) == other_step(scene, sheet(held=None)) == []
+    (hint,) = other_step(scene, scene.with_step(scene.delta / 4, method="bdf2"))
+    assert hint.before_fit
+    assert "are for steps of 5 ms by bdf2, not of 20 ms by implicit" in hint.text
