@@ -520,10 +520,10 @@ def away_from(own, y_i):
 @kernel(absent=False)
 def some_grow(colliders):
     """Whether a collider grows or shrinks."""
+    found = False
     for c in range(len(colliders.rows)):
-        if grows(colliders.rows[c]):
-            return True
-    return False
+        found = found or grows(colliders.rows[c])
+    return found
 
 
 @kernel
