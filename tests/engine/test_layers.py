@@ -170,11 +170,12 @@ def test_derivatives_where_a_later_iteration_lets_go_of_what_an_earlier_one_met(
 
 @pytest.mark.parametrize(
     ("seed", "alone", "method"),
-    [(5, False, 2), (16, False, 2), (10, True, 2), (15, True, 2), (20, True, 3), (25, True, 3)],
+    [(13, False, 2), (22, False, 2), (10, True, 2), (15, True, 2), (20, True, 3), (25, True, 3)],
 )
 def test_cloths_gain_little_energy_over_a_body_that_twists_fast(tmp_path, seed, alone, method):
-    """Zones join in them, and matrices are hardly definite: so steps are clamped and shortened. Without that the cloths
-    that are each `alone` come to 5 kJ and 63 MJ, and to 4 % with BDF2 steps that are judged by the forces at their end.
+    """Matrices are hardly definite in them, and pairs would pass: so steps are clamped and shortened, or take another
+    iteration, without which layers gain 43 %. Without all of that the cloths that are each `alone` come to 5 kJ and 63
+    MJ, and to 4 % with BDF2 steps that are judged by the forces at their end.
     """
     rng = np.random.default_rng(seed)
     places, stiffnesses = 0.02 * rng.normal(size=(3, 2)), rng.uniform(60, 200, 3)

@@ -18,10 +18,12 @@ A step knows the contacts that it begins with: of colliders, vertices that are i
 their velocities lead there. Who is outside there and ends inside all the same felt nothing: the faster, the deeper, and
 with an energy that nothing gave. So such rows are added to the step's matrix and its right-hand side as they are, with
 d < 0, and it is solved again, until it ends in no other: those that would then pull are taken out. This solves a
-complementarity problem, min ½ (w − w₀)ᵀA (w − w₀) + Σ ½ κ max(0, d − h n·W)² for the rows in view. Pairs of a cloth are
+complementarity problem, min ½ (w − w₀)ᵀA (w − w₀) + Σ ½ κ max(0, d − h n·W)² for the rows in view, by Newton's method
+with a line search (J. Nocedal, S. J. Wright, Numerical optimization, section 3.5). Pairs of a cloth are
 all found so, those that it begins with too (`engine.contact_steps`). Where the surface of a mesh turns away from the
-plane that a vertex met, by more than half of its thickness, one more of Newton's iterations follows, linearised where
-that one ended; it begins with the rows that pressed.
+plane that a vertex met, by more than half of its thickness, where pairs would pass through each other, or where at the
+end of the step contacts store more than its model knows, one more of Newton's iterations follows, linearised where that
+one ended; it begins with the rows that pressed.
 
 What is far away, with d < 0, does not rub yet. The last solution is the step, and the derivatives take it with the rows
 that it was solved with. They are noted for each iteration of it.
@@ -306,13 +308,34 @@ def slope_error(part, free, at, before, h, end):
         if not is_reached(part, k, free, y, end, h * STICTION_SPEED):
             continue
         found = row(part, y, k)
-        own, c, n, depth, kappa, _, _, _ = found
-        left = depth - dot(n, add(sub(mixed(c, own, end), mixed(c, own, y)), behind(part, y, k)))
+        own, c, n, _, kappa, _, _, _ = found
+        left = left_of(part, k, found, y, end)
         presses = left > 0.0
         if presses != on[k] and may_change(part, k, found, presses, at, end, h):
             change = -h * dot(n, sub(mixed(c, own, w), mixed(c, own, before)))
             total += kappa * abs(left) * change  # −left where it pulls
     return total
+
+
+@kernel(empty=0.0, apart=0.0)
+def surplus(part, free, at, h, end):
+    """How much more contacts store at the `end` (n, 3) of an iteration than its model has in them, J; the other
+    arguments are those of `update_active`.
+    """
+    y, more = at[1], 0.0
+    for k in range(count(part, y)):
+        if is_reached(part, k, free, y, end, 0.0):
+            found, (kappa, deep) = row(part, y, k), level(part, end, k)
+            left = left_of(part, k, found, y, end)
+            more += 0.5 * (kappa * max(deep, 0.0) * deep - found[4] * max(left, 0.0) * left)
+    return more
+
+
+@kernel
+def left_of(part, k, found, y, end):
+    """d − n·S: how deep a row is for the model of a step that ends at `end` (n, 3)."""
+    own, c, n, depth, _, _, _, _ = found
+    return depth - dot(n, add(sub(mixed(c, own, end), mixed(c, own, y)), behind(part, y, k)))
 
 
 @kernel

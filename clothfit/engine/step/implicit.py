@@ -39,6 +39,10 @@ ROUGH = 3e-4
 """Tolerance of the first solutions of a step that touches something, which only find its contacts."""
 
 
+SURPLUS = 0.01
+"""What contacts may store at the end of a step beyond what its model knows, relative to the kinetic energy then."""
+
+
 @record
 class Workspace(NamedTuple):
     """Memory that a run of steps uses again and again; (n, 3) where nothing else is said."""
@@ -165,23 +169,35 @@ def step(system, x, v, first, tolerance, work, iterates):
         direct += more_direct
         if not solved:
             return 0, iterations, direct
-        if k + 1 >= system.newton_iterations and not ends_badly(system, at, work.gy):
-            return k + 1, iterations, direct
-        if k + 1 < len(iterates):
-            contact.carry(system.colliders, free, at, system.h, work.gy)
-            contact.carry(system.contact, free, at, system.h, work.gy)
-    return len(iterates), iterations, direct
+        if k + 1 == len(iterates) or (k + 1 >= system.newton_iterations and not ends_badly(system, at, work.gy)):
+            break
+        contact.carry(system.colliders, free, at, system.h, work.gy)
+        contact.carry(system.contact, free, at, system.h, work.gy)
+    return k + 1, iterations, direct
 
 
 @kernel
 def ends_badly(system, at, end):
-    """Whether an iteration ends with a vertex too deep in a collider, or pairs that pass through each other; writes
-    `end` (n, 3).
+    """Whether an iteration ends with a vertex too deep in a collider, pairs that pass through each other, or contacts
+    that store more than its model knows; writes `end` (n, 3).
     """
     combine(1.0, at[0], system.h, at[3], end)
     if contact.too_deep(system.colliders, system.vertex.free, at, system.h, end):
         return True
-    return rows.passing(system.contact, at[0], end)
+    if rows.passing(system.contact, at[0], end):
+        return True
+    more = contact.surplus(system.colliders, system.vertex.free, at, system.h, end)
+    more += contact.surplus(system.contact, system.vertex.free, at, system.h, end)
+    return more > SURPLUS * kinetic_energy(system.vertex.mass, at[3])
+
+
+@kernel
+def kinetic_energy(mass, w):
+    """½ wᵀM w, J."""
+    twice = 0.0
+    for i in range(len(mass)):
+        twice += mass[i] * dot(load3(w, i), load3(w, i))
+    return 0.5 * twice
 
 
 @kernel
