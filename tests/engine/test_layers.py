@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.derivatives import assert_derivatives
 from helpers.fits import estimate
-from helpers.physics import rotation, scene, thing, xyz
+from helpers.physics import keys, rotation, scene, thing, xyz
 from helpers.surfaces import body, torus
 
 from clothfit import InvalidInput, find_controls, load, simulate
@@ -303,3 +303,36 @@ def test_what_layers_cannot_have_is_refused(tmp_path):
     assert "betweenObjects" in " ".join(examine(str(tmp_path / "s.json")).warnings)
     with pytest.raises(Exception, match="the objects need one dragLaw"):
         layers(one, other)
+
+
+GOING = np.array([1.5, 0.4, -0.9])  # m/s
+
+
+def ridden(shape, velocity):
+    """The positions of points that fall on what moves and start with its velocity, m/s, 40 frames."""
+    start = np.random.default_rng(3).uniform((-0.2, 0.3, -0.2), (0.2, 0.5, 0.2), (12, 3))
+    points = thing(start, mass=0.01, vertVel=[xyz(velocity)] * 12)
+    given = {"integrationMethod": 2, "delta": 0.01, "optimizationIterations": 40}
+    return simulate(scene(points, colliders=[shape], tolerance=1e-13, **given)).positions
+
+
+@pytest.mark.parametrize("kind", ["capsule", "box", "mesh", "mesh that moves"])
+def test_points_on_what_goes_on_at_one_rate_move_as_on_what_stays(tmp_path, kind):
+    law, times = {"friction": 0.4, "thickness": 0.01, "stiffness": 800.0}, np.linspace(0, 0.45, 46)
+    points, faces = torus(16, 8, 0.3, 0.19)
+    away = times[:, None] * GOING
+    np.savez(tmp_path / "way.npz", positions=points + away[:, None], times=times)
+    shapes = {
+        "capsule": {"type": 2, "rot": xyz((0, 0, 90)), "scale": xyz((0.4, 0.3, 0.4)), "pos": xyz((0, 0, 0)), **law},
+        "box": {"type": 3, "rot": xyz((20, 0, 10)), "scale": xyz((0.4, 0.3, 0.4)), "pos": xyz((0, 0, 0)), **law},
+        "mesh": body((points, faces), **law),
+    }
+    still = shapes["mesh" if kind.startswith("mesh") else kind]
+    if kind == "mesh that moves":
+        moving = still | {"motion": {"file": str(tmp_path / "way.npz")}}
+    else:
+        moving = still | {"posKeys": keys(times[[0, -1]].tolist(), away[[0, -1]].tolist())}
+    x, other = ridden(still, (0, 0, 0)), ridden(moving, GOING)
+    assert np.abs(x[-1] - x[0]).max() > 0.05
+    # Galilean invariance, but for rounding, which contacts let grow
+    np.testing.assert_allclose(other - times[:40, None, None] * GOING, x, atol=1e-7)
