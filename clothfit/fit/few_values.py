@@ -123,9 +123,9 @@ WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
 """Relative savings that end a window."""
 
 CONTACT_GROWTH, CONTACT_SAVING, CONTACT_PATIENCE = 1.3, 1e-4, Patience(1, 1e-4, 1e-4)
-"""The ratio of one window to the one before, and the savings that end one, where a cloth may touch colliders: each
-contact that switches narrows the valley of the minimum. A window must end within that of the next one, and the noise of
-a target hides much of what it shows.
+"""The ratio of one window to the one before, and the savings that end one, where a cloth may touch colliders, or windows
+are close: each contact that switches narrows the valley of the minimum. A window must end within that of the next one,
+and the noise of a target hides much of what it shows.
 """
 
 RADII, CLOSE = (1.0, 0.3, 0.1), 2e-4
@@ -164,12 +164,10 @@ def through_windows(
             y = beyond_switches(part, y, most, close)
         pace = (own.progress.computing - began) / window.steps
         own.visit(own.parameters(y))
-        if reproduced is None:
-            continue
-        left = unexplained(window, own.parameters(y), noise)
+        left = unexplained(window, own.parameters(y), noise) if close else 0.0
         if left > MOSTLY:
             break
-        if not left:
+        if reproduced is not None and not left:
             reproduced.append((window, own.parameters(y)))
     return own.parameters(y)
 
@@ -182,8 +180,8 @@ def unexplained(objective: Objective, p: Array, noise: float = np.inf) -> float:
     test = None if cost <= NEAR_ERROR**2 * objective.cost_at_rest else residual_test(objective, p)
     if test is None:
         return 0.0
-    louder = objective.rmse(cost) > LOUDER * noise
-    return max(0.0 if test.is_noise else test.structured, 1.0 - (noise / objective.rmse(cost)) ** 2 if louder else 0.0)
+    error = objective.rmse(cost)
+    return max(0.0 if test.is_noise else test.structured, 1.0 - (noise / error) ** 2 if error > LOUDER * noise else 0.0)
 
 
 def some_steps(part: Trajectory, y: Array, most: int, thorough: bool = True) -> Array:
