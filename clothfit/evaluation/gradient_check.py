@@ -441,7 +441,7 @@ def contacts(system: System, part: Rollout) -> Parts:
 
 
 def linearised_at(system: System, part: Rollout, t: int, k: int) -> Array:
-    """The positions (n, 3), m, that iteration k of step t takes its forces at."""
+    """The positions (n, 3), m, that iteration k of step t takes its forces at, but for those of moving colliders."""
     x, h = part.x[t], system.h
     if system.method == BDF2 and not part.euler[t]:
         v, (x_before, v_before) = part.velocity(t), (part.x_before, part.v_before)

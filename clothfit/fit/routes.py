@@ -284,7 +284,7 @@ class Few(NamedTuple):
 def by_few_kinds(fit: Fitting) -> None:
     """One factor on stiffnesses, and damping, where these alone reproduce the target but for noise or rounding: with
     more values a motion has more minima. The friction is that of the scene, else none, else one value that is fitted;
-    the wind that of the scene, else fitted.
+    the wind that of the scene, else fitted. What comes nearest is kept, in case other kinds end farther away.
     """
     scene, found, began = fit.search.objective.scene, list[Few](), fit.search.progress.computing
     smooth = parameters(with_parameters(scene, fit.first))
@@ -308,9 +308,8 @@ def with_few(fit: Fitting, best: Few) -> None:
     """Go on with few kinds alone."""
     known = " and ".join(["the damping", *(KIND[kind].title for kind in best.others)])
     known += "" if np.array_equal(best.start, fit.first) else ", without friction"
-    what = "the target; nothing else is fitted"
-    if not (best.explains or best.chaotic):
-        what = "more of the target than all that was tried beside them; nothing else is fitted"
+    what = "the target" if best.explains else "more of the target than all that was tried beside them"
+    what += "; nothing else is fitted"
     if best.chaotic:
         what = f"the target's first {best.chaotic} steps; {few_values.TEXT}"
     fit.notes = [f"one factor on the stiffnesses, and {known}, reproduce {what}"]
@@ -329,12 +328,11 @@ def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     trial.run(lambda own: step_choice.by_exact_windows(own, exact))
     near = search.best.cost <= ALIKE_MOTION**2 * whole.cost_at_rest
     there = np.isfinite(search.best.cost) and not trial.ended
-    if near or (there and (step_choice.is_whole(exact, fewer) or step_choice.leaves_noise(search))):
-        return Few(fewer, search.best.p, start, others, search.best.cost, True)
-    p, cost = search.best.p, search.best.cost
-    if chaotic := few_values.steps_before_chaos(fewer, exact):
-        p, cost = exact[-1][1], fewer.cost_or_infinity(exact[-1][1])
-    return Few(fewer, p, start, others, cost, False, chaotic)
+    explains = bool(near or (there and (step_choice.is_whole(exact, fewer) or step_choice.leaves_noise(search))))
+    chaotic = 0 if explains else few_values.steps_before_chaos(fewer, exact)
+    p = exact[-1][1] if chaotic else search.best.p
+    cost = fewer.cost_or_infinity(p) if chaotic else search.best.cost
+    return Few(fewer, p, start, others, cost, explains, chaotic)
 
 
 def with_best_step(fit: Fitting) -> None:

@@ -158,8 +158,8 @@ def leave(own, lay, fixed, work, h):
 
 @kernel
 def solve_again(own, lay, fixed, work, h, ahead):
-    """Solve again with the contacts that a solution ends in, as `engine.step.implicit.solve_again`; whether all were
-    found.
+    """Solve again with the contacts that a solution ends in, as `engine.step.implicit.solve_again` but for its line
+    search; whether all were found.
     """
     for turn in range(contact.ACTIVE_SET_ROUNDS):
         drops = turn < contact.DROPS
