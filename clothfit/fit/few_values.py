@@ -123,9 +123,9 @@ WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
 """Relative savings that end a window."""
 
 CONTACT_GROWTH, CONTACT_SAVING, CONTACT_PATIENCE = 1.3, 1e-4, Patience(1, 1e-4, 1e-4)
-"""The ratio of one window to the one before, and the savings that end one, where a cloth may touch colliders, or windows are
-close: each contact that switches narrows the valley of the minimum. A window must end within that of the next one, and
-the noise of a target hides much of what it shows.
+"""The ratio of one window to the one before, and the savings that end one, where a cloth may touch colliders or windows
+are close: each contact that switches narrows the valley of the minimum. A window must end within that of the next one,
+and the noise of a target hides much of what it shows.
 """
 
 RADII, CLOSE = (1.0, 0.3, 0.1), 2e-4
