@@ -308,7 +308,8 @@ def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Ta
 
 @kernel(nogil=True)
 def begin(system, part, t, work):
-    """Write a first guess of the velocity to the workspace, and note an ordinary step."""
+    """Set the inputs of a step, write a first guess of the velocity to the workspace, and note an ordinary step."""
+    set_inputs(system.inputs, system, part.first + t)
     part.theta[t], part.clamped[t], part.predicted[t] = 1.0, system.springs.cap <= 1.0, False
     part.hit[t] = False
     part.euler[t] = True
@@ -335,8 +336,7 @@ def attempt(system, work, part, t, v, first, tolerance):
 
 @kernel(nogil=True)
 def attempt_second(system, work, part, t, v, first, tolerance):
-    """The same for a BDF2 step, of which `system` is the inner one."""
-    set_inputs(system.inputs, system, part.first + t)
+    """The same for a BDF2 step, of which `system` is the inner one; the inputs are set."""
     contact.clear(system.colliders)
     x_before, v_before = states.state_before(part, t)
     used, iterations, direct, _, _, _ = bdf2.step(

@@ -26,7 +26,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
-from clothfit.engine.forces import total, vertex
+from clothfit.engine.forces import collider_rows, total, vertex
 from clothfit.engine.forces.law import ENDLESS
 from clothfit.engine.solve import linear, sparse
 from clothfit.engine.step import implicit
@@ -106,6 +106,7 @@ class _Search:
     def force(self, x: Array, h: float = ENDLESS) -> Array:
         """The forces on the free vertices (m, 3), N; A of that step is left in the workspace."""
         form = self.system._replace(h=h)
+        collider_rows.begin(form.colliders, x, 0.0)
         implicit.assemble(form, x, self.rest, False, self.work.A, self.work.b)
         return np.asarray(self.work.b[self.free] / h)
 

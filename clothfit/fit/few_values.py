@@ -205,7 +205,7 @@ def beyond_switches(part: Trajectory, y: Array, most: int, wide: bool = False) -
         if part.cost(y) <= CLOSE**2 * part.objective.cost_at_rest or part.search.is_late:
             break
         model = part.model(y)
-        metrics = [np.nan_to_num(model.H / model.cost) + flat, *([flat] if wide else [])]
+        metrics = [np.nan_to_num(model.H / model.cost, posinf=1e100, neginf=-1e100) + flat, *([flat] if wide else [])]
         found, least = map(np.linalg.eigh, metrics), flat.diagonal().min()  # of all, but for rounding
         steps = np.concatenate([(axes / np.sqrt(np.maximum(values, least))).T for values, axes in found])
         around = [np.clip(y + r * side * step, *part.bounds) for r in RADII for step in steps for side in (1.0, -1.0)]

@@ -89,7 +89,7 @@ def test_the_engines_code_depends_on_its_forces_and_not_on_its_fits():
     assert springs.add_step.py_func not in functions  # compiled by itself
     assert not any(each.__module__.startswith(("clothfit.fit", "clothfit.optimise")) for each in functions | of_force)
     assert reached(march.run.py_func, plain=True) < functions
-    assert {collider_rows.row.py_func, rows.row.py_func} < reached(contact.energy.py_func)  # of each kind
+    assert {collider_rows.level.py_func, rows.level.py_func} < reached(contact.energy.py_func)  # of each kind
 
 
 class Old(NamedTuple):

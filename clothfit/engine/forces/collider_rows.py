@@ -224,9 +224,10 @@ def row(colliders, y, k):
 
 @kernel
 def level(colliders, y, k):
-    """κ, and how deep a vertex is at y, wherever the step is linearised."""
+    """κ, and how deep a vertex is at y, wherever the step is linearised; far away 0."""
     c = k // len(y)
-    return colliders.rows[c, LAW, STIFFNESS], contact(colliders, y, k - c * len(y), c)[0]
+    i, own = k - c * len(y), colliders.rows[c]
+    return own[LAW, STIFFNESS], contact(colliders, y, i, c)[0] if in_ball(own, load3(y, i)) > 0.0 else 0.0
 
 
 @kernel
@@ -254,8 +255,8 @@ def begin(colliders, x, h):
 
 @kernel
 def carried(colliders, c, i, x_i):
-    """Where vertex i comes to that is at x_i and goes with collider c; and of a mesh that changes the triangles, and
-    the parts of them, that were looked for to find with which it goes, else −1.
+    """Where vertex i comes to that is at x_i and goes with collider c, but for what round ones grow; and of a mesh that
+    changes the triangles, and the parts of them, that were looked for to find with which it goes, else −1.
     """
     own, bodies, h = colliders.rows[c], colliders.bodies, colliders.span[0]
     if not moves(own, bodies):
@@ -267,6 +268,8 @@ def carried(colliders, c, i, x_i):
         return base, (NOWHERE, NOWHERE, NOWHERE)
     p, first = followed(bodies, own, i, base, base, h)
     p, second = followed(bodies, own, i, base, p, h)
+    if second == first:
+        return p, (first, second, NOWHERE)
     p, third = followed(bodies, own, i, base, p, h)
     return p, (first, second, third)
 
@@ -326,8 +329,13 @@ def grows(own):
 
 @kernel
 def most(colliders, y, k):
-    """How deep a vertex is at most, by a ball about the collider."""
-    own = colliders.rows[k // len(y)]
+    """How deep a vertex is at most where it is linearised."""
+    return in_ball(colliders.rows[k // len(y)], place(colliders, y, k))
+
+
+@kernel
+def in_ball(own, p):
+    """How deep a point is at most, by a ball about the collider."""
     shape, size = int(own[SHAPE, 0]), own[SIZE]
     if shape == BOX:
         reach = size[0] + size[1] + size[2]
@@ -335,7 +343,7 @@ def most(colliders, y, k):
         reach = max(size[0], size[1]) + 0.5 * size[2]
     else:
         return np.inf
-    away = sub(place(colliders, y, k), load3(own, PLACE))
+    away = sub(p, load3(own, PLACE))
     return WIDER * reach + own[LAW, THICKNESS] - sqrt(dot(away, away))
 
 

@@ -48,6 +48,11 @@ ACTIVE_SET_ROUNDS = 24
 DROPS = 20
 """In how many of these, contacts that pull are taken out; later they stay, so that the rounds end."""
 
+SURPLUS = 0.01
+"""What contacts may store at the end of a step beyond what its model has in them, relative to that and the kinetic
+energy then.
+"""
+
 EXCESS_DEPTH = 0.5
 """How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
 
@@ -82,9 +87,8 @@ def past(found, u, w, s, lag):
 def energy(part, y):
     total = 0.0  # ½ κ d²
     for k in range(count(part, y)):
-        if most(part, y, k) > 0.0:
-            kappa, depth = level(part, y, k)
-            total += 0.5 * kappa * max(depth, 0.0) * max(depth, 0.0)
+        kappa, depth = level(part, y, k)
+        total += 0.5 * kappa * max(depth, 0.0) * max(depth, 0.0)
     return total
 
 
@@ -319,15 +323,15 @@ def slope_error(part, free, at, before, h, end):
 
 @kernel(empty=0.0, apart=0.0)
 def surplus(part, free, at, h, end):
-    """How much more contacts store at the `end` (n, 3) of an iteration than its model has in them, J; the other
-    arguments are those of `update_active`.
+    """How much more contacts store at the `end` (n, 3) of an iteration than its model has in them and SURPLUS of that,
+    J; the other arguments are those of `update_active`.
     """
     y, more = at[1], 0.0
     for k in range(count(part, y)):
         if is_reached(part, k, free, y, end, 0.0):
             found, (kappa, deep) = row(part, y, k), level(part, end, k)
             left = left_of(part, k, found, y, end)
-            more += 0.5 * (kappa * max(deep, 0.0) * deep - found[4] * max(left, 0.0) * left)
+            more += 0.5 * (kappa * max(deep, 0.0) * deep - (1.0 + SURPLUS) * found[4] * max(left, 0.0) * left)
     return more
 
 

@@ -39,8 +39,8 @@ ROUGH = 3e-4
 """Tolerance of the first solutions of a step that touches something, which only find its contacts."""
 
 
-SURPLUS = 0.01
-"""What contacts may store at the end of a step beyond what its model knows, relative to the kinetic energy then."""
+CAREFUL = 3
+"""Rounds after which solutions are looked at before they are taken: mostly there are no more."""
 
 
 @record
@@ -188,7 +188,7 @@ def ends_badly(system, at, end):
         return True
     more = contact.surplus(system.colliders, system.vertex.free, at, system.h, end)
     more += contact.surplus(system.contact, system.vertex.free, at, system.h, end)
-    return more > SURPLUS * kinetic_energy(system.vertex.mass, at[3])
+    return more > contact.SURPLUS * kinetic_energy(system.vertex.mass, at[3])
 
 
 @kernel
@@ -221,7 +221,7 @@ def solve_again(system, at, solved_to, tolerance, work, anyhow):
         set_pins(system.inputs, system, at[0], at[3])
         if not solved:
             return iterations, direct, False
-        whole = turn >= contact.DROPS or not back_off(system, at, work)
+        whole = not CAREFUL <= turn < contact.DROPS or not back_off(system, at, work)
     return iterations, direct, True
 
 
@@ -242,6 +242,8 @@ def back_off(system, at, work):
     fall = 0.0
     for i in range(len(w)):
         fall += dot(load3(work.gu, i), load3(work.gy, i))
+    if fall <= 0.0:  # a matrix that is not definite
+        return False
     share = fall / (fall + rise)
     combine(share, w, 1.0 - share, work.s, w)
     return True
