@@ -13,7 +13,7 @@ not matter. M/h² is far below the rounding of K.
 The shape itself is found by Newton's method, with the same steps: (M/h² − K) d = f. The step h grows while the energy
 falls as it should and shrinks where it does not, as in pseudo-transient continuation (C. T. Kelley, D. E. Keyes,
 Convergence analysis of pseudo-transient continuation, SIAM J. Numer. Anal. 35, 1998). A shape that is no minimum is
-left along its lowest mode. Cloths have many shapes at rest, and which one is found depends on where the search begins.
+left along an unstable mode. Cloths have many shapes at rest, and which one is found depends on where the search begins.
 A cloth that begins flat and level gets its weight little by little: so it folds as it would with ever less bending
 stiffness, and nearly alike for nearly the same cloths. With its whole weight at once it falls into folds by chance.
 """
@@ -59,7 +59,7 @@ ENOUGH, GOOD = 0.05, 0.8
 """Share of the energy that Newton's model promises which a step needs, and above which the next one is longer."""
 
 KICK, MODE_SEARCHES = 0.02, 5
-"""How far a shape that is no minimum is moved along its lowest mode, in lengths of springs; and how often, at most."""
+"""How far a shape that is no minimum is moved along such a mode, in lengths of springs; and how often, at most."""
 
 
 def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:
@@ -158,13 +158,13 @@ class _Search:
                 h, tried = ENDLESS, True
             else:
                 h = min(h * SHRINK, FIRST)
-                if h < 1e-9:
-                    return False
+                if h < 1e-9:  # forces are 0, but no step lowers the energy: a saddle, which is left along its mode
+                    return size <= NEAR * self.scale
         return False
 
     def lowest(self) -> Array | None:
-        """The lowest mode (n, 3) of −K where it is negative; None where the shape is a minimum."""
-        from scipy.sparse.linalg import splu
+        """A mode (n, 3) of −K with a negative eigenvalue; None where the shape is a minimum."""
+        from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
         if not len(self.free):
             return None
@@ -176,10 +176,12 @@ class _Search:
             return None
         if (factors.U.diagonal() > 0.0).all():
             return None
-        mode = np.random.default_rng(0).standard_normal(A.shape[0])
-        for _ in range(30):
-            mode = factors.solve(mode / np.linalg.norm(mode))
-        mode /= np.linalg.norm(mode)
+        inverse = LinearOperator(A.shape, matvec=factors.solve, dtype=float)
+        guess = np.random.default_rng(0).standard_normal(A.shape[0])
+        try:  # the least 1 / λ: inverse iteration would find the λ nearest to 0, which may be positive
+            mode = eigsh(A, 1, sigma=0.0, which="SA", OPinv=inverse, v0=guess)[1][:, 0]
+        except ArpackError:
+            return None
         if not mode @ (A @ mode) < 0.0:
             return None
         whole = np.zeros_like(self.x)

@@ -601,16 +601,15 @@ def by_shadow(fit: Fitting) -> Status:
     return status
 
 
-def best_bendings(measure: Callable[[float], float], accepted: float = 0.0) -> list[float]:
+def best_bendings(measure: Callable[[float], float]) -> list[float]:
     """Factors on the bending stiffness, the one with the least measure first, and others apart from it, of those that
-    are tried before one is `accepted`, or the time is up.
+    are tried before the time is up. All of them are: folds may be near the target's and yet be others.
     """
     found = dict[float, float]()
     with suppress(interrupts.OutOfTime):
         for stage in (lambda: BENDINGS, lambda: [min(found, key=found.__getitem__) * each for each in CLOSER]):
             for factor in stage():
-                if min(found.values(), default=np.inf) > accepted:
-                    found[factor] = measure(factor)
+                found[factor] = measure(factor)
     chosen = list[float]()
     for factor in sorted(found, key=found.__getitem__):
         if all(abs(np.log(factor / other)) > np.log(APART) for other in chosen):

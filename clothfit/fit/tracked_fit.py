@@ -213,7 +213,7 @@ def by_folds(
 
     if bends.any():
         with interrupts.limited(None if options.time_limit is None else PART * PART * options.time_limit):
-            factors = best_bendings(measure, near)
+            factors = best_bendings(measure)
         if away:
             kept.append(Tracks(given, at(factors[0]), HURRIED))
     # what has the folds of the scan already may lose them where it is drawn

@@ -67,16 +67,23 @@ def test_a_strip_is_longer_by_its_own_weight(divisions):
     assert longer == pytest.approx(DENSITY * GRAVITY * length**2 / (2 * STRETCH), rel=0.05)
 
 
-def test_forces_of_a_shape_balance_and_it_is_a_minimum():
-    """A drape, whose flat start is far away: no force on a free vertex, and each small change costs energy."""
-    scene = hung(DRAPE, 10)
+@pytest.mark.parametrize(("divisions", "bending"), [(10, None), (6, 1.3), (6, 2.0)])
+def test_forces_of_a_shape_balance_and_it_is_a_minimum(divisions, bending):
+    """A drape, whose flat start is far away: no force on a free vertex, and each small change costs energy, all modes
+    of −K are positive. Denim of 1.3 and 2 times its bending comes by saddles with two negative modes.
+    """
+    scene = hung(DRAPE, divisions, stuff=preset("denim") if bending else STUFF)
+    if bending:
+        scene = clothfit.with_parameters(scene, np.repeat([1.0, bending], 3))
     system, x = build(scene, 0), shape(scene)
     from clothfit.engine.equilibrium import _Search, stored
+    from clothfit.engine.solve import sparse
 
     search, change = _Search(system, x), np.random.default_rng(0).standard_normal((5, *x.shape))
     assert np.linalg.norm(search.force(x)) < 1e-8 * search.scale  # rounding of springs against weights
     for each in np.where(system.vertex.free[:, None], 1e-4 * change, 0.0):
         assert stored(system, x + each) > stored(system, x)
+    assert np.linalg.eigvalsh(sparse.to_scipy(*search.work.A).toarray()).min() > 0.0
 
 
 def edges_across(scene, factor):
