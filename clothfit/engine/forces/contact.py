@@ -286,14 +286,14 @@ def update_active(part, free, at, h, end, drops, A, b):
             continue
         found = row(part, y, k)
         own, c, n, depth, kappa, _, _, _ = found
-        at_y = sub(mixed(c, own, y), behind(part, y, k))
-        presses = depth > dot(n, sub(mixed(c, own, end), at_y))
+        presses = left_of(part, k, found, y, end) > 0.0
         if presses == on[k] or not (presses or drops) or not may_change(part, k, found, presses, at, end, h):
             continue
         on[k] = presses
         changed += 1
         sign, rub = 1.0 if presses else -1.0, h * sliding(found, u)[0]
         lay(part, k, found, h * h * kappa, rub, 0.0, sign, A)
+        at_y = sub(mixed(c, own, y), behind(part, y, k))
         left = depth + dot(n, sub(at_y, mixed(c, own, x)))  # n·(y − x): h n·U where the step is linearised ahead
         Z = mixed(led(free, own, c), own, w)
         spread(c, own, law.force(sign * h * kappa * (left - h * dot(n, Z)), sign * rub, n, Z), b)

@@ -29,6 +29,7 @@ from clothfit.engine.forces.selfcontact import rows
 from clothfit.engine.inputs.tables import couple, move_pins, pull_pins, pull_through, push_pins, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.solve.contact_blocks import no_blocks
+from clothfit.engine.step import guard
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel, record
 from clothfit.kernels.lanes.operations import add as add_lanes
@@ -188,16 +189,7 @@ def ends_badly(system, at, end):
         return True
     more = contact.surplus(system.colliders, system.vertex.free, at, system.h, end)
     more += contact.surplus(system.contact, system.vertex.free, at, system.h, end)
-    return more > contact.SURPLUS * kinetic_energy(system.vertex.mass, at[3])
-
-
-@kernel
-def kinetic_energy(mass, w):
-    """½ wᵀM w, J."""
-    twice = 0.0
-    for i in range(len(mass)):
-        twice += mass[i] * dot(load3(w, i), load3(w, i))
-    return 0.5 * twice
+    return more > contact.SURPLUS * guard.moving(system.vertex, at[3])[0]
 
 
 @kernel
