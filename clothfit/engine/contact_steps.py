@@ -6,9 +6,10 @@ ends in, as with colliders (`forces.contact`). What still would pass through bec
 (`forces.selfcontact.zones`). So a cloth that does not cross itself at the start never does, however fast, but for pins
 that draw it through itself and for explicit methods, of whose steps only the forces of near pairs are part.
 
-A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that is
-shortened, as `step.guard` does. Where something moves, which may press into a shorter step, it is shortened to a
-sixteenth at the least, then taken anew with the clamped matrix, and of all that the one is kept that gains the least.
+A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that goes
+on with more of Newton's iterations: its springs turned, and its contacts were met, elsewhere than its model knew. Where
+these do not help it is shortened, as `step.guard` does; where something moves, which may press into a shorter step, to
+a sixteenth at the least. Then it is taken anew with the clamped matrix. Of all ends the one that gains least is kept.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
@@ -163,67 +164,113 @@ def pressed(
             break
         rough = rough and len(new) > 0 and turn < ROUNDS - 1
         numbers = np.union1d(numbers, new)
-    some, given = on.any(axis=0), (forms.at(part, t)._replace(contact=own.contact), part, t, surface, numbers, work)
-    if second and (len(pairs.crossing(surface, x, after, numbers)) or gains(*given, True)):
+    whole = forms.at(part, t)._replace(contact=own.contact)
+    passing = second and len(pairs.crossing(surface, x, after, numbers)) > 0
+    if second and (passing or gains(whole, part, t, surface, numbers, work, True)):
         return NO_PAIRS, march.CONTACTS
-    made = separated(system, surface, part, t, numbers)
-    if not second:
-        bound = whole.guarded and not (draws(whole.inputs, whole.applied) or len(surface.drawn))
-        most = guard.SHORTEST if guard.applies(system) else SHORTEST
-        w, halvings = part.w[t, part.used[t] - 1], most if bound else 0
-        left = ease(
-            part, t, lambda: gains(*given, False, made), lambda by: shorten(by, system, x, w, after, made), halvings
-        )
-        if left and bound and not part.clamped[t]:
+    end, left = Ending(whole, room, part, t, surface, numbers), 0.0
+    if not second and whole.guarded and not (draws(whole.inputs, whole.applied) or len(surface.drawn)):
+        left = end.end_well(tolerance, guard.SHORTEST if guard.applies(whole) else SHORTEST)
+        if left and not part.clamped[t]:
             return pressed(forms, tolerance, work, part, t, surface, False, safe=True)
+    some = on.any(axis=0)
     # as compiled code is for arrays of one order: what NumPy picks out of columns has another
-    return ActivePairs(numbers[some], np.ascontiguousarray(on[:, some]), made), march.DONE
+    return ActivePairs(numbers[some], np.ascontiguousarray(on[:, some]), end.made), march.DONE
 
 
-def ease(
-    part: Rollout, t: int, gains: Callable[[], float], shorten: Callable[[float], None], halvings: int
-) -> float:  # fmt: skip
-    """Halve step t of a part until the energy rises no more, but not more often than that; what moves may press into a
-    shorter step, so of all that the one is kept that gains the least, which is returned, J.
+class Ending:
+    """How a step ends that is there: where pairs would pass through each other, they go on as one; if its energy rises,
+    a step of implicit Euler may end otherwise.
     """
-    tried = [gains()]
-    while tried[-1] and len(tried) <= halvings:
-        shorten(0.5)
-        part.theta[t] *= 0.5
-        tried.append(gains())
-    longer = 2.0 ** (len(tried) - 1 - int(np.argmin(tried)))
-    if longer > 1.0:
-        shorten(longer)
-        part.theta[t] *= longer
-        gains()  # notes the power
-    return min(tried)
+
+    def __init__(
+        self, system: System, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface | None = None,
+        numbers: Indices = NOBODY,
+    ) -> None:  # fmt: skip
+        """Step t of a part, for the system that it was taken with and, for a cloth that touches itself, its pairs."""
+        self.system, self.work, self.part, self.t = system, work, part, t
+        self.surface, self.numbers = surface, numbers
+        self.made: zones.Zones | None = None  # what moves as one
+        self.separate()
+
+    @property
+    def w(self) -> Array:
+        """The velocity after the step."""
+        w: Array = self.part.velocity(self.t + 1)
+        return w
+
+    def separate(self) -> None:
+        """Join what would pass through each other."""
+        if self.surface is not None:
+            self.made = separated(self.system, self.surface, self.part, self.t, self.numbers)
+
+    def gain(self) -> float:
+        """How much the energy rises, J, 0 where that is tolerated."""
+        if self.surface is None:
+            euler = bdf2.forms(self.system)[0]
+            return float(march.gain(euler.inputs, euler, self.part, self.t, self.work))
+        own = self.part, self.t, self.surface, self.numbers, self.work
+        return gains(self.system, *own, False, self.made)
+
+    def end_well(self, tolerance: float, halvings: int) -> float:
+        """Take more of Newton's iterations until the energy rises no more; where all that there is room for do not
+        help, halve the step, but not more often than that. What moves may press into a shorter step, so of all ends the
+        one is kept that gains the least, which is returned, J.
+        """
+        tried, first = [self.gain()], int(self.part.used[self.t])
+        while tried[-1] and self.go_on(tolerance):
+            tried.append(self.gain())
+        if tried[-1] != min(tried):
+            self.end_with(first + int(np.argmin(tried)))
+        tried = [min(tried)]
+        while tried[-1] and len(tried) <= halvings:
+            self.shorten(0.5)
+            tried.append(self.gain())
+        if longer := len(tried) - 1 - int(np.argmin(tried)):
+            self.shorten(2.0**longer)
+        self.gain()  # notes the power
+        return min(tried)
+
+    def go_on(self, tolerance: float) -> bool:
+        """Take one more iteration, if there is room for one; whether that ended well."""
+        self.split()
+        step = bdf2.forms(self.system)[0], tolerance, self.work, self.part.bare(), self.t
+        good = bool(march.go_on(*step))
+        if good and self.surface is not None:
+            now = self.part.x[self.t], self.part.x[self.t + 1]
+            self.numbers = np.union1d(self.numbers, pairs.colliding(self.surface, *now))
+        self.end_with(int(self.part.used[self.t]))
+        return good
+
+    def end_with(self, used: int) -> None:
+        """End after so many iterations."""
+        self.split()
+        march.end_with(self.system, self.part.bare(), self.t, used)
+        self.separate()
+
+    def split(self) -> None:
+        """Give what moves as one its own velocities back."""
+        if self.made is not None:
+            self.w[self.made.member], self.made = self.made.found, None
+
+    def shorten(self, theta: float) -> None:
+        """Take a part of the step."""
+        self.part.theta[self.t] *= theta
+        self.w[:] *= theta
+        if self.made is not None:
+            self.made.found[:] *= theta
+        arrive(self.system, self.part.x[self.t], self.w, self.part.x[self.t + 1])
 
 
 def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> None:
-    """Shorten Euler step t of a part, after which the energy is higher than what moves has given it, or take it with
-    the clamped system; for a cloth that does not touch itself.
+    """Take more iterations of Euler step t of a part, after which the energy is higher than what moves has given it, or
+    shorten it, or take it with the clamped system; for a cloth that does not touch itself.
     """
-
-    def gains() -> float:
-        return float(march.gain(own.inputs, own, part, t, work))
-
-    def halve(by: float) -> None:
-        shorten(by, own, part.x[t], part.w[t, part.used[t] - 1], part.x[t + 1], None)
-
-    own = bdf2.forms(forms.at(part, t))[0]
-    if ease(part, t, gains, halve, SHORTEST) and not part.clamped[t]:
+    if Ending(forms.at(part, t), work, part, t).end_well(tolerance, SHORTEST) and not part.clamped[t]:
         part.clamped[t], part.theta[t] = True, 1.0
         own, v = bdf2.forms(forms.at(part, t))[0], part.velocity(t)
         attempt(own, work, part, t, v, v.copy(), tolerance)  # which succeeds
-        ease(part, t, gains, halve, SHORTEST)
-
-
-def shorten(theta: float, system: System, x: Array, w: Array, after: Array, made: zones.Zones | None) -> None:
-    """Take a part of a step that begins at x, in its velocity w, its end (n, 3) and what zones joined."""
-    w *= theta
-    if made is not None:
-        made.found[:] *= theta
-    arrive(system, x, w, after)
+        Ending(forms.at(part, t), work, part, t).end_well(tolerance, SHORTEST)
 
 
 def gains(

@@ -15,8 +15,8 @@ class Fallbacks(NamedTuple):
     clamped_steps: int = 0  # steps with a positive definite matrix in place of their own (`system.clamped`)
     shortened_steps: int = 0  # steps shortened because they would have added energy (`step.guard`)
     early_contacts: int = 0  # steps taken with the contacts they begin, which would have added energy (`step.guard`)
-
     hits: int = 0  # steps of BDF2 motions in which the cloth hits something, of first order (`march.hits`)
+    longer_steps: int = 0  # steps of more iterations, as contacts or the energy were not right (`rollout.more`)
 
     def with_those_of(self, part: Rollout) -> Fallbacks:
         """These and those of a part of a motion."""
@@ -26,6 +26,7 @@ class Fallbacks(NamedTuple):
             self.shortened_steps + int((part.theta < 1.0).sum()),
             self.early_contacts + int(part.predicted.sum()),
             self.hits + int(part.hit.sum()),
+            self.longer_steps + int((part.more > 0).sum()),
         )
 
     def together(self, other: Fallbacks) -> Fallbacks:
@@ -41,6 +42,7 @@ class Fallbacks(NamedTuple):
             f"{{}} of {steps} steps were stabilised (too fast for the step): the cloth is slowed down there; {finer}",
             f"{{}} of {steps} steps were stabilised (deep in a sphere at once): it comes off otherwise there; {finer}",
             f"{{}} of {steps} steps hit something: there and in the next one BDF2 is of first order",
+            f"{{}} of {steps} steps were computed again from where they ended; that takes time alone",
         )
         return [sentence.format(count) for count, sentence in zip(self, said, strict=True) if count]
 

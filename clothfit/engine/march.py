@@ -273,6 +273,31 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded, watche
     return after, True
 
 
+@kernel(nogil=True)
+def go_on(system, tolerance, work, part, t):
+    """Take one more iteration of Euler step t, which is whole; whether there was one, and it ended well."""
+    x, w, k = part.x[t], part.w[t], part.used[t]
+    if k == len(w):
+        return False
+    set_inputs(system.inputs, system, part.first + t)
+    contact.load_active(system.colliders, part.active, t)
+    ended, iterations, direct = implicit.iterate_on(system, x, velocity(part, t), k, tolerance, work, w)
+    contact.save_active(system.colliders, part.active, t)
+    count(part, t, k, iterations, direct)
+    if ended != implicit.SOLVED or not finite(w[k]):
+        return False
+    end_with(system, part, t, k + 1)
+    return True
+
+
+@kernel
+def end_with(system, part, t, used):
+    """Let Euler step t of a part end after so many iterations."""
+    part.used[t] = used
+    combine(1.0, part.x[t], system.h, part.w[t, used - 1], part.x[t + 1])
+    place_pins(system.inputs, system, part.x[t + 1])
+
+
 @kernel
 def count(part, t, used, iterations, direct):
     """Note what a solution of step t took."""

@@ -29,16 +29,17 @@ class Forms(NamedTuple):
     euler: Flags  # (T,)
     predicted: Flags  # (T,)
     theta: Array  # (T,)
+    more: Array  # (T,), iterations beyond those of the scene
 
     @property
     def plain(self) -> Flags:
         """Which steps (T,) are whole and those of their method, but for the first one."""
-        return np.asarray(~(self.clamped | self.predicted | self.euler) & (self.theta == 1.0))
+        return np.asarray(~(self.clamped | self.predicted | self.euler) & (self.theta == 1.0) & (self.more == 0))
 
     def part(self, begin: int, end: int) -> Forms:
         """Those of the steps from `begin` to below `end`."""
         at = slice(begin, end)
-        return Forms(self.clamped[at], self.euler[at], self.predicted[at], self.theta[at])
+        return Forms(self.clamped[at], self.euler[at], self.predicted[at], self.theta[at], self.more[at])
 
     def equals(self, other: Forms) -> bool:
         """Whether all steps have the same forms."""
@@ -47,7 +48,7 @@ class Forms(NamedTuple):
 
 def forms_of(parts: Iterable[Rollout]) -> Forms:
     """The forms of the steps of a motion, in order."""
-    own = [(part.clamped.copy(), part.euler.copy(), part.predicted.copy(), part.theta.copy()) for part in parts]
+    own = [[getattr(part, name).copy() for name in Forms._fields] for part in parts]
     return Forms(*(np.concatenate(each) for each in zip(*own, strict=True)))
 
 
@@ -128,12 +129,16 @@ def one(
         work.solution[:] = part.velocity(t)
         guess.next_guess(work.past, part.first + t, work.solution)
         part.solves[t] = 0
+    euler = form._replace(method=IMPLICIT)
     if form.method == BDF2 and given.euler[t]:
-        done, ended = march.run(form._replace(method=IMPLICIT), tolerance, work, part, t, t + 1)
+        done, ended = march.run(euler, tolerance, work, part, t, t + 1)
         part.euler[t] = True
     else:
         done, ended = run_steps(form, tolerance, work, part, t, t + 1)
     part.predicted[t] = predicted
+    while ended == march.DONE and part.more[t] < given.more[t]:
+        if not march.go_on(euler, tolerance, work, part, t):
+            break
     if ended == march.DONE and given.theta[t] < 1.0:
         part.theta[t] = given.theta[t]
         part.w[t, part.used[t] - 1] *= given.theta[t]

@@ -51,6 +51,7 @@ class Rollout(NamedTuple):
     v: Array  # (n, 3), velocity before the first of the steps, m/s
     x_before: Array  # (n, 3), position one step before that, m; any, where nothing was before
     v_before: Array  # (n, 3), the velocity there, m/s
+    regular: int  # iterations that a step takes unless it ends badly
     ready: bool = False  # whether the first of the steps can be a BDF2 step
     first: int = 0  # steps of the motion before it
     active: Flags | None = None  # (T, N, C n), contacts that steps only ended in (`forces.contact`); None without any
@@ -68,8 +69,14 @@ class Rollout(NamedTuple):
         cut |= {name: None if (own := getattr(self, name)) is None else own[begin:end] for name in OF_STEPS}
         ready = self.smooth(begin - 1) if begin else self.ready
         return Rollout(
-            **cut, v=self.velocity(begin), x_before=x_before, v_before=v_before, ready=ready, first=self.first + begin
-        )
+            **cut, v=self.velocity(begin), x_before=x_before, v_before=v_before, regular=self.regular, ready=ready,
+            first=self.first + begin,
+        )  # fmt: skip
+
+    @property
+    def more(self) -> Indices:
+        """Iterations (T,) of each step beyond those that it takes unless it ends badly."""
+        return np.maximum(self.used - self.regular, 0)
 
     def smooth(self, t: int) -> bool:
         """Whether a BDF2 step may follow step t."""
@@ -134,7 +141,7 @@ def empty(system: System, steps: int) -> Rollout:
     x[0] = system.x0
     used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
     flags, guard_state = np.zeros((4, steps), bool), np.tile(guard.START, (steps + 1, 1))
-    start = system.v0, system.x0, system.v0
+    start = system.v0, system.x0, system.v0, system.newton_iterations
     made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], flags[3], guard_state, *start)
     if system.colliders is not None:
         made = made._replace(active=np.zeros((steps, *system.colliders.on.shape), bool))
@@ -149,9 +156,9 @@ def iterations_of(system: System) -> int:
 
 
 def state_bytes(system: System) -> int:
-    """Bytes that a Rollout holds of each step."""
+    """Bytes that a Rollout holds of each step; hardly one goes on, and memory that is not written is none."""
     met = 0 if system.colliders is None else system.colliders.on.size
-    return 24 * len(system.x0) * (1 + iterations_of(system)) + 31 + met
+    return 24 * len(system.x0) * (1 + min(iterations_of(system), system.newton_iterations + 1)) + 31 + met
 
 
 def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:

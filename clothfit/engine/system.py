@@ -26,6 +26,9 @@ from clothfit.scene.scene import Scene
 EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
 """Values of the scene's `integrationMethod`."""
 
+FURTHER = 5
+"""Iterations that a step may take beyond those of the scene where something touches or moves."""
+
 record(Elements)  # of which every derivative takes a direction or a gradient
 
 
@@ -171,14 +174,13 @@ def at_rest(scene: Scene, count: int) -> collider_rows.Colliders:
     mesh that cannot be read or is not closed.
     """
     own = scene.colliders
-    more = any(each.body and each.thickness > 0 for each in own)  # iterations; convex surfaces do not turn inward
     return collider_rows.build(
         [shape_of(each) for each in own],
         [(each.thickness, each.stiffness, each.friction) for each in own],
         sampling.states(own, np.zeros(1), scene.delta, 0)[0],
         meshes_of(scene, count),
         count,
-        scene.newton_iterations + more if scene.method in (IMPLICIT, BDF2) else 1,
+        scene.newton_iterations + FURTHER if scene.method in (IMPLICIT, BDF2) else 1,
         [each.release for each in own],
     )
 

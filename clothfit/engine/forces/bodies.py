@@ -20,7 +20,20 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import boxes, triangle
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load3, mul, pack, splat, store3, sub, where_less
+from clothfit.kernels.lanes.operations import (
+    add,
+    fma,
+    lane0,
+    lane1,
+    lane2,
+    load3,
+    mul,
+    pack,
+    splat,
+    store3,
+    sub,
+    where_less,
+)
 from clothfit.kernels.vectors import cross, dot
 
 NEAR = 1.0 - 1e-9
@@ -41,7 +54,9 @@ class Bodies(NamedTuple):
     triangle: Indices  # (B + 1,), the first triangle
     node: Indices  # (B + 1,), the first node
     moves: Flags  # (B,), whether their vertices go their own way
-    last: Indices  # (B, n), the nearest triangle of each vertex of the cloth when it was last asked for
+    last: Indices  # (B, n), the nearest triangle of each vertex of the cloth when it was last looked for
+    asked: Array  # (B, n, 2, 3), m, the points that it was looked for of late, NaN where a mesh was another since then
+    found: Indices  # (B, n, 3), the nearest triangles to these, and which of both is the newer one
 
 
 class Surface(NamedTuple):
@@ -74,7 +89,7 @@ def build(surfaces: list[Surface], count: int) -> Bodies:
     made = Bodies(
         place, np.zeros_like(place), corners, np.concatenate(across).astype(np.int32), np.zeros((len(corners), 3)),
         np.zeros_like(place), whole, vertex, face, node,
-        np.zeros(len(surfaces), bool), last,
+        np.zeros(len(surfaces), bool), last, np.full((*last.shape, 2, 3), np.nan), np.zeros((*last.shape, 3), np.int32),
     )  # fmt: skip
     for b in range(len(surfaces)):
         arrange(made, b)
@@ -83,7 +98,8 @@ def build(surfaces: list[Surface], count: int) -> Bodies:
 
 def copied(bodies: Bodies) -> Bodies:
     """The same bodies with memory of their own for what changes."""
-    own = {name: getattr(bodies, name).copy() for name in ("place", "velocity", "face", "corner", "moves", "last")}
+    names = "place", "velocity", "face", "corner", "moves", "last", "asked", "found"
+    own = {name: getattr(bodies, name).copy() for name in names}
     return bodies._replace(**own, tree=bodies.tree._replace(box=bodies.tree.box.copy()))
 
 
@@ -101,6 +117,7 @@ def arrange(bodies, b):
         add_angle(bodies.corner, corners[1], sub(c, b_), sub(a, b_), n)
         add_angle(bodies.corner, corners[2], sub(a, c), sub(b_, c), n)
     boxes.refit(bodies.tree, bodies.node[b], bodies.node[b + 1], bodies.triangles, bodies.place, bodies.place)
+    bodies.asked[b] = np.nan
 
 
 @kernel
@@ -119,8 +136,14 @@ def unit(v):
 @kernel
 def nearest(bodies, b, i, p):
     """The triangle of body b that is nearest to a point (lanes) of vertex i, the part of it, and the weights w_b, w_c
-    (`triangle`).
+    (`triangle`). A step asks for the same points again and again.
     """
+    asked, found = bodies.asked[b, i], bodies.found[b, i]
+    for k in range(2):
+        if asked[k, 0] == lane0(p) and asked[k, 1] == lane1(p) and asked[k, 2] == lane2(p):
+            found[2] = k
+            part, wb, wc, _ = nearest_part(bodies, found[k], p)
+            return int(found[k]), part, wb, wc
     tree, best = bodies.tree, int(bodies.last[b, i])
     part, wb, wc, least = nearest_part(bodies, best, p)
     node, end = bodies.node[b], bodies.node[b + 1]
@@ -133,7 +156,9 @@ def nearest(bodies, b, i, p):
             if square < least or (square == least and f < best):
                 best, part, wb, wc, least = f, other, other_b, other_c, square
         node += 1
-    bodies.last[b, i] = best
+    older = 1 - found[2]
+    bodies.last[b, i], found[older], found[2] = best, best, older
+    store3(p, asked, older)
     return best, part, wb, wc
 
 

@@ -357,6 +357,16 @@ def carry(part, free, at, h, end):
         part.on[part.turn[0] + 1, k] = pass_on(part, k, free, at, h, end)
 
 
+@kernel
+def turns_inward(colliders):
+    """Whether a surface of a collider may turn away from a plane that a vertex met: that of a mesh that is thick."""
+    for c in range(len(colliders.rows)):
+        own = colliders.rows[c]
+        if own[collider_rows.SHAPE, 0] == MESH and own[collider_rows.LAW, collider_rows.THICKNESS] > 0.0:
+            return True
+    return False
+
+
 @kernel(empty=False, apart=False)
 def too_deep(colliders, free, at, h, end):
     """Whether an iteration ends with a vertex too deep in a collider that is thick, seen from what its model knew; the

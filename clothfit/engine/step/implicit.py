@@ -43,6 +43,9 @@ ROUGH = 3e-4
 CAREFUL = 3
 """Rounds after which solutions are looked at before they are taken: mostly there are no more."""
 
+SOLVED, ENOUGH, REFUSED = 0, 1, 2
+"""How an iteration ended."""
+
 
 @record
 class Workspace(NamedTuple):
@@ -142,46 +145,74 @@ def step(system, x, v, first, tolerance, work, iterates):
     iteration is already within `tolerance` of its right-hand side, and with 0 used where A is seen not to be positive
     definite: then the step is to be taken with the clamped system.
     """
-    free = system.vertex.free
-    A, b = work.A, work.b
-    anyhow = system.springs.cap <= 1.0 or not system.guarded  # the first: positive definite but for rounding
     iterations, direct = 0, 0
     for k in range(len(iterates)):
-        contact.turn_to(system.colliders, k)
-        if k == 0:
-            copy(first, iterates[0])
-        else:
-            assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
-            hold_fixed(free, b)
-            copy(iterates[k - 1], iterates[k])
-        in_contact = k == 0 and (contact.is_deep(system.contact) or contact.is_deep(system.colliders))
-        rough = max(tolerance, ROUGH) if in_contact else tolerance  # later ones begin near their solution
-        more, more_direct, solved = linear.solve(A, b, rough, work.solver, iterates[k], anyhow)
+        ended, more, more_direct = iterate(system, x, v, k, first, tolerance, work, iterates)
         iterations += more
         direct += more_direct
-        set_pins(system.inputs, system, x, iterates[k])
-        if not solved:
-            return 0, iterations, direct
-        if k > 0 and more == 0 and more_direct == 0:
-            return k, iterations, direct
-        at = x, work.y, work.u if k == 0 else iterates[k - 1], iterates[k]
-        more, more_direct, solved = solve_again(system, at, rough, tolerance, work, anyhow)
-        iterations += more
-        direct += more_direct
-        if not solved:
-            return 0, iterations, direct
-        if k + 1 == len(iterates) or (k + 1 >= system.newton_iterations and not ends_badly(system, at, work.gy)):
+        if ended != SOLVED:
+            return k if ended == ENOUGH else 0, iterations, direct
+        left, at = system.newton_iterations - k - 1, (x, work.y, work.u if k == 0 else iterates[k - 1], iterates[k])
+        if k + 1 == len(iterates) or left < 0:
             break
-        contact.carry(system.colliders, free, at, system.h, work.gy)
-        contact.carry(system.contact, free, at, system.h, work.gy)
+        if left == 0 and not ends_badly(system.colliders, system, at, work.gy):
+            break
+        carry(system.colliders, system, at, work.gy)
     return k + 1, iterations, direct
 
 
 @kernel
-def ends_badly(system, at, end):
-    """Whether an iteration ends with a vertex too deep in a collider, pairs that pass through each other, or contacts
-    that store more than its model knows; writes `end` (n, 3).
+def iterate(system, x, v, k, first, tolerance, work, iterates):
+    """Write iteration k of a step; returns how it ended: SOLVED, ENOUGH, where the last one is within the tolerance, or
+    REFUSED; and the CG iterations and the direct solves.
     """
+    free = system.vertex.free
+    A, b = work.A, work.b
+    anyhow = system.springs.cap <= 1.0 or not system.guarded  # the first: positive definite but for rounding
+    contact.turn_to(system.colliders, k)
+    if k == 0:
+        copy(first, iterates[0])
+    else:
+        assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
+        hold_fixed(free, b)
+        copy(iterates[k - 1], iterates[k])
+    in_contact = k == 0 and (contact.is_deep(system.contact) or contact.is_deep(system.colliders))
+    rough = max(tolerance, ROUGH) if in_contact else tolerance  # later ones begin near their solution
+    iterations, direct, solved = linear.solve(A, b, rough, work.solver, iterates[k], anyhow)
+    set_pins(system.inputs, system, x, iterates[k])
+    if not solved:
+        return REFUSED, iterations, direct
+    if k > 0 and iterations == 0 and direct == 0:
+        return ENOUGH, iterations, direct
+    at = x, work.y, work.u if k == 0 else iterates[k - 1], iterates[k]
+    more, more_direct, solved = solve_again(system.colliders, system, at, rough, tolerance, work, anyhow)
+    return SOLVED if solved else REFUSED, iterations + more, direct + more_direct
+
+
+@kernel
+def iterate_on(system, x, v, k, tolerance, work, iterates):
+    """Write iteration k, after one that was thought to be the last; returns what `iterate` does."""
+    contact.turn_to(system.colliders, k - 1)
+    u = v if k == 1 else iterates[k - 2]
+    offset(system, x, iterates[k - 1], u, k > 1, work.y, work.s)
+    carry(system.colliders, system, (x, work.y, u, iterates[k - 1]), work.gy)
+    return iterate(system, x, v, k, v, tolerance, work, iterates)
+
+
+@kernel(absent=None)
+def carry(colliders, system, at, end):
+    """Let the next iteration begin with the contacts that press in this one; see `contact.carry`."""
+    contact.carry(colliders, system.vertex.free, at, system.h, end)
+    contact.carry(system.contact, system.vertex.free, at, system.h, end)
+
+
+@kernel(absent=False)
+def ends_badly(colliders, system, at, end):
+    """Whether an iteration ends with a vertex too deep in a collider, pairs that pass through each other, or contacts
+    that store more than its model knows, in a scene where surfaces may turn away; writes `end` (n, 3).
+    """
+    if not contact.turns_inward(colliders):
+        return False
     combine(1.0, at[0], system.h, at[3], end)
     if contact.too_deep(system.colliders, system.vertex.free, at, system.h, end):
         return True
@@ -192,10 +223,11 @@ def ends_badly(system, at, end):
     return more > contact.SURPLUS * guard.moving(system.vertex, at[3])[0]
 
 
-@kernel
-def solve_again(system, at, solved_to, tolerance, work, anyhow):
-    """Solve an iteration again until it meets no other contacts, first as roughly as it is `solved_to`; `at` is as for
-    `contact.update_active`, of which the velocity changes. Returns what `linear.solve` does.
+@kernel(absent=(0, 0, True))
+def solve_again(colliders, system, at, solved_to, tolerance, work, anyhow):
+    """Solve an iteration again until it meets no other contacts, of colliders or of pairs, first as roughly as it is
+    `solved_to`; `at` is as for `contact.update_active`, of which the velocity changes. Returns what `linear.solve`
+    does.
     """
     iterations, direct, turn, whole = 0, 0, 0, True
     while turn < contact.ACTIVE_SET_ROUNDS:
