@@ -423,10 +423,9 @@ class Solver:
             self.envelope, numbers = envelope(matrix), matrix.data
         else:
             numbers = np.concatenate([A.diagonal, A.upper]).reshape(-1)
-            if self.envelope is None:  # by the places of the numbers in the arrays of A
-                places, n = np.arange(float(len(numbers))).reshape(-1, 8), len(A.diagonal)
-                matrix = sparse.to_scipy(*A._replace(diagonal=places[:n], upper=places[n:]))
-                self.envelope = envelope(matrix, matrix.data.astype(np.intp))
+            if self.envelope is None:
+                matrix = sparse.places(A)
+                self.envelope = envelope(matrix, matrix.data)
         L = factorise(self.envelope, numbers)
         return solve_whole(sparse.to_scipy(*A), right) if L is None else solve(self.envelope, L, right)
 

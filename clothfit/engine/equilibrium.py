@@ -75,8 +75,7 @@ def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:
         mode = search.lowest()
         if mode is None:
             return search.x, True, search.solves
-        reach = KICK * search.edge / np.abs(mode).max()
-        search.x = search.x + (-1) ** attempt * reach * mode
+        search.x = search.x + (-1) ** attempt * (KICK * search.edge / np.abs(mode).max()) * mode
     return search.x, False, search.solves
 
 
@@ -90,6 +89,7 @@ class _Search:
         pull = 1e-9 * system.springs.stiffness @ system.springs.rest / max(len(system.springs.rest), 1)
         self.most = max(float(np.linalg.norm(weight)), float(pull))
         self.edge = float(np.median(system.springs.rest)) if len(system.springs.rest) else 0.0
+        self.pattern = sparse.places(self.work.A)  # a scene at rest has no self-contact
         self.bear(1.0)
 
     def bear(self, share: float) -> None:
@@ -119,8 +119,9 @@ class _Search:
         from scipy.sparse.linalg import splu
 
         self.solves += 1
+        own, numbers = self.pattern, np.concatenate([self.work.A.diagonal, self.work.A.upper]).reshape(-1)
         try:
-            factors = splu(sparse.to_scipy(*self.work.A), **linear.SYMMETRIC)
+            factors = splu(type(own)((numbers[own.data], own.indices, own.indptr)), **linear.SYMMETRIC)
         except RuntimeError:  # exactly singular
             return lambda f: np.full_like(f, np.nan)
         return lambda f: np.asarray(factors.solve(f.reshape(-1)).reshape(f.shape))
@@ -131,10 +132,8 @@ class _Search:
         h, tried = ENDLESS if np.linalg.norm(f) < CLOSE * self.scale else FIRST, False
         for _ in range(MOST_STEPS):
             size = float(np.linalg.norm(f))
-            if not np.isfinite(size):
-                return False
-            if size <= done * self.scale:
-                return True
+            if not done * self.scale < size < np.inf:
+                return size < np.inf
             interrupts.check()
             f = self.force(self.x, h)
             solved = self.solver()
@@ -144,9 +143,8 @@ class _Search:
             after = self.energy(trial) if slope > 0.0 else np.inf
             g = self.force(trial) if np.isfinite(after) else f
             noise = 1e-13 * abs(energy) + 1e-300  # rounding of the energy
-            small = slope <= noise
             gain = (energy - after) / (0.5 * slope) if slope > 0.0 else -np.inf
-            step = float(np.abs(d).max())
+            small, step = slope <= noise, float(np.abs(d).max())
             newton = small and h == ENDLESS and after <= energy + noise
             nearer = newton and np.abs(h * h * solved(g)).max() < 0.5 * step
             if gain >= ENOUGH or nearer:

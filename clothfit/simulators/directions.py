@@ -117,8 +117,7 @@ def take_step(model, seeds, t, x, v, tangents, work):
 @kernel
 def pushforward(model, seeds, t, s, x, v, tangents, work):
     """Take a substep, and turn the changes of the state before it into those after it."""
-    h, multiplier, pressing = model.h / model.substeps, work.multiplier, work.pressing
-    pushes = tangents.x.shape[2] > 0
+    h, pushes, multiplier, pressing = model.h / model.substeps, tangents.x.shape[2] > 0, work.multiplier, work.pressing
     push_predict(model, seeds, t, s, x, v, tangents, work)
     multiplier[:] = 0.0
     pressing[:] = 0.0
@@ -148,7 +147,8 @@ def push_predict(model, seeds, t, s, x, v, tangents, work):
     """`predict`, and the changes of its results."""
     substep.set_world(model, t, s, work)
     h = model.h / model.substeps
-    tangents.start[:] = tangents.x
+    for place in np.ndindex(tangents.x.shape):  # see `vectors.copy`
+        tangents.start[place] = tangents.x[place]
     if len(model.faces.corners) > 0 and model.faces.drag[0] > 0.0:
         push_air(model, seeds, x, v, h, tangents, work)
     substep.predict(model, t, s, x, v, work)
@@ -276,7 +276,8 @@ def gather(model, c, count, tangents):
                 held[q] = a[q] - b[q]
         else:
             for k in range(count):
-                tangents.local[3 * k + j, :] = tangents.x[model.members[c, k], j]
+                for q in range(tangents.x.shape[2]):
+                    tangents.local[3 * k + j, q] = tangents.x[model.members[c, k], j, q]
 
 
 @kernel

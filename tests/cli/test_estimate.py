@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -306,6 +307,7 @@ def test_a_fit_that_is_asked_to_end_is_code_130_and_the_best_so_far_is_written_w
         process.stdin.flush()
         while not log.exists() or log.read_text("utf-8").count("\n") < 3:
             assert process.poll() is None
+            time.sleep(0.02)
         if end != "input":
             process.send_signal(end)
         out, err = process.communicate(timeout=100)  # closes its input

@@ -60,13 +60,12 @@ class Killed(BaseException):
     """What nothing catches, as SIGKILL."""
 
 
-@pytest.mark.parametrize("share", [0.3, 0.8])
-def test_a_search_that_was_killed_ends_where_it_would_have_ended(tmp_path, asked, search, monkeypatch, share):
+def test_a_search_that_was_killed_ends_where_it_would_have_ended(tmp_path, asked, search, monkeypatch):
     """To the last bit: it goes on from where L-BFGS began anew, or after the last of its searches that was over."""
     monkeypatch.setattr(checkpoint, "EVERY", 0.0)
     monkeypatch.setattr(checkpoint, "WRITING_SHARE", 0.0)
     controls, whole = search
-    seen = iter(range(int(share * whole.evaluations)))
+    seen = iter(range(int((0.3 if controls.handles else 0.8) * whole.evaluations)))
 
     def kill(effort, missed, evaluations):
         if next(seen, None) is None:

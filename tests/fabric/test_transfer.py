@@ -30,7 +30,7 @@ def editors(divisions, **more):
 @pytest.mark.parametrize("jitter", [0.0, 0.25])
 def test_a_fabric_that_resists_bending_does_so_on_another_mesh(jitter):
     source = scene(square(9), stretch=(300.0, 200.0, 180.0), bend=(2e-4, 1e-4, 1.2e-4))
-    found, own = fabric_of(on(editors(20), source)), fabric_of(source.cloths[0])
+    found, own = fabric_of(on(editors(14), source)), fabric_of(source.cloths[0])
     irregular = new_scene(Mesh(*square(14, jitter=jitter)))
     for each in (found, fabric_of(on(irregular, source))):
         assert each.density == pytest.approx(own.density)
@@ -52,12 +52,12 @@ def test_a_plane_of_the_editor_becomes_the_one_that_the_editor_makes_of_the_fine
 
 
 def test_local_differences_go_along_where_the_meshes_lie_in_one_place():
-    coarse = editors(12)
+    coarse = editors(8)
     own = coarse.cloths[0]
     x = own.positions[:, 0]
     stiff = np.where(own.positions[own.springs, 0].mean(axis=1) > 0, 3.0, 1.0)
     uneven = replace(coarse, cloths=(replace(own, stiffness=own.stiffness * stiff, mass=own.mass * np.exp(x)),))
-    fine = editors(20)
+    fine = editors(14)
     plain, found = on(fine, coarse), on(fine, uneven)
     side = plain.positions[plain.springs, 0].mean(axis=1)
     ratio = found.stiffness / plain.stiffness
@@ -65,7 +65,7 @@ def test_local_differences_go_along_where_the_meshes_lie_in_one_place():
     assert right / left == pytest.approx(3, rel=0.05)
     mass = found.mass / plain.mass
     assert np.corrcoef(np.log(mass), found.positions[:, 0])[0, 1] > 0.99
-    away = new_scene(Mesh(plane(20, 1.0).positions + [5, 0, 0], plane(20, 1.0).triangles))
+    away = new_scene(Mesh(plane(14, 1.0).positions + [5, 0, 0], plane(14, 1.0).triangles))
     assert not transferred(uneven.cloths[0], away.cloths[0]).local
 
 

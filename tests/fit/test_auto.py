@@ -351,11 +351,11 @@ def test_a_ladder_comes_to_the_truth_and_not_to_the_noise(hanging):
 # --- where windows lead astray: a compressed cloth, whose motion grows small differences
 
 
-def compressed(integrator, seed):
+def compressed(integrator, seed, divisions=4):
     """A plane between two held sides whose rest lengths are about a tenth longer than it is: the scene, values of
     single springs, and their motion with 1 mm of noise.
     """
-    grid = plane(4, 1.0)
+    grid = plane(divisions, 1.0)
     fixed = at_side(grid.positions, "left") | at_side(grid.positions, "right")
     made = new_scene(grid, fixed, fit="nn", fits={"rest": "L"}, integrator=integrator, frames=60)
     p = 1.1 * parameters(made)
@@ -374,9 +374,9 @@ def test_a_cloth_that_buckles_is_fitted_to_its_noise():
     assert np.median(np.abs(np.log(found[known]))) < 5e-3  # an eighth of how far they begin
 
 
-@pytest.mark.parametrize(("seed", "shortened"), [(23, True), (5, False)])
+@pytest.mark.parametrize(("seed", "shortened"), [(38, True), (10, False)])
 def test_steps_that_switch_their_form_do_not_stall_it(seed, shortened):
-    scene, truth, motion = compressed("implicit", seed)
+    scene, truth, motion = compressed("implicit", seed, 3)
     aim = Objective(scene, motion, 1e-10)
     assert aim.remedies(truth).clamped_steps > 0
     assert (aim.remedies(truth).shortened_steps > 0) == shortened

@@ -269,7 +269,7 @@ def test_every_file_that_a_kill_could_leave_leads_to_the_same_minimum(tmp_path, 
         whole = estimate(*given, **ENOUGH, checkpoint=tmp_path / "c")
     equal(whole, whole_of(case))  # keeping it changes nothing
     assert len(kept) > 5
-    for data in [*kept[:: max(1, len(kept) // 4)], *kept[-2:]]:
+    for data in [*kept[:: len(kept) // 3], kept[-1]]:
         (tmp_path / "c").write_bytes(data)
         same_minimum(estimate(*given, **ENOUGH, checkpoint=tmp_path / "c", resume=True), whole)
 
@@ -290,7 +290,7 @@ def test_a_resumed_fit_is_never_worse_than_what_it_resumes(tmp_path, options):
     assert found.cost == whole.cost
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ["auto per spring", "windows", "nelder-mead"])
 def test_a_fit_that_had_ended_gives_its_result_without_computing(tmp_path, monkeypatch, case):
     given = arguments(case)
     whole = estimate(*given, max_evaluations=100, checkpoint=tmp_path / "c", intervals=False)

@@ -175,9 +175,7 @@ def roll(sizes, weights, biases, limits, smooth, w, before, q, a, b):
     r = q.shape[1]
     for t in range(len(q) - 1):
         for i in range(r):
-            last = before[i] if t == 0 else q[t - 1, i]
-            a[i] = q[t, i]
-            a[r + i] = q[t, i] - last
+            a[i], a[r + i] = q[t, i], q[t, i] - (before[i] if t == 0 else q[t - 1, i])
         for i in range(w.shape[1]):
             a[2 * r + i] = w[t, i]
         evaluate(sizes, weights, biases, limits, smooth, q[t + 1], a, b)
@@ -187,12 +185,14 @@ def roll(sizes, weights, biases, limits, smooth, w, before, q, a, b):
 def evaluate(sizes, weights, biases, limits, smooth, out, a, b):
     """out (r,) of what is in a, which is overwritten."""
     r = len(out)
-    out[:] = biases[:r]
+    for i in range(r):  # see `vectors.copy`
+        out[i] = biases[i]
     add_product(a, weights, 0, sizes[0], r, out)
     at, bias = sizes[0] * r, r
     for k in range(len(sizes) - 1):
         rows, columns = sizes[k], sizes[k + 1]
-        b[:columns] = biases[bias : bias + columns]
+        for i in range(columns):
+            b[i] = biases[bias + i]
         add_product(a, weights, at, rows, columns, b)
         at, bias = at + rows * columns, bias + columns
         if k < len(sizes) - 2:
