@@ -12,18 +12,11 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise import momentum
+from clothfit.optimise import along_target, momentum
+from clothfit.optimise.along_target import AlongTarget, SingleSteps
 from clothfit.optimise.balances import Equations, Patch, Rows, Track, balances, smoothed, summed_twice, track
-from clothfit.optimise.momentum import (
-    ANCHORED,
-    TREATMENTS,
-    AlongTarget,
-    SingleSteps,
-    Treatment,
-    agreeing,
-    in_balance,
-    trimmed,
-)
+from clothfit.optimise.consensus import agreeing, in_balance, trimmed
+from clothfit.optimise.momentum import ANCHORED, TREATMENTS, Treatment
 from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -180,7 +173,7 @@ def rounded_whipping():
 
 @pytest.mark.parametrize("whole", [False, True])
 def test_what_values_make_of_steps_along_a_target_is_their_derivative(whole, monkeypatch):
-    monkeypatch.setattr(momentum, "LOOSE", TIGHT)
+    monkeypatch.setattr(along_target, "LOOSE", TIGHT)
     _, _, aim = rounded_whipping()
     p, rng = parameters(aim.scene), np.random.default_rng(2)
     z, along = p * rng.normal(size=len(p)), AlongTarget.of(aim, p, whole)
