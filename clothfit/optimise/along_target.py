@@ -75,6 +75,11 @@ class AlongTarget:
         return cls(objective, p, runs, whole)
 
     @property
+    def forms(self) -> list[prescribed.Forms]:
+        """Those that the steps of each run take."""
+        return [prescribed.forms_of([each.single.part]) for each in self.runs]
+
+    @property
     def steps(self) -> SingleSteps:
         """How far the single steps end from the targets."""
         sizes, counts = (np.concatenate([np.zeros(0), *each]) for each in zip(*map(sizes_of, self.runs), strict=True))

@@ -86,7 +86,7 @@ def trimmed(rows: Equations, known: Flags, H: trust_region.Matrix) -> Flags:
     q = balanced(rows, known, H)
     size, terms = rows.sizes(q)
     if size[known].max() <= NEGLIGIBLE * np.median(terms[known]):
-        rows.own = True
+        rows.own = rows.sure = True
         return known
     agreed = consensus(rows, known)
     if agreed.any():
@@ -102,7 +102,7 @@ def consensus(rows: Equations, known: Flags) -> Flags:
         rows.agreed = np.zeros(len(known), bool)
         if rows.Q <= FEW and all(map(vote, rows.parts)):
             rows.counts = np.concatenate([part.counts for part in rows.parts])
-            rows.agreed[:] = rows.own = True
+            rows.agreed[:] = rows.own = rows.sure = True
             return rows.agreed & known
         for before, patches in rows.patches(PATCH, PATCHES):
             for patch in patches:
@@ -139,6 +139,7 @@ def vote(part: Rows) -> bool:
 def balanced_beside(rows: Equations, known: Flags, agreed: Flags) -> Flags:
     """Which of the known steps (S,) are in balance beside those that have agreed."""
     away = relative(*rows.sizes(balanced(rows, agreed)))
+    rows.sure = bool(away[agreed].max() <= EXACT)
     return known & is_sharp(away, away[agreed])
 
 

@@ -16,6 +16,7 @@ the best. Reference for equation-error estimation: L. Ljung, System Identificati
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,13 +25,14 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.sensitivity import Columns, columns
+from clothfit.engine import prescribed
 from clothfit.engine.system import EXPLICIT
 from clothfit.kernels.parallel import only_here, together
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.optimise import trust_region
 from clothfit.optimise.along_target import AlongTarget, nearer
-from clothfit.optimise.balances import Equations, Rows, balances, smoothed, summed_twice, track
+from clothfit.optimise.balances import Equations, Rows, balances, plain, smoothed, summed_twice, track
 from clothfit.optimise.consensus import REFINEMENTS, balanced_beside, consensus, in_balance, trimmed
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import bounds
@@ -52,6 +54,11 @@ NEARLY = 1.0 - 4.0 * np.finfo(float).eps
 
 ROUGHLY = 100.0
 """Roundings of positions that single steps of values by balances may leave: what these values make of rounding."""
+
+TRIES, HALF = 3, 0.5
+"""Times, at most, that the forms of steps are looked for anew with values that they have led to; and the share of what
+single steps have missed that they may miss with these.
+"""
 
 
 class Treatment(NamedTuple):
@@ -87,6 +94,8 @@ class Momentum:
         self.objective, self.p, self.fitted = objective, p, fitted
         self.at_once = sum(needed(objective)) <= objective.room
         self.own = False  # whether some steps show that the target is a motion of the model
+        self._forms = [plain(run.system, run.steps) for run in objective.runs]  # of the steps, until values show them
+        self._typical = np.inf  # how far single steps ended with the values that showed them
         self._kept: dict[int, tuple[Indices, Equations | None]] = {}
 
     def rows(self, cloth: int, treatment: Treatment = TREATMENTS[0]) -> tuple[Indices, Equations | None]:
@@ -94,7 +103,7 @@ class Momentum:
         if treatment not in (TREATMENTS[0], ANCHORED):
             return equations(self.objective, self.p, self.fitted, cloth, treatment)
         if cloth not in self._kept:
-            made = equations(self.objective, self.p, self.fitted, cloth)
+            made = equations(self.objective, self.p, self.fitted, cloth, forms=self._forms)
             if not self.at_once:
                 return made
             self._kept[cloth] = made
@@ -115,22 +124,46 @@ class Momentum:
         now and then.
 
         What no complete balance determines stays as well: everything, where the target shows no three successive steps.
+        Where steps are those of the model, but those that agree do not determine the values to the last digits, these
+        show which forms steps take, so that others are balances, too, and determine them better.
+        """
+        found, sure = self._solved(treatment, waiting)
+        for _ in range(TRIES if treatment == TREATMENTS[0] else 0):
+            if sure or not self.own or not self._take_forms(found):
+                break
+            found, sure = self._solved(treatment, waiting)
+        return found
+
+    def _take_forms(self, p: Array) -> bool:
+        """Let steps have the forms that they take with p (P,); whether these are others than before, of better values.
+        """
+        along = AlongTarget.of(self.objective, p)
+        if along is None or not along.typical < HALF * self._typical:
+            return False
+        self._typical, before, self._forms = along.typical, self._forms, along.forms
+        self._kept.clear()
+        return not all(map(prescribed.Forms.equals, before, self._forms))
+
+    def _solved(self, treatment: Treatment, waiting: Callable[[], None] | None) -> tuple[Array, bool]:
+        """The values (P,) by the balances as they are, and whether steps that agree determine them to the last digits.
         """
         lower, upper = bounds(self.objective.scene)
         found, heard = self.p.copy(), only_here(waiting)
 
-        def fitted_one(cloth: int) -> tuple[Indices, Array]:
+        def fitted_one(cloth: int) -> tuple[Indices, Array, bool]:
             places, rows = self.rows(cloth, treatment)
             if rows is None:
-                return places, found[places]
+                return places, found[places], True
             best = solve(rows, found[places], lower[places], upper[places], not treatment.summed, heard)
             self.own |= rows.own
-            return places, best
+            return places, best, rows.sure
 
         made = [partial(fitted_one, cloth) for cloth in self.objective.cloths]
-        for places, values in together(made) if self.at_once else (each() for each in made):
+        sure = True
+        for places, values, each in together(made) if self.at_once else (each() for each in made):
             found[places] = values
-        return found
+            sure &= each
+        return found, sure
 
     def along_targets(self, p: Array, whole: bool, waiting: Callable[[], None]) -> Array:
         """Values (P,) near p (P,) with which the steps along the targets, or `whole` motions, end nearest to these; p
@@ -152,9 +185,12 @@ class Momentum:
 
 
 def equations(
-    objective: Objective, p: Array, fitted: Flags, cloth: int, treatment: Treatment = TREATMENTS[0]
-) -> tuple[Indices, Equations | None]:
-    """The places of the masses and stiffnesses of a cloth that are fitted, and its balances by them, if any are."""
+    objective: Objective, p: Array, fitted: Flags, cloth: int, treatment: Treatment = TREATMENTS[0],
+    forms: Sequence[prescribed.Forms] | None = None,
+) -> tuple[Indices, Equations | None]:  # fmt: skip
+    """The places of the masses and stiffnesses of a cloth that are fitted, and its balances by them, if any are, of
+    steps of these `forms`, of each run, or plain ones.
+    """
     own = [block for block in objective.blocks_of(cloth) if is_linear(block)]
     places = np.concatenate([np.arange(b.start, b.start + b.count) for b in own] or [np.zeros(0, int)])
     places = places[fitted[places]]
@@ -162,7 +198,8 @@ def equations(
         return places, None
     column = np.full(len(p), -1, np.int32)
     column[places] = np.arange(len(places))
-    parts = [rows_of(run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
+    every = zip(objective.runs, forms or itertools.repeat(None), strict=False)
+    parts = [rows_of(run, p, own, column, treatment, forms=its) for run, its in every if run.cloth == cloth]
     return places, Equations(parts, treatment.anchored)
 
 
@@ -220,7 +257,8 @@ def information(objective: Objective, p: Array, fitted: Flags, factor: Array) ->
 
 
 def rows_of(
-    run: Run, p: Array, own: Sequence[Block], column: Indices, treatment: Treatment, width: int | None = None
+    run: Run, p: Array, own: Sequence[Block], column: Indices, treatment: Treatment, width: int | None = None,
+    forms: prescribed.Forms | None = None,
 ) -> Rows:
     """The rows of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
     `column` (P,) has.
@@ -228,7 +266,7 @@ def rows_of(
     system = run.changed(p)
     seen = track(run.comparison.goal, system)
     seen = smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen
-    made = balances(system, seen, treatment == TREATMENTS[0])
+    made = balances(system, seen, treatment == TREATMENTS[0], forms)
     acting = [(block, part) for block, part in run.acting if block in own]
     wanted = columns(system, acting, p, column, np.ones(len(p)), width or int(column.max()) + 1)
     return Rows(summed_twice(made, system.method) if treatment.summed else made, system, spread(wanted))
