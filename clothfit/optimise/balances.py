@@ -5,10 +5,11 @@ in successive frames, positions give the velocities, v⁺ = (x⁺ − x)/h, and 
 iterations the residual of the converged step is used.
 
 A BDF2 step (`step.bdf2`) gives v⁺ = (x⁺ − x̃)/h' from three positions, and its balance needs two velocities before it:
-five positions in all. Its first step is an implicit Euler step; others that the guard made so are not in balance.
+five positions in all. Its first step is an implicit Euler step, v⁺ = (x⁺ − x)/h.
 
-Steps that were taken otherwise than as the scene says (`step.guard`), with the clamped matrix or only a part of them,
-are not in balance; which these are is not known before the parameters are (`momentum`).
+Steps that were taken otherwise than as the scene says (`step.guard`), with the clamped matrix, only a part θ of them,
+or as Euler steps among those of BDF2, are balances of that form: of the clamped system, with w = v⁺ / θ. Which these
+are is not known before the parameters are (`momentum`); taken for plain ones they spoil up to three balances each.
 
 The rows of the balances as linear equations C q = r in Q parameters, weighted by one over each vertex' mass.
 

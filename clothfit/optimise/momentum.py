@@ -140,9 +140,11 @@ class Momentum:
         along = AlongTarget.of(self.objective, p)
         if along is None or not along.typical < HALF * self._typical:
             return False
-        self._typical, before, self._forms = along.typical, self._forms, along.forms
-        self._kept.clear()
-        return not all(map(prescribed.Forms.equals, before, self._forms))
+        same = all(map(prescribed.Forms.equals, self._forms, along.forms))
+        self._typical, self._forms = along.typical, along.forms
+        if not same:
+            self._kept.clear()
+        return not same
 
     def _solved(self, treatment: Treatment, waiting: Callable[[], None] | None) -> tuple[Array, bool]:
         """The values (P,) by the balances as they are, and whether steps that agree determine them to the last digits.
