@@ -24,6 +24,7 @@ from clothfit.fit.trajectory_fit import (
 )
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
+from clothfit.optimise.along_target import AlongTarget
 from clothfit.optimise.scan import is_large, scan, scannable
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
@@ -221,7 +222,7 @@ def takes_each_step(search: Search) -> bool:
     """Whether the best point takes each step of the target from where that begins it to where that ends it: then no
     other values are nearer, however far a motion that makes more and more of any difference ends from the target.
     """
-    along = momentum.AlongTarget.of(search.objective, search.best.p)
+    along = AlongTarget.of(search.objective, search.best.p)
     if along is not None and along.steps.largest <= ROUNDINGS * max(STEP, search.objective.rounding):
         search.single, search.own = (search.best.p, along.steps), True
     return search.proven is not None

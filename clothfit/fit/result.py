@@ -33,7 +33,7 @@ from clothfit.objective.identifiability import Correlation
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import ResidualTest, residual_test
-from clothfit.optimise.momentum import SingleSteps
+from clothfit.optimise.along_target import SingleSteps
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.registration.record import Markers, Registration

@@ -5,10 +5,11 @@ in successive frames, positions give the velocities, v⁺ = (x⁺ − x)/h, and 
 iterations the residual of the converged step is used.
 
 A BDF2 step (`step.bdf2`) gives v⁺ = (x⁺ − x̃)/h' from three positions, and its balance needs two velocities before it:
-five positions in all. Its first step is an implicit Euler step; others that the guard made so are not in balance.
+five positions in all. Its first step is an implicit Euler step, v⁺ = (x⁺ − x)/h.
 
-Steps that were taken otherwise than as the scene says (`step.guard`), with the clamped matrix or only a part of them,
-are not in balance; which these are is not known before the parameters are (`momentum`).
+Steps that were taken otherwise than as the scene says (`step.guard`), with the clamped matrix, only a part θ of them,
+or as Euler steps among those of BDF2, are balances of that form: of the clamped system, with w = v⁺ / θ. Which these
+are is not known before the parameters are (`momentum`); taken for plain ones they spoil up to three balances each.
 
 The rows of the balances as linear equations C q = r in Q parameters, weighted by one over each vertex' mass.
 
@@ -30,6 +31,8 @@ from clothfit.derivative.step_jacobian import Stencil, differentiate, jacobian, 
 from clothfit.engine import contact_steps
 from clothfit.engine.forces import collider_rows, contact, total
 from clothfit.engine.inputs.tables import couple_change, set_inputs
+from clothfit.engine.prescribed import Forms
+from clothfit.engine.rollout import Taken
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile
@@ -84,34 +87,47 @@ CHUNK = 4_000_000
 """Numbers between two looks at interrupts."""
 
 
-def balances(system: System, track: Track, exact: bool = True) -> Balances:
-    """The balances of momentum along a track, with the system's masses and stiffnesses as p₀. In an `exact` one the
-    positions show which pairs of the cloth press, and how deep; else what these may push is left out.
+def balances(system: System, track: Track, exact: bool = True, forms: Forms | None = None) -> Balances:
+    """The balances of momentum along a track, with the system's masses and stiffnesses as p₀, of steps of these `forms`
+    or, by default, plain ones. In an `exact` track the positions show which pairs of the cloth press, and how deep;
+    else what these may push is left out.
     """
     near = stencil(system)
     steps = len(track.x) - (2 if system.method == EXPLICIT else 1)
+    forms = (forms or plain(system, steps)).part(0, steps)
+    euler: Flags = np.asarray(forms.euler | (system.method != BDF2))
     n, springs = len(system.x0), len(system.springs.rest)
     r, mass, stiffness = (np.zeros((steps, *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
-    x, v = np.ascontiguousarray(track.x), velocities(system, track.x)
-    valid, pressing = valid_rows(system, near, track, v, steps), dict[int, Indices]()
+    x, v = np.ascontiguousarray(track.x), velocities(system, track.x, euler)
+    valid, pressing = valid_rows(system, near, track, v, euler), dict[int, Indices]()
     if system.surface and meets_itself(system):
         if exact and system.method >= IMPLICIT:
-            pressing = pressing_pairs(system, x, v, steps, valid)
+            pressing = pressing_pairs(system, x, v, euler, valid)
         else:
             valid &= ~touched_rows(system.surface, track.x, steps)
     out = Balances(r, mass, stiffness, valid)
-    two = system.method == BDF2
-    pair = bdf2.forms(system) if two else (system, system)
-    memory = implicit.workspace(system), jacobian(system, near)
+    w, memory = v[1 : steps + 1] / forms.theta[:, None, None], (implicit.workspace(system), jacobian(system, near))
     contact.clear(system.colliders)
     for part in chunks(out):
-        fill(*pair, two, x, v, part.start, *memory, of_steps(out, part))
-    for t, numbers in pressing.items():
+        fill(*both(system), x, v, w, euler, part.start, *memory, of_steps(out, part))
+    for t in np.union1d(np.flatnonzero(forms.clamped | forms.predicted), list(pressing)).astype(int).tolist():
         interrupts.check()
-        merged, room = contact_steps.with_pairs(system, memory[0], contact_steps.surface_of(system, t), x[t], numbers)
-        pair = bdf2.forms(merged) if two else (merged, merged)
-        fill(*pair, two, x, v, t, room, memory[1], of_steps(out, slice(t, t + 1)))
+        form, room = Taken(system).form(bool(forms.predicted[t]), bool(forms.clamped[t])), memory[0]
+        if t in pressing:
+            form, room = contact_steps.with_pairs(form, room, contact_steps.surface_of(system, t), x[t], pressing[t])
+        fill(*both(form), x, v, w, euler, t, room, memory[1], of_steps(out, slice(t, t + 1)))
     return out
+
+
+def both(system: System) -> tuple[System, System]:
+    """The systems of Euler and of other steps."""
+    return bdf2.forms(system) if system.method == BDF2 else (system, system)
+
+
+def plain(system: System, steps: int) -> Forms:
+    """The forms of steps that are all taken as the scene says, but for the first of BDF2."""
+    none = np.zeros(steps, bool)
+    return Forms(none, (np.arange(steps) == 0) & (system.method == BDF2), none, np.ones(steps))
 
 
 def of_steps(rows: Balances, steps: slice) -> Balances:
@@ -128,19 +144,20 @@ def chunks(rows: Balances) -> Iterator[slice]:
         interrupts.check()
 
 
-def velocities(system: System, x: Array) -> Array:
-    """Velocities (T + 1, n, 3) that the integration method gives positions (T + 1, n, 3)."""
+def velocities(system: System, x: Array, euler: Flags) -> Array:
+    """Velocities (T + 1, n, 3) that steps, of which some are `euler` (T,) ones, give positions (T + 1, n, 3)."""
     moved = np.diff(x, axis=0) / system.h
     rest = system.v0[None]
     if system.method == BDF2:
-        moved[1:] = 1.5 * moved[1:] - 0.5 * moved[:-1]
+        moved[1:] = np.where(euler[1:, None, None], moved[1:], 1.5 * moved[1:] - 0.5 * moved[:-1])
     return np.concatenate([moved, moved[-1:]] if system.method == EXPLICIT else [rest, moved])
 
 
-def valid_rows(system: System, near: Stencil, track: Track, v: Array, steps: int) -> Flags:
+def valid_rows(system: System, near: Stencil, track: Track, v: Array, euler: Flags) -> Flags:
     """Which rows (T, n) have all their positions seen: of a free vertex and its neighbours, at three steps or five."""
     from scipy.sparse import csr_array
 
+    steps = len(euler)
     n = len(system.x0)
     unseen = ~(track.seen | ~mobile(system))
     touched = csr_array((np.ones(len(near.neighbour)), near.neighbour, near.start), shape=(n, n))
@@ -151,26 +168,26 @@ def valid_rows(system: System, near: Stencil, track: Track, v: Array, steps: int
     for back in {EXPLICIT: (), BDF2: (1, 2, 3)}.get(system.method, (1,)):
         bad[back:] |= missing[: max(steps - back, 0)]
     if system.colliders is not None and system.method >= IMPLICIT and len(system.colliders.rows):
-        bad |= active_rows(system, system.colliders, track.x, v, steps)
+        bad |= active_rows(system, system.colliders, track.x, v, euler)
     return np.ascontiguousarray(~bad & system.vertex.free)  # in one order, however few steps: to compile once for
 
 
-def begun(system: System, x: Array, v: Array, t: int) -> Array:
+def begun(system: System, x: Array, v: Array, t: int, euler: bool) -> Array:
     """Where the first iteration of step t is linearised, (n, 3), of positions and velocities (T + 1, n, 3)."""
-    if system.method != BDF2 or t == 0:
+    if euler:
         return np.ascontiguousarray(x[t])
     return np.asarray(x[t] + (x[t] - x[t - 1] + 2.0 * system.h * (2.0 * v[t] - v[t - 1])) / 3.0)
 
 
-def active_rows(system: System, colliders: collider_rows.Colliders, x: Array, v: Array, steps: int) -> Flags:
+def active_rows(system: System, colliders: collider_rows.Colliders, x: Array, v: Array, euler: Flags) -> Flags:
     """Which rows (T, n) belong to vertices that may only end their step in a collider (`forces.contact`): whether the
     step knew them, the positions do not show.
     """
-    met = np.zeros((steps, x.shape[1]), bool)
-    for t in range(steps):
+    met = np.zeros((len(euler), x.shape[1]), bool)
+    for t, first_order in enumerate(euler):
         set_inputs(system.inputs, system, t)
-        y = begun(system, x, v, t)
-        collider_rows.begin(colliders, y, 0.0 if system.method == BDF2 and t else system.h)
+        y = begun(system, x, v, t, first_order)
+        collider_rows.begin(colliders, y, system.h if first_order else 0.0)
         depth, left = collider_rows.depths_along(colliders, y, np.ascontiguousarray(x[t + 1]))
         met[t] = ((depth <= 0) & (left > 0)).any(axis=0)
     return met
@@ -188,7 +205,7 @@ def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
     return np.asarray(near[:-1] | near[1:])
 
 
-def pressing_pairs(system: System, x: Array, v: Array, steps: int, valid: Flags) -> dict[int, Indices]:
+def pressing_pairs(system: System, x: Array, v: Array, euler: Flags, valid: Flags) -> dict[int, Indices]:
     """The numbers of the pairs that press in each step, for the step's model, of positions and velocities (T + 1, n, 3)
     of which a step finds its pairs as in `contact_steps.pressed`. Rows (T, n) are no more `valid` where a pair presses
     that is not all seen, or of which positions do not say whether the step knew it.
@@ -196,9 +213,9 @@ def pressing_pairs(system: System, x: Array, v: Array, steps: int, valid: Flags)
     from clothfit.engine.forces.selfcontact import pairs, rows
 
     found = dict[int, Indices]()
-    for t in range(steps):
+    for t, first_order in enumerate(euler):
         surface, begin, end = contact_steps.surface_of(system, t), x[t], x[t + 1]
-        y = end if system.newton_iterations > 1 else begun(system, x, v, t)
+        y = end if system.newton_iterations > 1 else begun(system, x, v, t, first_order)
         view = pairs.around(surface, begin, end, 0.0)
         near = pairs.of_numbers(surface, begin, view)
         presses, still = rows.depths(near, y, end - y) > 0.0, np.zeros_like(end)
@@ -213,20 +230,20 @@ def pressing_pairs(system: System, x: Array, v: Array, steps: int, valid: Flags)
 
 
 @kernel(nogil=True)
-def fill(system, inner, two, x, v, first, work, step, out):
-    """Write the rows of K steps from the `first` on: with `two` of BDF2's `forms`, all but the first step of the inner
-    one.
+def fill(system, inner, x, v, w, euler, first, work, step, out):
+    """Write the rows of K steps from the `first` on, which are solved by w (T, n, 3): of steps that are not `euler`
+    (T,) with the `inner` system.
     """
     late = system.method == IMPLICIT and system.newton_iterations > 1
     for k in range(len(out.residual)):
-        t, w = first + k, v[first + k + 1]
+        t = first + k
         set_inputs(system.inputs, system, t)
         now = (out.residual[k], out.mass[k], out.stiffness[k])
-        if two and t > 0:
-            bdf2.extrapolate(inner.h, x[t], v[t], x[t - 1], v[t - 1], work)
-            write_row(inner, work.x_base, work.v_base, w if late else work.u, w, True, work, step, now)
+        if euler[t]:
+            write_row(system, x[t], v[t], w[t] if late else v[t], w[t], late, work, step, now)
         else:
-            write_row(system, x[t], v[t], w if late else v[t], w, late, work, step, now)
+            bdf2.extrapolate(inner.h, x[t], v[t], x[t - 1], v[t - 1], work)
+            write_row(inner, work.x_base, work.v_base, w[t] if late else work.u, w[t], True, work, step, now)
 
 
 @kernel
@@ -440,6 +457,7 @@ class Equations:
         self.Q = parts[0].spread.shape[1]
         self.agreed: Flags | None = None  # (S,), once `momentum.consensus` has looked for them
         self.own = False  # whether some steps show that they are those of the model
+        self.sure = False  # whether steps that agree, or all, balance as well as exact targets do
         self.normal: csr_array | None = None  # CᵀC (Q, Q) of the steps that `momentum.solve` has balanced
         if anchored:
             whole = parts[0].spread[: len(parts[0].of)].sum(axis=0)

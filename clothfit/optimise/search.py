@@ -28,7 +28,7 @@ from clothfit.optimise.status import Budget, ModelFit, Status, Stop
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, with_parameters
 
 if TYPE_CHECKING:
-    from clothfit.optimise.momentum import SingleSteps
+    from clothfit.optimise.along_target import SingleSteps
     from clothfit.optimise.prior import Prior
 
 STATIONARY = 1e-5

@@ -12,7 +12,7 @@ from helpers.strangers import sheet, small, stranger, with_finer_steps
 from clothfit import Fit, degrade, simulate
 from clothfit.fit.residual_hints import SHIFT, around, with_own_motion, with_stall_hint
 from clothfit.motion.motion import at_frames
-from clothfit.optimise.momentum import SingleSteps
+from clothfit.optimise.along_target import SingleSteps
 from clothfit.optimise.status import Status
 from clothfit.scene.fit_vector import bounds, parameters
 

@@ -4,26 +4,22 @@ import numpy as np
 import pytest
 from helpers.physics import METHODS, TIGHT, ball, scene, xyz
 from helpers.scenes import cloth
+from numpy.testing import assert_allclose
 from scipy.sparse import csr_array
 
+from clothfit.engine.prescribed import forms_of
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import all_elements, build, with_elements
+from clothfit.meshes.mesh import object_document, plane, springs
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise import momentum
-from clothfit.optimise.balances import Equations, Patch, Rows, Track, balances, smoothed, summed_twice, track
-from clothfit.optimise.momentum import (
-    ANCHORED,
-    TREATMENTS,
-    AlongTarget,
-    SingleSteps,
-    Treatment,
-    agreeing,
-    in_balance,
-    trimmed,
-)
+from clothfit.optimise import along_target, momentum
+from clothfit.optimise.along_target import AlongTarget, SingleSteps
+from clothfit.optimise.balances import Equations, Patch, Rows, Track, balances, relative, smoothed, summed_twice, track
+from clothfit.optimise.consensus import agreeing, in_balance, trimmed
+from clothfit.optimise.momentum import ANCHORED, TREATMENTS, Treatment
 from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -180,7 +176,7 @@ def rounded_whipping():
 
 @pytest.mark.parametrize("whole", [False, True])
 def test_what_values_make_of_steps_along_a_target_is_their_derivative(whole, monkeypatch):
-    monkeypatch.setattr(momentum, "LOOSE", TIGHT)
+    monkeypatch.setattr(along_target, "LOOSE", TIGHT)
     _, _, aim = rounded_whipping()
     p, rng = parameters(aim.scene), np.random.default_rng(2)
     z, along = p * rng.normal(size=len(p)), AlongTarget.of(aim, p, whole)
@@ -417,6 +413,40 @@ def test_residuals_that_are_nothing_beside_what_they_are_left_of_put_no_step_out
     size = np.repeat([1e4, 1.0], [4, 36])[:, None]  # the first steps were solved less accurately
     r = C @ q + rounding * size * rng.normal(size=(40, 30))
     assert kept_of(C, r).sum() == kept
+
+
+# --- steps of other forms
+
+
+def shaking(side, delta):
+    """A light sheet without damping or air, of steps so long that every other one would add energy."""
+    mesh = plane(side - 2, 2.1)
+    made, z = springs(mesh, 1.0), mesh.positions[:, 2]
+    own = object_document(mesh, z == z.max(), density=0.1, stiffness=1.0, damping=0.0, drag=0.0, settings="nL")
+    stiffness = {"springStiffness": np.where(made.bends, 12.5, 50.0).tolist()}
+    still = {"integrationMethod": METHODS["bdf2"], "delta": delta, "windVel": xyz((0, 0, 0))}
+    return scene(own | stiffness, **still, optimizationIterations=40, forwardSubSteps=1, tolerance=TIGHT)
+
+
+@pytest.mark.parametrize(("side", "delta"), [(12, 0.07), (20, 0.05)])  # some shortened, and some clamped
+def test_steps_of_every_form_are_balances_once_it_is_known(side, delta):
+    given = shaking(side, delta)
+    system = build(given, 0)
+    memory, _ = rollout(system, 39, TIGHT)
+    forms, seen = forms_of([memory]), Track(memory.x, np.ones(memory.x.shape[:2], bool))
+    assert forms.clamped.any() or (forms.theta < 1.0).any()
+    none = csr_array((len(system.x0) + len(system.springs.rest), 1))
+    found = [Rows(balances(system, seen, forms=each), system, none) for each in (None, forms)]
+    plain, away = (relative(*each.sizes(np.zeros(1)))[1:] for each in found)  # in the first step all forces are zero
+    assert (plain > 1e-3).mean() > 0.5  # a third of them Euler steps, each in three balances
+    assert away.max() < 1e-10  # linear systems solved to TIGHT, of forces that nearly cancel
+
+
+@pytest.mark.parametrize(("side", "delta"), [(12, 0.07), (20, 0.05)])
+def test_values_show_the_forms_of_steps_and_these_better_values(side, delta):
+    given = shaking(side, delta)
+    p, kept, _ = fitted(given, start=np.full(len(parameters(given)), 20.0))
+    assert_allclose(p[kept], parameters(given)[kept], rtol=1e-8)  # 7e-1 and more with plain steps alone
 
 
 # --- the balances: the step's own residual, linear in masses and stiffnesses
