@@ -100,6 +100,7 @@ def balances(system: System, track: Track, exact: bool = True, forms: Forms | No
     r, mass, stiffness = (np.zeros((steps, *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
     x, v = np.ascontiguousarray(track.x), velocities(system, track.x, euler)
     valid, pressing = valid_rows(system, near, track, v, euler), dict[int, Indices]()
+    valid[forms.more > 0] = False  # positions do not show where its last iteration begins
     if system.surface and meets_itself(system):
         if exact and system.method >= IMPLICIT:
             pressing = pressing_pairs(system, x, v, euler, valid)
@@ -127,7 +128,7 @@ def both(system: System) -> tuple[System, System]:
 def plain(system: System, steps: int) -> Forms:
     """The forms of steps that are all taken as the scene says, but for the first of BDF2."""
     none = np.zeros(steps, bool)
-    return Forms(none, (np.arange(steps) == 0) & (system.method == BDF2), none, np.ones(steps))
+    return Forms(none, (np.arange(steps) == 0) & (system.method == BDF2), none, np.ones(steps), np.zeros(steps))
 
 
 def of_steps(rows: Balances, steps: slice) -> Balances:

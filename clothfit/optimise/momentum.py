@@ -136,9 +136,10 @@ class Momentum:
 
     def _take_forms(self, p: Array) -> bool:
         """Let steps have the forms that they take with p (P,); whether these are others than before, of better values.
+        Where single steps end as near as rounding lets them, more rows only bring more of that into the values.
         """
         along = AlongTarget.of(self.objective, p)
-        if along is None or not along.typical < HALF * self._typical:
+        if along is None or not ROUGHLY * self.objective.rounding < along.typical < HALF * self._typical:
             return False
         same = all(map(prescribed.Forms.equals, self._forms, along.forms))
         self._typical, self._forms = along.typical, along.forms
