@@ -26,7 +26,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
-from clothfit.engine.forces import collider_rows, total, vertex
+from clothfit.engine.forces import applied, collider_rows, total, vertex
 from clothfit.engine.forces.law import ENDLESS
 from clothfit.engine.solve import linear, sparse
 from clothfit.engine.step import implicit
@@ -189,5 +189,7 @@ class _Search:
 
 @kernel
 def stored(system: System, x: Array) -> float:
-    """The energy of springs, colliders and weight at x (n, 3), J."""
-    return float(total.stored_energy(system, x, x) + vertex.energy(system.vertex, x))
+    """The energy of springs, colliders, weight and what is applied at x (n, 3), J."""
+    return float(
+        total.stored_energy(system, x, x) + vertex.energy(system.vertex, x) + applied.energy(system.applied, x)
+    )

@@ -99,12 +99,14 @@ def timeless(scene: Scene, system: System) -> System:
     moving = {
         "wind": bool(scene.wind.any()) or scene.mode("wind") != "n", "inputs over time": scene.moves,
         "pins": any(cloth.pins for cloth in scene.cloths), "selfCollision": scene.self_contact is not None,
-        "forces": scene.forces is not None,
+        "forces": scene.forces is not None and len(scene.forces.times) > 1,
     }  # fmt: skip
     if found := [name for name, there in moving.items() if there]:
         raise InvalidScene(f"{', '.join(found)}: a scene at rest (integrationMethod 4) has none; leave it out",
                            scene.name)  # fmt: skip
     point, links, face = system.vertex, system.springs, system.faces
+    if scene.forces is not None:
+        tables.set_inputs(system.inputs, system, 0)
     return system._replace(
         h=ENDLESS, method=IMPLICIT, newton_iterations=1, v0=np.zeros_like(system.v0),
         vertex=point._replace(damping=np.zeros_like(point.damping)),

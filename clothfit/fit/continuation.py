@@ -204,8 +204,13 @@ def nudged(objective: Objective, omega: float) -> Objective:
 
 def with_nudging(scene: Scene, motion: Motion, omega: float) -> Scene:
     """A scene whose vertices are pulled to where a motion shows them, with springs of the masses that it has; between
-    frames to places on the line from one to the next, unless all frames are at ends of steps.
+    frames to places on the line from one to the next, unless all frames are at ends of steps. A cloth at rest is pulled
+    to where the last frame shows it, ω in rad/s.
     """
+    if scene.method == REST:
+        own = np.concatenate([cloth.mass for cloth in scene.cloths]) * omega**2 * motion.seen()[-1]
+        places = motion.positions[-1:].copy()
+        return scene.with_forces(Forces(np.zeros(1), np.zeros(places.shape), own[None], places, pulls=True))
     step, part = frame_places(motion, scene.delta)
     at, seen, aligned = step + part, motion.seen(), not part.any()
     gap = max(float(np.median(np.diff(at))), 1.0) if len(at) > 1 else 1.0

@@ -31,7 +31,14 @@ from clothfit.fit.observer import Observer, bar
 from clothfit.fit.options import AUTO, FitOptions, Request, requested, resolved
 from clothfit.fit.preparation import flagged, followed, in_time, in_windows, with_start_velocity, with_whole
 from clothfit.fit.registered_fit import SAME_FALL, Refinement, begun, put_right
-from clothfit.fit.residual_hints import with_own_motion, with_picture, with_residual_hints, with_stall_hint, with_start
+from clothfit.fit.residual_hints import (
+    with_floor,
+    with_own_motion,
+    with_picture,
+    with_residual_hints,
+    with_stall_hint,
+    with_start,
+)
 from clothfit.fit.result import (
     UNKNOWN,
     Fit,
@@ -291,6 +298,7 @@ def assessed(found: Fit, fit: Fitting, whole: Objective | None) -> Fit:
     found = looked_at(found, with_residual_hints, objective, options=options)
     if whole is not None:
         found = looked_at(found, with_whole, whole, options=options)
+    found = looked_at(found, with_floor, objective, options=options)
     found = looked_at(found, with_stall_hint, objective, options=options)
     if options.method == AUTO and not (fit.twin or fit.tried or options.resume):
         found = looked_at(found, with_step_hint, objective, options=options)

@@ -34,7 +34,7 @@ from clothfit.engine.tape import Tape
 from clothfit.fit.hints import Hint
 from clothfit.fit.registered_fit import cut, few
 from clothfit.fit.registration import OFFSET, PLACE, RATE, THETA, descended, weighted
-from clothfit.fit.result import FAILS, Baselines, Fit, without_intervals
+from clothfit.fit.result import ADEQUATE, FAILS, NEGLIGIBLE, Baselines, Fit, Verdict, without_intervals
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import in_groups
 from clothfit.objective.comparison import Loss
@@ -120,6 +120,11 @@ LONGEST = 5.0
 
 SHIFT, JUMP = 1e-6, 1e-2
 """A relative change of all values, and that of the error, above which this counts as a jump."""
+
+FLOOR, CLOSER, MOST_POSITIONS = 3.0, 0.1, 1_000_000
+"""Error, relative to what other tolerances change, up to which it is at their floor; of these the factor; and positions
+that are compared, at most.
+"""
 
 CODES = {"offset": "time_offset", "rate": "time_scale", "placement": "placement"}
 """Codes of the hints."""
@@ -249,6 +254,33 @@ class Distances:
     def mean(self) -> Array:
         """Their means (k, k), or (k, 1), m²; NaN where nothing was seen."""
         return np.asarray(np.where(self.count > 0, self.squares / np.maximum(self.count, 1), np.nan))
+
+
+def with_floor(fit: Fit, objective: Objective) -> Fit:
+    """The fit as converged where what it leaves is no more than the tolerance of the linear systems leaves of its
+    motion, which buckles or meets something: that is no noise, so it shows nothing that is hidden.
+    """
+    doubted = fit.status == Status.STALLED or any(hint.code == "hidden" for hint in fit.hints)
+    left = fit.relative_rmse
+    if not (doubted and left and left <= NEGLIGIBLE) or fit.single_steps or objective.observations > MOST_POSITIONS:
+        return fit
+    p, closer = parameters(fit.scene, objective.scene), CLOSER * objective.tolerance
+    try:
+        both = (each.positions(p) for each in (objective, objective.until(objective.steps + 1, closer)))
+        pairs = list(zip(objective.runs, *both, strict=True))
+    except Diverged:
+        return fit
+    squares = sum(float(((x - other)[run.comparison.goal.step] ** 2).sum()) for run, x, other in pairs)
+    away = float(np.sqrt(squares / max(objective.observations, 1)))
+    if fit.rmse > FLOOR * away:
+        return fit
+    text = (
+        f"the error is at the floor of the tolerance, {objective.tolerance:g}: solved ten times as exactly, the same "
+        f"values move the cloth by {metres(away)} (RMS), so no search brings it nearer"
+    )
+    hints = [*(hint for hint in fit.hints if hint.code != "hidden"), Hint("floor", text, before_fit=False)]
+    status = Status.CONVERGED if fit.status == Status.STALLED else fit.status
+    return replace(fit, status=status, hints=hints, verdict=Verdict(ADEQUATE, left))
 
 
 def with_stall_hint(fit: Fit, objective: Objective) -> Fit:

@@ -18,31 +18,32 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
-from clothfit.fit.continuation import Even, some_steps
+from clothfit.fit.continuation import LEAST, Even, some_steps, with_nudging
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
-from clothfit.fit.routes import best_bendings, shares_of_bending
+from clothfit.fit.routes import BENDINGS, shares_of_bending
 from clothfit.fit.start import start_of, values_by
 from clothfit.fit.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
-from clothfit.motion.correspondence import SCANNED, Correspondence
+from clothfit.motion.correspondence import SCANNED, Correspondence, weights_of_corners
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
 from clothfit.motion.simulate import simulate
 from clothfit.motion.times import frame_places, interpolated
 from clothfit.objective.experiment import Experiment, experiment
 from clothfit.objective.objective import Objective
-from clothfit.optimise.prior import guard
+from clothfit.optimise.prior import first, guard
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
-from clothfit.registration.tracking import FINE, median_edge, tracked
+from clothfit.registration.tracking import FINE, TRIM, median_edge, tracked
+from clothfit.scene.directions import edges_of
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import REST
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import Scene, with_places
 
 Start: TypeAlias = float | Array | Scene | None
 
@@ -52,10 +53,8 @@ STEPS, SAVING = 12, 1e-3
 SAME = 0.01
 """Change of the coordinates of values up to which what was tracked before holds."""
 
-FEW, NEAREST, PART = 12, 0.9, 0.5
-"""Values, at most, that are fitted at once; the share of the points, the nearest, by which shapes of cloths at rest are
-compared; and the part of the time in which these are tried.
-"""
+FEW, PART = 12, 0.5
+"""Values, at most, that are fitted at once, and the part of the time in which cloths at rest are drawn."""
 
 UNTRACKED = (
     "the time was too short to track the scan: all of its points are compared, strangers as well, from the fit's own "
@@ -71,6 +70,29 @@ LEFT_BEHIND = (
     "the points of the scan go up to {} away from vertices that the scene holds, which do not follow a scan; give "
     "these a motion (pins in the scene, or new --pins-from MOTION), or let them go"
 )
+
+FOLDS = (
+    "the cloth {}: points are {} off it (RMS), of which {} are noise, so its values mean little; scan all of the hem, "
+    "take a finer mesh, or begin with values that are nearer (--start, new --fabric)"
+)
+
+OWN_FOLDS = (
+    "the shape was found from the scan; simulate, which begins elsewhere, ends in other folds with these values, up to "
+    "{} away"
+)
+
+CLEARLY, SIGNIFICANT, VISIBLE, PROMINENT = 0.1, 5.0, 1e-3, 0.1
+"""Squares above those of noise that count as a difference, standard deviations of these, and distance in median edges;
+how far a fold of a hem comes out, as a share of the farthest.
+"""
+
+REACHES = (0.1, 0.3, 1.0, 3.0)
+"""How far its weight would take a cloth that is pulled to where it was drawn, in edges, one after the other."""
+
+MOST_TRIES, SAME_SHAPE, FAR_OFF = 6, 1e-3, 9.0
+"""Shapes of what a scan does not show that are let go, at most; difference of their distances, relative, within which
+they are one; and mean square distance of a vertex, in squares of the median, from which on it misses its points.
+"""
 
 MOST = 0.95
 """Quantile of distances that is shown beside their median."""
@@ -195,65 +217,135 @@ def by_windows(
 def by_folds(
     few: Scene, scene: Scene, given: list[Experiment], options: Request, kept: list[Tracks]
 ) -> tuple[Scene, list[Experiment]]:
-    """Values that come nearest to scans of cloths at rest, from those of `few` with other bending stiffnesses, and the
-    scans as they are tracked from there: each has folds of its own, and not from all can those of the scan be reached.
+    """Values that come nearest to scans of cloths at rest, and the scans as they are tracked from there.
+
+    Cloths that hang by other bending stiffnesses are drawn to the scan: not from the folds of all can those of the scan
+    be reached, and in what it does not show they end in folds of their own. Those that come nearest are then let go,
+    pulled to where they were drawn more and more weakly, and drawn anew, while the values are fitted: so they stay in
+    the scan's folds. One that is farther off than another is without a pull cannot become the nearest.
     """
-    longest, least, best = max(len(each.motion.times) for each in given), np.inf, (few, list(given))
+    longest = max(len(each.motion.times) for each in given)
     bends = np.concatenate([shares_of_bending(block) for block in few.blocks])
+    hung, trials, tries = (list[tuple[float, Scene, list[Experiment]]]() for _ in range(3))
 
-    def at(factor: float) -> Scene:
-        return with_parameters(few, factor**bends * parameters(few))
+    def hang(factor: float) -> None:
+        trial = with_parameters(few, factor**bends * parameters(few))
+        free = by(trial, scene, given, longest, 0)
+        found = [tracked(each) for each in held(trial, scene, given, free, np.inf)]
+        for every, own in ((hung, free), (trials, found)):
+            every.append((distance(given, own), trial, own))
+            every.sort(key=lambda each: each[0])
+        kept.append(Tracks(own_scenes(trials[0][2], given), hung[0][1], HURRIED))
 
-    factors, near = [1.0], FINE * median_edge(few)
-    away = dict[float, float]()
-
-    def measure(factor: float) -> float:
-        away[factor] = distance(given, by(at(factor), scene, given, longest, 0))
-        return away[factor]
-
-    if bends.any():
-        with interrupts.limited(None if options.time_limit is None else PART * PART * options.time_limit):
-            factors = best_bendings(measure)
-        if away:
-            kept.append(Tracks(given, at(factors[0]), HURRIED))
-    # what has the folds of the scan already may lose them where it is drawn
-    tries = [(factor, rounds) for factor in factors or [1.0] for rounds in (0, None)
-             if rounds is None or away.get(factor, np.inf) <= near]  # fmt: skip
-    for factor, rounds in tries:
-        found = by(at(factor), scene, given, longest, rounds)
-        if not np.isfinite(least):
-            kept.append(Tracks(own_scenes(found, given), at(factor), HURRIED))
-        trial = nearer(at(factor), found, options)
-        whole = objective_of(trial, [experiment(trial, *each) for each in found], options)
-        cost = whole.cost_or_infinity(parameters(trial)) + unmatched(given, found)
-        if cost < least:
-            least, best = cost, (trial, found)
-            kept.append(Tracks(own_scenes(found, given), trial, HURRIED))
-        if whole.rmse(cost) <= SAME * SAME * whole.rms_displacement:
-            break
+    hang(1.0)
+    seconds = None if options.time_limit is None else PART * PART * options.time_limit
+    with suppress(interrupts.OutOfTime), interrupts.limited(seconds):
+        for factor in BENDINGS[1:] if bends.any() else ():
+            hang(factor)
+    about = hung[0][1]
+    found = mended(about, [own for _, _, own in trials], scene, given)
+    few, found, _ = let_go(about, found, scene, given, REACHES[0], options, about)
+    for _, _, others in trials:
+        mixed = [with_parts(own, other, ~own.motion.seen()[-1]) for own, other in zip(found, others, strict=True)]
+        free = [tracked(each, 0) for each in held(few, scene, given, mixed, REACHES[0])]
+        tries.append((distance(given, free), few, free))
+    tries.sort(key=lambda each: each[0])
+    tries = [each for k, each in enumerate(tries) if not k or each[0] > (1.0 + SAME_SHAPE) * tries[k - 1][0]]
+    least, best = np.inf, (few, found)
+    for away, trial, free in tries[:MOST_TRIES]:
+        for reach in (*REACHES, np.inf):
+            trial, free, away = let_go(trial, free, scene, given, reach, options, about)
+            if not away < least:
+                break
+        else:
+            least, best = away, (trial, free)
+            kept.append(Tracks(own_scenes(free, given), trial, HURRIED))
     return best
 
 
+def mended(
+    few: Scene, shapes: Sequence[list[Experiment]], scene: Scene, given: Sequence[Experiment]
+) -> list[Experiment]:
+    """The first of the shapes to which cloths were drawn, by the values of `few`; but where points are much farther off
+    than others, as in another one, as long as that brings them nearer.
+    """
+    found = shapes[0]
+    away = distance(given, found)
+    for others in shapes[1:]:
+        mixed = [
+            with_parts(own, other, misses(raw.motion, own.motion))
+            for raw, own, other in zip(given, found, others, strict=True)
+        ]
+        drawn = [tracked(each) for each in held(few, scene, given, mixed, REACHES[0])]
+        if (near := distance(given, drawn)) < away:
+            away, found = near, drawn
+    return found
+
+
+def with_parts(own: Experiment, other: Experiment, which: Flags) -> Experiment:
+    """A shape with some vertices (n,) where another has them."""
+    x = own.motion.positions.copy()
+    x[-1, which] = other.motion.positions[-1, which]
+    return Experiment(replace(own.motion, positions=x), own.scene)
+
+
+def misses(raw: Motion, found: Motion) -> Flags:
+    """The vertices (n,) whose points in the last frame of a scan are much farther off than all."""
+    scan, frame, x = raw.correspondence, len(raw.times) - 1, found.positions[-1]
+    if scan.mesh is None:
+        return np.zeros(len(x), bool)
+    feet = scan.feet(x, frame)
+    squares = np.minimum(np.abs(feet.gaps), TRIM * np.median(np.abs(feet.gaps))) ** 2
+    weights = weights_of_corners(scan.mesh.triangles[feet.faces], feet.weights, len(x))
+    return np.asarray(weights.T @ squares > FAR_OFF * np.median(squares) * weights.sum(axis=0))
+
+
+def held(
+    few: Scene, scene: Scene, given: Sequence[Experiment], found: Sequence[Experiment], reach: float
+) -> list[Experiment]:
+    """Scans in scenes that begin where cloths were `found`, and pull what was seen there, so that their weight would
+    take them so many edges away; infinite: not at all.
+    """
+    made = list[Experiment]()
+    for (raw, own), (motion, _) in zip(given, found, strict=True):
+        place = with_places(few if own is scene else own, motion.positions[-1])
+        if np.isfinite(reach) and motion.correspondence.mesh is not None:
+            omega = float(np.sqrt(np.linalg.norm(own.gravity) / (reach * median_edge(own))))
+            place = with_nudging(place, motion, omega)
+        there = experiment(few, raw, place)
+        made.append(Experiment(there.motion, with_parameters(there.scene, parameters(few))))
+    return made
+
+
+def let_go(
+    few: Scene, found: Sequence[Experiment], scene: Scene, given: Sequence[Experiment], reach: float, options: Request,
+    about: Scene,
+) -> tuple[Scene, list[Experiment], float]:  # fmt: skip
+    """Values, from those of `few`, that bring cloths that are `held` near their scans, and are near those of `about`
+    where little shows them; where the cloths are drawn from there, or hang where nothing pulls; and their distance, m,
+    before they are drawn.
+    """
+    parts = held(few, scene, given, found, reach)
+    pulled = [Experiment(each.motion, own) for each, (_, own) in zip(found, parts, strict=True)]
+    few = nearer(few, pulled, options, about, bool(np.isfinite(reach)))
+    parts = held(few, scene, given, found, reach)
+    free = [tracked(each, 0) for each in parts]
+    away = distance(given, free)
+    return few, [tracked(each) for each in parts] if np.isfinite(reach) else free, away
+
+
 def distance(given: Sequence[Experiment], found: Sequence[Experiment]) -> float:
-    """Root mean square distance, m, of the nearest points of scans from cloths at rest as they were found."""
+    """Root mean square distance, m, of the points of scans from cloths at rest as they were found; outliers count as
+    far as what begins them.
+    """
     squares = [0.0]
     for (motion, _), (own, _) in zip(given, found, strict=True):
         if motion.correspondence.mesh is None:
             continue
         for frame in np.flatnonzero(motion.times > 0).tolist():
-            away = np.sort(np.abs(motion.correspondence.feet(own.positions[frame], frame).gaps))
-            squares.append(float((away[: int(np.ceil(NEAREST * len(away)))] ** 2).mean()))
+            away = np.abs(motion.correspondence.feet(own.positions[frame], frame).gaps)
+            squares.append(float((np.minimum(away, TRIM * np.median(away)) ** 2).mean()))
     return float(np.sqrt(sum(squares)))
-
-
-def unmatched(given: Sequence[Experiment], found: Sequence[Experiment]) -> float:
-    """What points cost that no place of a cloth was found for, each an edge away, m²."""
-    lost = 0.0
-    for (motion, _), (own, scene) in zip(given, found, strict=True):
-        edge = median_edge(scene)
-        if motion.correspondence.mesh:
-            lost += edge**2 * float(motion.correspondence.seen.sum() - own.correspondence.seen.sum())
-    return lost
 
 
 def objective_of(scene: Scene, given: Sequence[Experiment], options: Request) -> Objective:
@@ -278,6 +370,14 @@ def with_figures(fit: Fit, raw: Motion, given: Motion) -> Fit:
         return fit
     from scipy.spatial import KDTree
 
+    if fit.scene.method == REST:
+        own = partial(held, fit.scene, fit.scene, [Experiment(raw, fit.scene)], [Experiment(given, fit.scene)])
+        hung, drawn = tracked(own(np.inf)[0], 0).motion, tracked(own(REACHES[0])[0]).motion
+        away = float(np.linalg.norm(x[-1] - hung.positions[-1], axis=1).max())
+        if away > FINE * median_edge(fit.scene):
+            fit = replace(fit, hints=[*fit.hints, Hint("own_folds", OWN_FOLDS.format(metres(away)), before_fit=False)])
+        fit, x = with_folds(fit, raw, hung, drawn), hung.positions
+
     there, back = list[Array](), list[Array]()
     for frame, s in enumerate(x):
         points = scan.points[frame, scan.seen[frame]]
@@ -299,6 +399,56 @@ def with_figures(fit: Fit, raw: Motion, given: Motion) -> Fit:
     return replace(fit, correspondence=bound, hints=[*fit.hints, Hint("scan", text, before_fit=False)])
 
 
+def with_folds(fit: Fit, raw: Motion, hung: Motion, drawn: Motion) -> Fit:
+    """The fit of a cloth at rest as stalled, with what it looks like beside the cloth that was drawn to the scan, where
+    points of the scan that are neighbours are off it alike: of noise, which is new in each point, half the mean square
+    of their differences is the variance.
+    """
+    from scipy.spatial import KDTree
+
+    scan, frame, x = raw.correspondence, len(raw.times) - 1, hung.positions[-1]
+    feet = scan.feet(x, frame)
+    near = np.abs(feet.gaps) <= TRIM * np.median(np.abs(feet.gaps))
+    gaps = feet.gaps[near]
+    if fit.status != Status.CONVERGED or len(gaps) < 2:
+        return fit
+    places = (scan.points[frame, scan.seen[frame]] + feet.gaps[:, None] * feet.normals)[near]
+    change = gaps - gaps[np.asarray(KDTree(places).query(places, k=2)[1])[:, 1]]
+    whole, noise = float((gaps**2).mean()), 0.5 * float((change**2).mean())
+    clearly = (1.0 + max(CLEARLY, SIGNIFICANT / np.sqrt(len(gaps)))) * noise
+    if whole <= clearly + (VISIBLE * median_edge(fit.scene)) ** 2:
+        return fit
+    own, other = folds(fit.scene, x), folds(fit.scene, drawn.positions[-1])
+    how = f"drapes in {own} folds, in the scan in {other}" if own != other else "drapes in other folds than the scan"
+    text = FOLDS.format(how if own else "hangs otherwise than the scan", metres(np.sqrt(whole)), metres(np.sqrt(noise)))
+    return replace(fit, status=Status.STALLED, hints=[*fit.hints, Hint("folds", text, before_fit=False)])
+
+
+def folds(scene: Scene, x: Array) -> int:
+    """In how many folds the hem of a cloth at x (n, 3), m, hangs around what is held; 0 where it does not go around."""
+    from scipy.signal import find_peaks
+
+    start = np.concatenate([cloth.positions for cloth in scene.cloths])
+    held = np.concatenate([cloth.fixed for cloth in scene.cloths])
+    triangles = np.concatenate([own.triangles + scene.vertices(i).start for i, own in enumerate(scene.cloths)])
+    sides = edges_of(triangles)
+    hem = np.unique(sides.ends[sides.uses == 1])
+    down = scene.gravity / max(float(np.linalg.norm(scene.gravity)), 1e-300)
+    level = np.linalg.svd(down[None])[2][1:]  # two directions across the weight
+    if not held.any() or held[hem].any():
+        return 0
+    middle = start[held].mean(axis=0)
+    there = (start[hem] - middle) @ level.T
+    angle = np.arctan2(*there.T)
+    order = np.argsort(angle)
+    if np.diff(angle[order], append=angle[order[0]] + 2 * np.pi).max() > 0.5 * np.pi:
+        return 0
+    away = np.linalg.norm((x[hem[order]] - middle) @ level.T, axis=1)
+    least = int(away.argmin())
+    around = np.roll(away, -least)
+    return len(find_peaks(np.append(around, around[0]), prominence=PROMINENT * float(np.ptp(away)))[0])
+
+
 def by(
     few: Scene, scene: Scene, given: Sequence[Experiment], frames: int, rounds: int | None = None
 ) -> list[Experiment]:
@@ -308,13 +458,19 @@ def by(
     return [tracked(Experiment(each.motion, with_parameters(each.scene, parameters(few))), rounds) for each in own]
 
 
-def nearer(few: Scene, given: Sequence[Experiment], options: Request) -> Scene:
-    """The scene with the values that some steps lead to; the same object where they change by little, or nothing."""
+def nearer(
+    few: Scene, given: Sequence[Experiment], options: Request, about: Scene | None = None, pulled: bool = False
+) -> Scene:
+    """The scene with the values that some steps lead to; the same object where they change by little, or nothing. What
+    is hardly shown stays near those of `about`, by default its own; where cloths are `pulled`, as in continuation.
+    """
     objective = objective_of(few, [experiment(few, *each) for each in given], options)
     search = Search(objective, parameters(few), 0.0, options.max_evaluations, options.observer.progress)
     part = Even(search, objective)
     search.enter("tracking")
     y = start = part.y(search.start)
     with suppress(Diverged, Stop), np.errstate(over="ignore", invalid="ignore"):
-        y = some_steps(part, start, STEPS, SAVING, prior=guard(start, part.own_widths))
+        centre = start if about is None else part.y(parameters(about))
+        doubt = first(centre, [np.arange(part.size, dtype=np.int32)], (LEAST * part.residuals()) ** -0.5)
+        y = some_steps(part, start, STEPS, SAVING, prior=doubt if pulled else guard(centre, part.own_widths))
     return few if np.abs(y - start).max(initial=0.0) <= SAME else with_parameters(few, part.parameters(y))

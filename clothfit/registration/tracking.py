@@ -168,7 +168,8 @@ def left_by(found: Feet, good: Flags) -> float:
 
 def placed(given: Experiment) -> Scene:
     """The scene with its mesh on the first frame of a scan, placed rigidly and then relaxed under its own weight while
-    it is drawn there; the same object where it lies there already, or would come no nearer.
+    it is drawn there; the same object where it lies there already, or would come no nearer. A cloth at rest lies there
+    where what is held does.
     """
     motion, scene = given
     scan = motion.correspondence
@@ -178,12 +179,12 @@ def placed(given: Experiment) -> Scene:
     draw = Drawing(scan.mesh, scene, np.ones(len(start), bool))
     points = scan.points[0, scan.seen[0]]
     before = np.quantile(np.abs(scan.feet(start, 0).gaps), MOSTLY)
-    if before <= draw.edge:
+    held = np.concatenate([cloth.fixed for cloth in scene.cloths])
+    if before <= draw.edge or (scene.method == REST and not lies_off(start[held], points, draw.edge)):
         return scene
     few = points[:: max(len(points) // POINTS, 1)]
     found = sorted((moved_to(scan.mesh, few, start, R) for R in turns(start, few)), key=lambda each: each[0])
     near = [each for each in found if each[0] <= ALIKE * found[0][0]]  # a square sheet fits in eight ways
-    held = np.concatenate([cloth.fixed for cloth in scene.cloths])
     own, size = start[held] if held.any() else start, float(np.linalg.norm(np.ptp(start, axis=0)))
 
     def way(each: tuple[float, Array, Array]) -> float:
@@ -204,6 +205,15 @@ def placed(given: Experiment) -> Scene:
         x = drawn
     after = np.quantile(np.abs(scan.feet(x, 0).gaps), MOSTLY)
     return with_places(scene, x) if after < before else scene
+
+
+def lies_off(held: Array, points: Array, edge: float) -> bool:
+    """Whether most held vertices (k, 3) of a cloth, which is elsewhere before it hangs, are more than an edge, m, from
+    the points (m, 3) of its scan.
+    """
+    from scipy.spatial import KDTree
+
+    return len(held) > 0 and float(np.median(KDTree(points).query(held)[0])) > edge
 
 
 def turns(start: Array, points: Array) -> list[Array]:

@@ -10,6 +10,7 @@ n vertices, S springs.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -69,18 +70,22 @@ class _Same:
 @lru_cache(maxsize=8)
 def _spring_groups(key: _Same) -> Groups:
     """The same, kept: every scene of a fit has the same positions, triangles, springs and layout."""
-    positions, triangles, springs, layout = key.objects
-    names: tuple[str, ...] = layout.names
-    family = layout.family
-    if family is None:
-        given = None if layout.warp is None else np.broadcast_to(layout.warp, triangles.shape)
-        names, family = FAMILIES, families_of(positions, triangles, springs, given)
-    regions = layout.regions
+    springs, layout = key.objects[2], with_families(*key.objects)
+    names, family, regions = layout.names, np.asarray(layout.family), layout.regions
     if not regions:
         return _kept(names, family)
     count = len(regions) + 1
     whole = [f"{name}, {part}" for name in names for part in (*(region.name for region in regions), ELSEWHERE)]
     return _kept(tuple(whole), family.astype(np.intp) * count + _region(springs, layout))
+
+
+def with_families(positions: Array, triangles: Indices, springs: Indices, layout: Layout) -> Layout:
+    """The layout with the families of the mesh, where it gives none."""
+    if layout.family is not None:
+        return layout
+    given = None if layout.warp is None else np.broadcast_to(layout.warp, triangles.shape)
+    found = _kept(FAMILIES, families_of(positions, triangles, springs, given))
+    return replace(layout, names=found.names, family=found.of)
 
 
 def _region(elements: Indices | Slots, layout: Layout) -> Slots:

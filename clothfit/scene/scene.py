@@ -30,6 +30,7 @@ from clothfit.scene.bounds import Bounds, from_file
 from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, layout_of, obstacles, self_contact
 from clothfit.scene.cloth import sphere_document as _sphere
 from clothfit.scene.cloth import vector as _vector
+from clothfit.scene.families import with_families
 from clothfit.scene.forces import Forces, check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
 from clothfit.scene.kinds import AUTO, CLOTH_KINDS, EDITORS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
@@ -403,11 +404,17 @@ def with_pins(scene: Scene, items: Mapping[int, list[dict[str, Any]]]) -> Scene:
 
 
 def with_places(scene: Scene, x: Array) -> Scene:
-    """Make a new scene whose vertices begin at rest at places x (N, 3), its springs as long at rest as before."""
+    """Make a new scene whose vertices begin at rest at places x (N, 3), its springs as long at rest and of the same
+    families as before.
+    """
     new, cloths = list[dict[str, Any]](), list[Cloth]()
     for cloth, own in zip(scene.cloths, np.split(x, np.cumsum(scene.vertex_counts)[:-1]), strict=True):
+        layout = with_families(cloth.positions, cloth.triangles, cloth.springs, cloth.layout)
         new.append({"vertPos": vectors(own), "springRestLength": Optional(cloth.rest.tolist(), needed=True)})
-        cloths.append(replace(cloth, positions=own))
+        if cloth.layout.family is None:
+            families = {"names": list(layout.names), "springs": np.asarray(layout.family).tolist()}
+            new[-1]["families"] = Optional(families, needed=True)
+        cloths.append(replace(cloth, positions=own, layout=layout))
     return replace(scene, cloths=tuple(cloths), source=replace(scene.source, text=splice(scene.source.text, new)))
 
 

@@ -48,6 +48,19 @@ def add_times(applied, y, scale, out):
             out[i, c] += scale * applied.gain[i] * (applied.place[i, c] - y[i, c])
 
 
+@kernel(absent=0.0)
+def energy(applied, y):
+    """−Σ u·y + ½ κ |R − y|², J."""
+    total = 0.0
+    for i in range(len(applied.force)):
+        for c in range(3):
+            total -= applied.force[i, c] * y[i, c]
+    for i in range(len(applied.gain)):
+        for c in range(3):
+            total += 0.5 * applied.gain[i] * (applied.place[i, c] - y[i, c]) ** 2
+    return total
+
+
 @kernel(absent=0.0, apart=0.0)
 def add_step(applied, y, u, h, ahead, A, b):
     if len(b) > 0:
