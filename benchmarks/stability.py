@@ -46,6 +46,7 @@ class Run:
     shortened_steps: int
     early_contacts: int
     hits: int
+    longer_steps: int
     ms_per_step: float
 
     @property

@@ -220,7 +220,7 @@ class Ending:
         tried, first = [self.gain()], int(self.part.used[self.t])
         while tried[-1] and self.go_on(tolerance):
             tried.append(self.gain())
-        if tried[-1] != min(tried):
+        if other := tried[-1] != min(tried):
             self.end_with(first + int(np.argmin(tried)))
         tried = [min(tried)]
         while tried[-1] and len(tried) <= halvings:
@@ -228,7 +228,8 @@ class Ending:
             tried.append(self.gain())
         if longer := len(tried) - 1 - int(np.argmin(tried)):
             self.shorten(2.0**longer)
-        self.gain()  # notes the power
+        if other or longer:
+            self.gain()  # notes the power
         return min(tried)
 
     def go_on(self, tolerance: float) -> bool:

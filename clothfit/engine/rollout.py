@@ -156,9 +156,12 @@ def iterations_of(system: System) -> int:
 
 
 def state_bytes(system: System) -> int:
-    """Bytes that a Rollout holds of each step; hardly one goes on, and memory that is not written is none."""
-    met = 0 if system.colliders is None else system.colliders.on.size
-    return 24 * len(system.x0) * (1 + min(iterations_of(system), system.newton_iterations + 1)) + 31 + met
+    """Bytes that a Rollout holds of each step; few take more iterations but at meshes, and what none writes is none."""
+    colliders, iterations = system.colliders, iterations_of(system)
+    met = 0 if colliders is None else colliders.on.size
+    if colliders is not None:
+        iterations = min(iterations, system.newton_iterations + len(colliders.bodies.moves))
+    return 24 * len(system.x0) * (1 + iterations) + 31 + met
 
 
 def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
