@@ -31,7 +31,7 @@ from clothfit.engine.solve import contact_blocks, guess, linear
 from clothfit.engine.step import bdf2, guard, implicit, states
 from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.vectors import combine, copy
+from clothfit.kernels.vectors import copy
 
 Rollout: TypeAlias = Any
 """A `rollout.Rollout`; that module imports this one."""
@@ -188,7 +188,7 @@ class Ending:
         numbers: Indices = NOBODY,
     ) -> None:  # fmt: skip
         """Step t of a part, for the system that it was taken with and, for a cloth that touches itself, its pairs."""
-        self.system, self.work, self.part, self.t = system, work, part, t
+        self.system, self.euler, self.work, self.part, self.t = system, bdf2.forms(system)[0], work, part, t
         self.surface, self.numbers = surface, numbers
         self.made: zones.Zones | None = None  # what moves as one
         self.separate()
@@ -207,8 +207,7 @@ class Ending:
     def gain(self) -> float:
         """How much the energy rises, J, 0 where that is tolerated."""
         if self.surface is None:
-            euler = bdf2.forms(self.system)[0]
-            return float(march.gain(euler.inputs, euler, self.part, self.t, self.work))
+            return float(march.gain(self.euler.inputs, self.euler, self.part, self.t, self.work))
         own = self.part, self.t, self.surface, self.numbers, self.work
         return gains(self.system, *own, False, self.made)
 
@@ -235,8 +234,7 @@ class Ending:
     def go_on(self, tolerance: float) -> bool:
         """Take one more iteration, if there is room for one; whether that ended well."""
         self.split()
-        step = bdf2.forms(self.system)[0], tolerance, self.work, self.part.bare(), self.t
-        good = bool(march.go_on(*step))
+        good = bool(march.go_on(self.euler, tolerance, self.work, self.part.bare(), self.t))
         if good and self.surface is not None:
             now = self.part.x[self.t], self.part.x[self.t + 1]
             self.numbers = np.union1d(self.numbers, pairs.colliding(self.surface, *now))
@@ -246,7 +244,8 @@ class Ending:
     def end_with(self, used: int) -> None:
         """End after so many iterations."""
         self.split()
-        march.end_with(self.system, self.part.bare(), self.t, used)
+        self.part.used[self.t] = used
+        march.arrive(self.system, self.part.x[self.t], self.w, self.part.x[self.t + 1])
         self.separate()
 
     def split(self) -> None:
@@ -260,7 +259,7 @@ class Ending:
         self.w[:] *= theta
         if self.made is not None:
             self.made.found[:] *= theta
-        arrive(self.system, self.part.x[self.t], self.w, self.part.x[self.t + 1])
+        march.arrive(self.system, self.part.x[self.t], self.w, self.part.x[self.t + 1])
 
 
 def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> None:
@@ -327,7 +326,7 @@ def separated(
         made = zones.of_pairs(pairs.of_numbers(surface, x, known).vertices, len(x), found)
         w[:] = found
         zones.join(made, system.vertex, w)
-        arrive(system, x, w, after)
+        march.arrive(system, x, w, after)
         hit = np.setdiff1d(pairs.colliding(surface, x, after), known)
         hit = pairs.crossing(surface, x, after, hit)
     return made
@@ -378,7 +377,7 @@ def attempt(system, work, part, t, v, first, tolerance):
     march.count(part, t, used, iterations, direct)
     if used == 0:
         return False
-    arrive(system, part.x[t], part.w[t, used - 1], part.x[t + 1])
+    march.arrive(system, part.x[t], part.w[t, used - 1], part.x[t + 1])
     return True
 
 
@@ -394,10 +393,3 @@ def attempt_second(system, work, part, t, v, first, tolerance):
     march.count(part, t, used, iterations, direct)
     place_pins(system.inputs, system, part.x[t + 1])
     return used > 0
-
-
-@kernel
-def arrive(system, x, w, after):
-    """The positions after a step."""
-    combine(1.0, x, system.h, w, after)
-    place_pins(system.inputs, system, after)

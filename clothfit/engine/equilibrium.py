@@ -75,7 +75,8 @@ def shape_from(system: System, start: Array) -> tuple[Array, bool, int]:
         mode = search.lowest()
         if mode is None:
             return search.x, True, search.solves
-        search.x = search.x + (-1) ** attempt * (KICK * search.edge / np.abs(mode).max()) * mode
+        reach = KICK * search.edge / np.abs(mode).max()
+        search.x = search.x + (-1) ** attempt * reach * mode
     return search.x, False, search.solves
 
 
@@ -116,12 +117,13 @@ class _Search:
 
     def solver(self) -> Callable[[Array], Array]:
         """A⁻¹ times forces (m, 3), by the A that is left in the workspace; NaN where it is singular."""
+        from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
 
         self.solves += 1
         own, numbers = self.pattern, np.concatenate([self.work.A.diagonal, self.work.A.upper]).reshape(-1)
         try:
-            factors = splu(type(own)((numbers[own.data], own.indices, own.indptr)), **linear.SYMMETRIC)
+            factors = splu(csc_array((numbers[own.data], own.indices, own.indptr)), **linear.SYMMETRIC)
         except RuntimeError:  # exactly singular
             return lambda f: np.full_like(f, np.nan)
         return lambda f: np.asarray(factors.solve(f.reshape(-1)).reshape(f.shape))
@@ -132,8 +134,10 @@ class _Search:
         h, tried = ENDLESS if np.linalg.norm(f) < CLOSE * self.scale else FIRST, False
         for _ in range(MOST_STEPS):
             size = float(np.linalg.norm(f))
-            if not done * self.scale < size < np.inf:
-                return size < np.inf
+            if not np.isfinite(size):
+                return False
+            if size <= done * self.scale:
+                return True
             interrupts.check()
             f = self.force(self.x, h)
             solved = self.solver()
@@ -144,7 +148,8 @@ class _Search:
             g = self.force(trial) if np.isfinite(after) else f
             noise = 1e-13 * abs(energy) + 1e-300  # rounding of the energy
             gain = (energy - after) / (0.5 * slope) if slope > 0.0 else -np.inf
-            small, step = slope <= noise, float(np.abs(d).max())
+            small = slope <= noise
+            step = float(np.abs(d).max())
             newton = small and h == ENDLESS and after <= energy + noise
             nearer = newton and np.abs(h * h * solved(g)).max() < 0.5 * step
             if gain >= ENOUGH or nearer:

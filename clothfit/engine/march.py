@@ -72,8 +72,7 @@ def run(system, tolerance, work, part, start, stop):
         theta[t], capped[t], part.predicted[t] = 1.0, safe, False
         if used[t] == 0:
             return t, REFUSED
-        combine(1.0, x[t], system.h, w[t, used[t] - 1], x[t + 1])
-        place_pins(system.inputs, system, x[t + 1])
+        arrive(system, x[t], w[t, used[t] - 1], x[t + 1])
         if not finite(x[t + 1]):
             return t, FAILED
         t += 1
@@ -286,16 +285,16 @@ def go_on(system, tolerance, work, part, t):
     count(part, t, k, iterations, direct)
     if ended != implicit.SOLVED or not finite(w[k]):
         return False
-    end_with(system, part, t, k + 1)
+    part.used[t] = k + 1
+    arrive(system, x, w[k], part.x[t + 1])
     return True
 
 
 @kernel
-def end_with(system, part, t, used):
-    """Let Euler step t of a part end after so many iterations."""
-    part.used[t] = used
-    combine(1.0, part.x[t], system.h, part.w[t, used - 1], part.x[t + 1])
-    place_pins(system.inputs, system, part.x[t + 1])
+def arrive(system, x, w, after):
+    """Write the positions `after` an Euler step from x with the velocity w, (n, 3) each."""
+    combine(1.0, x, system.h, w, after)
+    place_pins(system.inputs, system, after)
 
 
 @kernel

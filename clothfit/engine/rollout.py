@@ -157,10 +157,10 @@ def iterations_of(system: System) -> int:
 
 def state_bytes(system: System) -> int:
     """Bytes that a Rollout holds of each step; few take more iterations but at meshes, and what none writes is none."""
-    colliders, iterations = system.colliders, iterations_of(system)
-    met = 0 if colliders is None else colliders.on.size
+    colliders, iterations, met = system.colliders, iterations_of(system), 0
     if colliders is not None:
         iterations = min(iterations, system.newton_iterations + len(colliders.bodies.moves))
+        met = iterations * colliders.on.shape[1]
     return 24 * len(system.x0) * (1 + iterations) + 31 + met
 
 

@@ -40,6 +40,7 @@ from clothfit.optimise.prior import first, guard
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.registration.tracking import FINE, TRIM, median_edge, tracked
+from clothfit.scene.cloth import together
 from clothfit.scene.directions import edges_of
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import REST
@@ -295,7 +296,7 @@ def misses(raw: Motion, found: Motion) -> Flags:
     if scan.mesh is None:
         return np.zeros(len(x), bool)
     feet = scan.feet(x, frame)
-    squares = np.minimum(np.abs(feet.gaps), TRIM * np.median(np.abs(feet.gaps))) ** 2
+    squares = squares_of(feet.gaps)
     weights = weights_of_corners(scan.mesh.triangles[feet.faces], feet.weights, len(x))
     return np.asarray(weights.T @ squares > FAR_OFF * np.median(squares) * weights.sum(axis=0))
 
@@ -343,9 +344,15 @@ def distance(given: Sequence[Experiment], found: Sequence[Experiment]) -> float:
         if motion.correspondence.mesh is None:
             continue
         for frame in np.flatnonzero(motion.times > 0).tolist():
-            away = np.abs(motion.correspondence.feet(own.positions[frame], frame).gaps)
-            squares.append(float((np.minimum(away, TRIM * np.median(away)) ** 2).mean()))
+            feet = motion.correspondence.feet(own.positions[frame], frame)
+            squares.append(float(squares_of(feet.gaps).mean()))
     return float(np.sqrt(sum(squares)))
+
+
+def squares_of(gaps: Array) -> Array:
+    """Squares of distances (m,), m², of which those of outliers are what begins them."""
+    away = np.abs(gaps)
+    return np.asarray(np.minimum(away, TRIM * np.median(away)) ** 2)
 
 
 def objective_of(scene: Scene, given: Sequence[Experiment], options: Request) -> Objective:
@@ -428,11 +435,8 @@ def folds(scene: Scene, x: Array) -> int:
     """In how many folds the hem of a cloth at x (n, 3), m, hangs around what is held; 0 where it does not go around."""
     from scipy.signal import find_peaks
 
-    start = np.concatenate([cloth.positions for cloth in scene.cloths])
-    held = np.concatenate([cloth.fixed for cloth in scene.cloths])
-    triangles = np.concatenate([own.triangles + scene.vertices(i).start for i, own in enumerate(scene.cloths)])
-    sides = edges_of(triangles)
-    hem = np.unique(sides.ends[sides.uses == 1])
+    whole = together(scene.cloths)
+    start, held, hem = whole.positions, whole.fixed, edges_of(whole.triangles).hem
     down = scene.gravity / max(float(np.linalg.norm(scene.gravity)), 1e-300)
     level = np.linalg.svd(down[None])[2][1:]  # two directions across the weight
     if not held.any() or held[hem].any():

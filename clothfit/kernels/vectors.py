@@ -38,6 +38,13 @@ def copy(a, out):
 
 
 @kernel
+def copy_row(a, out):
+    """out = a, (m,), as in `copy`."""
+    for q in range(len(out)):
+        out[q] = a[q]
+
+
+@kernel
 def combine(p, a, q, b, out):
     """out = p a + q b; out may be a or b."""
     for i in range(len(out)):

@@ -266,7 +266,7 @@ class Drawing:
         self.mesh, self.smooth = mesh, csr_array(stiff)
         self.edge = median_edge(scene)
         sides = edges_of(mesh.triangles)
-        self.sides, self.hem = sides.ends, np.unique(sides.ends[sides.uses == 1])  # and vertices where the cloth ends
+        self.sides, self.hem = sides.ends, sides.hem
 
     def __call__(self, x: Array, points: Array, normals: Array | None, rounds: int) -> tuple[Array, Feet, Flags]:
         """Vertices at x (n, 3) after they were drawn to points (m, 3) with normals (m, 3), tied so many times; what is

@@ -48,6 +48,11 @@ class Edges(NamedTuple):
     of: Slots  # (T, 3), the edge of each side
     uses: Slots  # (E,), triangles at each edge
 
+    @property
+    def hem(self) -> Indices:
+        """The vertices at edges of one triangle alone, where the cloth ends."""
+        return np.unique(self.ends[self.uses == 1])
+
 
 class Pairs(NamedTuple):
     """Pairs of triangles that share an edge."""

@@ -24,6 +24,7 @@ from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import check_memory
 from clothfit.engine.forces import wind
 from clothfit.kernels.kernel import kernel
+from clothfit.kernels.vectors import copy_row
 from clothfit.simulators import substep
 from clothfit.simulators.substep import Model, Work, workspace
 
@@ -117,7 +118,8 @@ def take_step(model, seeds, t, x, v, tangents, work):
 @kernel
 def pushforward(model, seeds, t, s, x, v, tangents, work):
     """Take a substep, and turn the changes of the state before it into those after it."""
-    h, pushes, multiplier, pressing = model.h / model.substeps, tangents.x.shape[2] > 0, work.multiplier, work.pressing
+    h, multiplier, pressing = model.h / model.substeps, work.multiplier, work.pressing
+    pushes = tangents.x.shape[2] > 0
     push_predict(model, seeds, t, s, x, v, tangents, work)
     multiplier[:] = 0.0
     pressing[:] = 0.0
@@ -276,8 +278,7 @@ def gather(model, c, count, tangents):
                 held[q] = a[q] - b[q]
         else:
             for k in range(count):
-                for q in range(tangents.x.shape[2]):
-                    tangents.local[3 * k + j, q] = tangents.x[model.members[c, k], j, q]
+                copy_row(tangents.x[model.members[c, k], j], tangents.local[3 * k + j])
 
 
 @kernel

@@ -40,7 +40,7 @@ from clothfit.engine.forces.surfaces import MESH
 from clothfit.engine.solve.contact_blocks import mixed, spread
 from clothfit.kernels.kernel import OfKind, kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sub
-from clothfit.kernels.vectors import combine, dot
+from clothfit.kernels.vectors import combine, copy_row, dot
 
 ACTIVE_SET_ROUNDS = 24
 """Times, at most, that an iteration is solved again."""
@@ -251,8 +251,8 @@ def is_deep(part):
 
 @kernel(absent=None)
 def save_active(part, active, t):
-    """Write what step t met to met (T, N, R)."""
-    copy_flags(part.on, active[t])
+    """Write what step t met, in the iterations that it took, to active (T, N, R)."""
+    copy_flags(part.on[: part.turn[0] + 1], active[t])
 
 
 @kernel(absent=None)
@@ -265,10 +265,9 @@ def load_active(part, active, t):
 
 @kernel
 def copy_flags(a, out):
-    """out = a, (N, R), as `vectors.copy` does it."""
-    for k in range(out.shape[0]):
-        for r in range(out.shape[1]):
-            out[k, r] = a[k, r]
+    """out = a, (N, R), as far as a has rows."""
+    for k in range(len(a)):
+        copy_row(a[k], out[k])
 
 
 @kernel(empty=0, apart=0)

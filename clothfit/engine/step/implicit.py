@@ -43,7 +43,7 @@ ROUGH = 3e-4
 CAREFUL = 3
 """Rounds after which solutions are looked at before they are taken: mostly there are no more."""
 
-SOLVED, ENOUGH, REFUSED = 0, 1, 2
+SOLVED, ENOUGH, INDEFINITE = 0, 1, 2
 """How an iteration ended."""
 
 
@@ -164,7 +164,7 @@ def step(system, x, v, first, tolerance, work, iterates):
 @kernel
 def iterate(system, x, v, k, first, tolerance, work, iterates):
     """Write iteration k of a step; returns how it ended: SOLVED, ENOUGH, where the last one is within the tolerance, or
-    REFUSED; and the CG iterations and the direct solves.
+    INDEFINITE; and the CG iterations and the direct solves.
     """
     free = system.vertex.free
     A, b = work.A, work.b
@@ -181,12 +181,12 @@ def iterate(system, x, v, k, first, tolerance, work, iterates):
     iterations, direct, solved = linear.solve(A, b, rough, work.solver, iterates[k], anyhow)
     set_pins(system.inputs, system, x, iterates[k])
     if not solved:
-        return REFUSED, iterations, direct
+        return INDEFINITE, iterations, direct
     if k > 0 and iterations == 0 and direct == 0:
         return ENOUGH, iterations, direct
     at = x, work.y, work.u if k == 0 else iterates[k - 1], iterates[k]
     more, more_direct, solved = solve_again(system.colliders, system, at, rough, tolerance, work, anyhow)
-    return SOLVED if solved else REFUSED, iterations + more, direct + more_direct
+    return SOLVED if solved else INDEFINITE, iterations + more, direct + more_direct
 
 
 @kernel

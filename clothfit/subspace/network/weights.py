@@ -24,6 +24,7 @@ from clothfit.base import interrupts, npz
 from clothfit.base.arrays import Array
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
+from clothfit.kernels.vectors import copy_row
 from clothfit.subspace import translation
 from clothfit.subspace.network.signals import Signals
 
@@ -175,7 +176,9 @@ def roll(sizes, weights, biases, limits, smooth, w, before, q, a, b):
     r = q.shape[1]
     for t in range(len(q) - 1):
         for i in range(r):
-            a[i], a[r + i] = q[t, i], q[t, i] - (before[i] if t == 0 else q[t - 1, i])
+            last = before[i] if t == 0 else q[t - 1, i]
+            a[i] = q[t, i]
+            a[r + i] = q[t, i] - last
         for i in range(w.shape[1]):
             a[2 * r + i] = w[t, i]
         evaluate(sizes, weights, biases, limits, smooth, q[t + 1], a, b)
@@ -185,14 +188,12 @@ def roll(sizes, weights, biases, limits, smooth, w, before, q, a, b):
 def evaluate(sizes, weights, biases, limits, smooth, out, a, b):
     """out (r,) of what is in a, which is overwritten."""
     r = len(out)
-    for i in range(r):  # see `vectors.copy`
-        out[i] = biases[i]
+    copy_row(biases, out)
     add_product(a, weights, 0, sizes[0], r, out)
     at, bias = sizes[0] * r, r
     for k in range(len(sizes) - 1):
         rows, columns = sizes[k], sizes[k + 1]
-        for i in range(columns):
-            b[i] = biases[bias + i]
+        copy_row(biases[bias:], b[:columns])
         add_product(a, weights, at, rows, columns, b)
         at, bias = at + rows * columns, bias + columns
         if k < len(sizes) - 2:

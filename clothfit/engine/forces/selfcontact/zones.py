@@ -16,6 +16,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine.forces.vertex import Vertex
 from clothfit.kernels.kernel import kernel
+from clothfit.kernels.vectors import copy_row
 
 
 class Zones(NamedTuple):
@@ -54,7 +55,9 @@ def means(zones, vertex):
         light[z] = 0.0 if fixed > 0 else 1.0 / mass
         for e in range(zones.first[z], zones.first[z + 1]):
             i = zones.member[e]
-            part[e] = vertex.mass[i] / mass if fixed == 0 else 0.0 if vertex.free[i] else 1.0 / fixed
+            part[e] = vertex.mass[i] / mass
+            if fixed > 0:
+                part[e] = 0.0 if vertex.free[i] else 1.0 / fixed
             for c in range(3):
                 mean[z, c] += part[e] * zones.found[e, c]
     return part, mean, light
@@ -125,8 +128,7 @@ def push_columns(zones, vertex, place, h, mass, dx, dv):
                     row = 3 * place[i] + c
                     add_row(h, change, dx[row])
                     add_row(-h, dv[row], dx[row])
-                    for q in range(len(change)):  # see `vectors.copy`
-                        dv[row, q] = change[q]
+                    copy_row(change, dv[row])
 
 
 @kernel
