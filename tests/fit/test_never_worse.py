@@ -100,7 +100,7 @@ def test_a_fit_that_ends_at_any_simulation_leaves_the_best_point(kind):
     goal = Objective(scene, motions, 1e-10)
     first = goal.cost(parameters(scene))
     assert whole.cost <= first
-    for last in (1, 3, *range(4, most, max(1, most // 3))):
+    for last in (1, 2, 3, *range(4, most, max(1, most // 4))):
         found, log = ended_at(last, start)
         costs = [cost for _, cost in log.points]
         assert (found is None) == (not costs)  # only before the first cost there is nothing to give

@@ -128,9 +128,9 @@ def test_planes_by_the_thousand_get_one_warning():
 
 
 MUTATED = {  # how many, and how one is made
-    "scene": (40, lambda chance: (chance.choice(COMMANDS["scene"]), scene_bytes(chance))),
-    "moving": (40, lambda chance: (("info", "{file}"), KINDS["moving"](chance))),
-    "motion": (40, lambda chance: (COMMANDS["motion"][0], motion_bytes(chance))),
+    "scene": (80, lambda chance: (chance.choice(COMMANDS["scene"]), scene_bytes(chance))),
+    "moving": (80, lambda chance: (("info", "{file}"), KINDS["moving"](chance))),
+    "motion": (80, lambda chance: (COMMANDS["motion"][0], motion_bytes(chance))),
     "foreign": (40, lambda chance: other_program(chance, chance.choice(FOREIGN))),
     "checkpoint": (20, lambda chance: (COMMANDS["checkpoint"][0], checkpoint_bytes(chance))),
 }
