@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.fit import hierarchy
+from clothfit.fit import common_values, hierarchy
 from clothfit.fit.trajectory_fit import (
     FAR_ERROR,
     NEAR_ERROR,
@@ -178,6 +178,8 @@ def by_momentum(
         if beginning is not None and begun > beginning.cost_at_rest:
             continue
         rounded = search.objective.rounding > 0.0 and treatment == TRIED[0] and search.fitted.sum() > MANY
+        if (balances.own or rounded) and common_values.simplify(search, p):
+            return [search.best.p]
         if rounded:
             p = balances.along_targets(p, False, search.report)
         found.append((search.visit(p), p))
