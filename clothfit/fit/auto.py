@@ -178,12 +178,12 @@ def by_momentum(
         if beginning is not None and begun > beginning.cost_at_rest:
             continue
         rounded = search.objective.rounding > 0.0 and treatment == TRIED[0] and search.fitted.sum() > MANY
-        if (balances.own or rounded) and common_values.simplify(search, p):
+        search.own |= balances.own
+        if (search.own or rounded) and common_values.simplify(search, p):
             return [search.best.p]
         if rounded:
             p = balances.along_targets(p, False, search.report)
         found.append((search.visit(p), p))
-        search.own |= balances.own
         if (search.own or rounded) and not (is_exact(search) and not rounded) and takes_each_step(search):
             as_whole_motions(search, balances)
             break

@@ -11,7 +11,6 @@ common values alone goes on over longer and longer windows. As any point of a se
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -46,14 +45,15 @@ GROWTH, STEPS, SAVING, PATIENCE = 1.5, 6, 1e-3, Patience(1, 1e-3, 1e-3)
 
 
 def simplify(search: Search, p: Array) -> bool:
-    """Try the simplest values near p (P,); whether one of them reproduces the target to its rounding. Raises Stop."""
+    """Try the simplest values near p (P,); whether some of them reproduce the target to its rounding. Raises Stop."""
     whole = search.objective
+    search.enter("common values")
     window = whole.until(first_window(whole), whole.tolerance)
-    groups = list(of_groups(search, p))
-    for values, labels in groups:
-        if by_short_numbers(search, window, values, labels):
+    for values, labels in of_groups(search, p):
+        if by_short_numbers(search, window, values, labels) or by_groups(search, values, labels):
+            search.own = True
             return True
-    return any(by_groups(search, values, labels) for values, labels in groups)
+    return False
 
 
 def limit(objective: Objective) -> float:
@@ -111,32 +111,29 @@ def to_digits(values: Array, digits: int) -> Array:
 
 def by_groups(search: Search, values: Array, labels: Slots) -> bool:
     """Gauss–Newton by the values (P,) of groups, over windows that grow as long as it comes to the rounding of each;
-    whether it does so on all frames, or short numbers do. Raises Stop.
+    whether it does so on all frames, or short numbers near its values do. Raises Stop.
     """
     whole = search.objective
     if any(each.scene is not whole.scene for each in whole.experiments):
         return False
     scene = with_groups(search, values, labels)
     part = search.subsearch(whole.flagging(scene, whole.tolerance), parameters(scene), np.inf)
-    part.enter("common values")
-    reached: list[tuple[Objective, Array]] = []
-
-    def through_windows(own: Search) -> None:
-        y = own.y
-        for frames in window_lengths(first_window(whole), whole.steps + 1, GROWTH):
-            along = Trajectory(own, own.objective.until(frames, whole.tolerance))
+    y, p, own = part.y, values, search.progress
+    for frames in window_lengths(first_window(whole), whole.steps + 1, GROWTH):
+        along = Trajectory(part, part.objective.until(frames, whole.tolerance))
+        own.p = part.parameters(y)
+        try:
             y = continuation.some_steps(along, y, STEPS, SAVING, PATIENCE)
-            if not along.objective.rmse(along.cost(y)) <= limit(whole):
-                break
-            p = hierarchy.as_whole(own, own.parameters(y), whole.scene)
-            reached.append((whole.until(frames, whole.tolerance), p))
-
-    with suppress(Diverged):
-        hierarchy.run_subproblem(search, part, through_windows)
-    for window, p in reached[-1:]:
-        if whole.rmse(search.visit(p)) <= limit(whole) or by_short_numbers(search, window, p, labels):
+        except Diverged:
+            return False
+        finally:
+            own.p = search.best.p
+        if not along.objective.rmse(along.cost(y)) <= limit(whole):
+            return False
+        p = hierarchy.as_whole(part, part.parameters(y), whole.scene)
+        if by_short_numbers(search, whole.until(frames, whole.tolerance), p, labels):
             return True
-    return False
+    return whole.rmse(search.visit(p)) <= limit(whole)
 
 
 def with_groups(search: Search, values: Array, labels: Slots) -> Scene:

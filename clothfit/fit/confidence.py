@@ -142,7 +142,8 @@ def confidence(search: Search, differs: bool, others: Alternatives | None = None
     """
     loose = max(LOOSE, search.objective.tolerance) if differs else None
     problem = Trajectory(search.aside(budget=100), search.objective, loose)
-    exact = search.proven is not None or is_exact(search, search.best.cost)
+    near = search.own and search.objective.rmse(search.best.cost) <= search.objective.rounding
+    exact = near or search.proven is not None or is_exact(search, search.best.cost)
     quick = balances(search) if exact else None
     expensive = quick is None and (problem.operations() > trajectory.LARGEST or not problem.fits())
     if not np.isfinite(search.best.cost):
