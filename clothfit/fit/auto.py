@@ -45,8 +45,8 @@ them: the weights of the positions that lead to a BDF2 step are 24, 22, 8 and 1 
 """
 
 MANY = 1500
-"""Values from which on a fit to a rounded motion of its model ends along the target: Gauss–Newton with a dense model,
-which comes to the rounding itself, takes minutes of them.
+"""Values from which on a fit to a motion of its model tries common values, and to a rounded one ends along the target:
+Gauss–Newton with a dense model, which comes to the rounding itself, takes minutes of them.
 """
 
 HALF = 0.5
@@ -177,9 +177,11 @@ def by_momentum(
         begun = np.nan if beginning is None else beginning.cost_or_infinity(p)  # no evaluation of the whole
         if beginning is not None and begun > beginning.cost_at_rest:
             continue
-        rounded = search.objective.rounding > 0.0 and treatment == TRIED[0] and search.fitted.sum() > MANY
+        many = treatment == TRIED[0] and search.fitted.sum() > MANY
+        rounded = many and search.objective.rounding > 0.0
         search.own |= balances.own
-        if (search.own or rounded) and common_values.simplify(search, p):
+        if many and (search.own or rounded) and common_values.simplify(search, p):
+            takes_each_step(search)
             return [search.best.p]
         if rounded:
             p = balances.along_targets(p, False, search.report)

@@ -37,8 +37,9 @@ COVERED = 0.6
 MOST_DIGITS = 9
 """Of single precision, in which the editor writes."""
 
-LEAST_ERROR, LEFT = 1e-8, 2.0
-"""Error, m, that is none, and times that, or the rounding of a target, that motions may miss it by."""
+LEAST_ERROR, ROUNDED = 1e-8, 0.6
+"""Error, m, that is none; and that of what is rounded, relative to the largest that rounding leaves: √⅓ in the mean.
+"""
 
 GROWTH, STEPS, SAVING, PATIENCE = 1.5, 6, 1e-3, Patience(1, 1e-3, 1e-3)
 """Of the windows of Gauss–Newton: the ratio of one to the one before, iterations in each, and what ends it."""
@@ -47,7 +48,6 @@ GROWTH, STEPS, SAVING, PATIENCE = 1.5, 6, 1e-3, Patience(1, 1e-3, 1e-3)
 def simplify(search: Search, p: Array) -> bool:
     """Try the simplest values near p (P,); whether some of them reproduce the target to its rounding. Raises Stop."""
     whole = search.objective
-    search.enter("common values")
     window = whole.until(first_window(whole), whole.tolerance)
     for values, labels in of_groups(search, p):
         if by_short_numbers(search, window, values, labels) or by_groups(search, values, labels):
@@ -58,7 +58,7 @@ def simplify(search: Search, p: Array) -> bool:
 
 def limit(objective: Objective) -> float:
     """Error of a motion, m, that is rounding."""
-    return LEFT * max(LEAST_ERROR, objective.rounding)
+    return max(LEAST_ERROR, ROUNDED * objective.rounding)
 
 
 def by_short_numbers(search: Search, window: Objective, values: Array, labels: Slots) -> bool:

@@ -1,0 +1,77 @@
+"""Values that many springs share: how they are found, and what they make of fits to rounded motions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.physics import xyz
+
+from clothfit import estimate, load, simulate
+from clothfit.fit import auto
+from clothfit.fit.common_values import grouped, to_digits
+from clothfit.meshes.mesh import object_document, plane, springs
+from clothfit.objective.objective import Objective
+
+TIGHT = 1e-12
+
+
+def sheet(stiffness, side=8, steps=40):
+    """A sheet of side² vertices that falls from one edge in the wind; `stiffness` of its edges and bendings."""
+    mesh = plane(side - 2, 1.0)
+    made, z = springs(mesh, 1.0), mesh.positions[:, 2]
+    cloth = object_document(mesh, z == z.max(), density=0.1, stiffness=1.0, damping=0.1, drag=0.1, settings="nL")
+    document = {
+        "title": "sheet", "integrationMethod": 3, "delta": 0.02, "tolerance": TIGHT, "optimizationIterations": steps,
+        "forwardSubSteps": 1, "printTimes": False, "windVel": xyz((1.0, 0.5, 2.0)), "colliders": [],
+        "objects": [cloth | {"springStiffness": np.where(made.bends, *stiffness).tolist()}],
+    }  # fmt: skip
+    return load(document)
+
+
+def to_tenths_of_micrometres(motion):
+    return replace(motion, positions=np.round(motion.positions, 7))
+
+
+def test_digits_are_those_that_a_file_shows():
+    values = np.array([12.4994, 0.00020361, 149.51, 9.996])
+    assert to_digits(values, 3).tolist() == [12.5, 0.000204, 150.0, 10.0]
+
+
+def test_values_that_scatter_around_few_are_grouped_and_others_are_not():
+    rng = np.random.default_rng(0)
+    true = rng.choice([12.5, 50.0, 150.0], 600)
+    values = true * (1.0 + 1e-4 * rng.standard_normal(600))
+    values[:5] *= 1.2  # hardly determined: they go to the nearest
+    labels = grouped(values, 3, 7)
+    assert [np.unique(true[labels == group]).tolist() for group in (7, 8, 9)] == [[12.5], [50.0], [150.0]]
+    assert (grouped(np.exp(rng.standard_normal(600)), 3, 0) == -1).all()  # each has its own
+
+
+@pytest.mark.parametrize("stiffness", [(12.5, 50.0), (12.5 * np.pi / 3.0, 50.0 * np.e / 3.0)])
+def test_a_rounded_motion_of_few_values_gives_them_back(stiffness, monkeypatch):
+    monkeypatch.setattr(auto, "MANY", 0)
+    made = sheet(stiffness)
+    target = to_tenths_of_micrometres(simulate(made, tolerance=TIGHT))
+    found = estimate(made, target, start=20.0)
+    known = found.scene.cloths[0].stiffness != 20.0  # not of springs whose ends are both held
+    true, values = made.cloths[0].stiffness[known], found.scene.cloths[0].stiffness[known]
+    assert found.status == "converged"
+    assert found.rmse <= Objective(made, target).rounding
+    assert len(np.unique(values)) == 2
+    if stiffness[0] == 12.5:
+        assert np.array_equal(values, true)  # short numbers, to the last bit
+    else:
+        # as short as the rounding of 5e-8 m allows, of values that move vertices by centimetres
+        np.testing.assert_allclose(values, true, rtol=5e-6)
+
+
+def test_values_that_are_all_different_are_left_alone(monkeypatch):
+    monkeypatch.setattr(auto, "MANY", 0)
+    made = sheet((12.5, 50.0))
+    cloth = made.cloths[0]
+    values = cloth.stiffness * np.exp(0.3 * np.random.default_rng(1).standard_normal(len(cloth.stiffness)))
+    made = replace(made, cloths=(replace(cloth, stiffness=values),))
+    target = to_tenths_of_micrometres(simulate(made, tolerance=TIGHT))
+    found = estimate(made, target, start=20.0)
+    assert found.rmse <= Objective(made, target).rounding
+    assert len(np.unique(found.scene.cloths[0].stiffness)) > 0.9 * len(values)
