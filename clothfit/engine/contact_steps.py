@@ -137,7 +137,7 @@ def pressed(
     part.euler[t], part.clamped[t] = not second, part.clamped[t] or safe
     system, attempted = bdf2.forms(forms.form(False, safe))[second], attempt_second if second else attempt
     first, pushing, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
-    middle, margin = x + h * first, SEARCH_MARGIN * surface.thickness
+    middle, margin = x + h * first, 0.0  # a first guess is seldom so near that looking farther serves
     view, turn = pairs.around(surface, x, middle, margin), 0
     numbers = np.union1d(pairs.near(surface, x, view), pairs.colliding(surface, x, middle, view))
     while True:
@@ -157,7 +157,7 @@ def pressed(
         copy(part.w[t, part.used[t] - 1], first)
         pushing = numbers[on[part.used[t] - 1]]
         if np.linalg.norm(after - middle, axis=1).max() > margin:
-            middle = after.copy()
+            middle, margin = after.copy(), SEARCH_MARGIN * surface.thickness
             view = pairs.around(surface, x, middle, margin)
         new = np.setdiff1d(pairs.colliding(surface, x, after, view), numbers)
         if turn >= ROUNDS or not (rough or len(new)):

@@ -163,6 +163,12 @@ def nearest(bodies, b, i, p):
 
 
 @kernel
+def beyond(bodies, b, p):
+    """How far a point (lanes) is from the box about body b, at least; 0 inside."""
+    return NEAR * sqrt(boxes.gap(bodies.tree.box[bodies.node[b]], p))
+
+
+@kernel
 def corners(bodies, field, f):
     """The rows of a field (V, 3) at the corners of triangle f."""
     own = bodies.triangles[f]

@@ -227,7 +227,8 @@ def level(colliders, y, k):
     """κ, and how deep a vertex is at y, wherever the step is linearised; far away 0."""
     c = k // len(y)
     i, own = k - c * len(y), colliders.rows[c]
-    return own[LAW, STIFFNESS], contact(colliders, y, i, c)[0] if in_ball(own, load3(y, i)) > 0.0 else 0.0
+    may = bound(colliders.bodies, own, load3(y, i)) > 0.0
+    return own[LAW, STIFFNESS], contact(colliders, y, i, c)[0] if may else 0.0
 
 
 @kernel
@@ -330,13 +331,16 @@ def grows(own):
 @kernel
 def most(colliders, y, k):
     """How deep a vertex is at most where it is linearised."""
-    return in_ball(colliders.rows[k // len(y)], place(colliders, y, k))
+    return bound(colliders.bodies, colliders.rows[k // len(y)], place(colliders, y, k))
 
 
 @kernel
-def in_ball(own, p):
-    """How deep a point is at most, by a ball about the collider."""
+def bound(bodies, own, p):
+    """How deep a point is at most, by a ball or the box of a mesh about the collider; unknown in there."""
     shape, size = int(own[SHAPE, 0]), own[SIZE]
+    if shape == MESH:
+        away = meshes.beyond(bodies, int(own[SHAPE, 1]), seen(own, p))
+        return own[LAW, THICKNESS] - away if away > 0.0 else np.inf
     if shape == BOX:
         reach = size[0] + size[1] + size[2]
     elif shape == CONE:
