@@ -61,6 +61,19 @@ def test_distances_are_those_of_the_nearest_triangle_inside_and_outside_of_a_tor
     assert inside[far].sum() > 50
 
 
+def test_nothing_is_deeper_than_the_box_of_a_mesh_says():
+    y = np.random.default_rng(1).uniform(-1.5, 1.5, (500, 3))
+    turned = {"pos": xyz((0.2, 0.1, 0.3)), "rot": xyz((15, 25, 5)), "thickness": 0.02}
+    for made in (torus(24, 16), block((0.5, 0.35, 0.35))):
+        own = around(made, len(y), **turned)
+        depth, most = collider_rows.depths(own, y)[0][0], np.array([collider_rows.most(own, y, k) for k in range(500)])
+        assert (depth <= most).all()
+        known = np.isfinite(most)
+        assert known.sum() > 100
+    # a block is its box: outside the two are the same, but for the factor that hides no rounding
+    np.testing.assert_allclose(most[known], depth[known], atol=3e-9)
+
+
 def test_where_the_search_begins_changes_no_bit():
     own = around(torus(24, 16), 500)
     y = np.random.default_rng(5).uniform(-1.5, 1.5, (500, 3))
