@@ -171,20 +171,20 @@ def by_momentum(
     found: list[tuple[float, Array]] = []
     balances = balances or momentum.Momentum(search.objective, start, search.fitted)
     for treatment in treatments:
-        p = balances.fit(treatment, search.report)
+        many = treatment == TRIED[0] and search.fitted.sum() > MANY
+        rounded = many and search.objective.rounding > 0.0
+        p = balances.fit(treatment, search.report, refine=not rounded)
         if np.array_equal(p, start):
             return []
         begun = np.nan if beginning is None else beginning.cost_or_infinity(p)  # no evaluation of the whole
         if beginning is not None and begun > beginning.cost_at_rest:
             continue
-        many = treatment == TRIED[0] and search.fitted.sum() > MANY
-        rounded = many and search.objective.rounding > 0.0
         search.own |= balances.own
         if many and (search.own or rounded) and common_values.simplify(search, p):
             takes_each_step(search)
             return [search.best.p]
         if rounded:
-            p = balances.along_targets(p, False, search.report)
+            p = balances.along_targets(balances.fit(treatment, search.report), False, search.report)
         found.append((search.visit(p), p))
         if (search.own or rounded) and not (is_exact(search) and not rounded) and takes_each_step(search):
             as_whole_motions(search, balances)

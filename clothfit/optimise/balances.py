@@ -321,6 +321,14 @@ class Patch(NamedTuple):
     residual: Array  # (T, R), at `base`
     base: Array  # (K,)
     spread: Array  # (K, Q), their derivative by the parameters that they depend on
+    family: Indices  # (K,), of each mass or stiffness: the masses, and the families of springs
+
+    @property
+    def by_families(self) -> Patch:
+        """The same by one factor on the values of each family."""
+        factors = self.base[:, None] * np.equal.outer(self.family, np.unique(self.family))
+        moves = np.abs(self.spread).sum(axis=1, keepdims=True) > 0.0
+        return self._replace(spread=np.where(moves, factors, 0.0))
 
     def away(self, q: Array) -> Array:
         """The residuals of the steps after changes q (Q, M), relative to their terms, (T, M)."""
@@ -338,12 +346,15 @@ def relative(size: Array, terms: Array) -> Array:
 class Rows:
     """The rows of one run, T steps of them."""
 
-    def __init__(self, found: Balances, system: System, spread: csr_array) -> None:
-        """`spread` (M, Q): the derivative of masses and stiffnesses by the parameters. The rows are changed."""
+    def __init__(self, found: Balances, system: System, spread: csr_array, family: Indices) -> None:
+        """`spread` (M, Q): the derivative of masses and stiffnesses by the parameters; `family` (S,) of each spring.
+        The rows are changed.
+        """
         from scipy.sparse import csr_array
 
         self.found, self.spread, self.ends = found, spread, system.springs.ends
         self.base = np.concatenate([system.vertex.mass, system.springs.stiffness])
+        self.family = np.concatenate([np.full(len(system.vertex.mass), -1, np.int32), family])
         self.counts = np.asarray(3 * found.valid.sum(axis=1))  # rows of each step (T,)
         weight, n, halves = 1.0 / system.vertex.mass, len(system.vertex.mass), self.ends.ravel()
         for array, at in ((found.residual, np.arange(n)), (found.mass, np.arange(n)), (found.stiffness, self.ends)):
@@ -405,7 +416,8 @@ class Rows:
         spread, shape = self.spread[elements], (len(steps), 3 * len(vertices))
         moved = np.unique(spread.indices)
         r = self.found.residual[steps][:, vertices].reshape(shape)
-        return Patch(steps, C.reshape(*shape, len(elements)), r, self.base[elements], spread[:, moved].toarray())
+        entries, moves = C.reshape(*shape, len(elements)), spread[:, moved].toarray()
+        return Patch(steps, entries, r, self.base[elements], moves, self.family[elements])
 
     def patches(self, size: int, most: int) -> Iterator[Patch]:
         """Some patches of so many vertices, which springs join, round those that are seen most often."""

@@ -70,6 +70,11 @@ SHARE = 0.25
 exceptions.
 """
 
+ROUGH, ROUGH_SHARE = 5e-3, 0.1
+"""The same of the steps that agree on one factor for each family of springs of a patch: so few values of so many rows
+follow no noise, and of fine meshes rounding leaves much.
+"""
+
 FEW, VOTES, VOTERS = 4, 0.05, 8
 """Values, at most, on which single rows vote; the share of the rows that must agree, and the vertices, at least, as one
 at rest says the same in each step.
@@ -104,10 +109,12 @@ def consensus(rows: Equations, known: Flags) -> Flags:
             rows.counts = np.concatenate([part.counts for part in rows.parts])
             rows.agreed[:] = rows.own = rows.sure = True
             return rows.agreed & known
-        for before, patches in rows.patches(PATCH, PATCHES):
-            for patch in patches:
-                found = agreeing(patch)
-                rows.own |= found.own
+        for before, few in rows.patches(PATCH, PATCHES):
+            patches = list(few)
+            for number, patch in enumerate([*patches, *(each.by_families for each in patches)]):
+                single = number < len(patches)
+                found = agreeing(patch, rough=not single)
+                rows.own |= single and found.own
                 if found.steps.any():
                     rows.agreed[before + patch.steps] = found.steps
                     break
@@ -150,41 +157,46 @@ class Agreeing(NamedTuple):
     own: bool  # whether some, however few, show that they are those of the model
 
 
-def agreeing(patch: Patch) -> Agreeing:
+def agreeing(patch: Patch, rough: bool = False) -> Agreeing:
     """The most steps of a patch that are in balance with the same values, which some that follow one another determine
     (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981): as few as can, as a
     motion may have no more between exceptions, or else more, and twice as many, by which rounding of the target hardly
-    scatters them.
+    scatters them. `rough`: where rounding may leave more of each of them.
     """
     T, R, Q = len(patch.steps), patch.entries.shape[1], patch.spread.shape[1]
-    fewest, enough = (max(RUN, int(np.ceil(share * Q / max(R, 1)))) for share in (BEGIN, SURELY))
+    fewest, enough = (max(RUN, int(np.ceil(each * Q / max(R, 1)))) for each in (BEGIN, SURELY))
     own = False
     for steps in sorted({fewest, enough, 2 * enough}) if Q else ():
         if steps <= T:
-            found = agreeing_with_runs(patch, steps)
+            found = agreeing_with_runs(patch, steps, rough)
             own |= found.own
             if found.steps.any():
                 return found
     return Agreeing(np.zeros(T, bool), own)
 
 
-def agreeing_with_runs(patch: Patch, length: int) -> Agreeing:
+def agreeing_with_runs(patch: Patch, length: int, rough: bool) -> Agreeing:
     """The same with runs of so many steps."""
     C = patch.entries @ patch.spread
     (T, R, Q), best = C.shape, np.zeros(len(C), bool)
+    sharp, share = (ROUGH, ROUGH_SHARE) if rough else (SHARP, SHARE)
+
+    def beside(away: Array, others: Array) -> Flags:
+        sharply = np.median(others) <= sharp
+        return (away <= sharp if rough else is_sharp(away, others)) & sharply
+
     runs = [slice(first, first + length) for first in range(T - length + 1)]
     found = patch.away(np.array([solved(C[run], patch.residual[run]) for run in runs]).reshape(len(runs), Q).T)
     own = any(away[run].max() <= EXACT and shows_more(C[run]) for away, run in zip(found.T, runs, strict=True))
     for away, run in zip(found.T, runs, strict=True):
-        if np.median(away[run]) <= SHARP:
-            best = max(best, is_sharp(away, away[run]), key=np.sum)
+        best = max(best, beside(away, away[run]), key=np.sum)
     for _ in range(ROUNDS if best.any() else 0):
         away = patch.away(solved(C[best], patch.residual[best])[:, None])[:, 0]
-        before, best = best, is_sharp(away, away[best]) & (np.median(away[best]) <= SHARP)
+        before, best = best, beside(away, away[best])
         if not best.any() or np.array_equal(best, before):
             break
     sure = best.any() and away[best].max() <= EXACT and shows_more(C[best])
-    suffices = best.sum() * R >= ROWS_EACH * Q and (sure or best.mean() >= SHARE)
+    suffices = best.sum() * R >= ROWS_EACH * Q and (sure or best.mean() >= share)
     return Agreeing(best if suffices else np.zeros(T, bool), own or bool(suffices))
 
 

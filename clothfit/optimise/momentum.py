@@ -35,6 +35,7 @@ from clothfit.optimise.along_target import AlongTarget, nearer
 from clothfit.optimise.balances import Equations, Rows, balances, plain, smoothed, summed_twice, track
 from clothfit.optimise.consensus import REFINEMENTS, balanced_beside, consensus, in_balance, trimmed
 from clothfit.scene.block import Block
+from clothfit.scene.families import spring_groups
 from clothfit.scene.fit_vector import bounds
 from clothfit.scene.kinds import LETTERED
 
@@ -119,16 +120,18 @@ class Momentum:
                 return True
         return False
 
-    def fit(self, treatment: Treatment = TREATMENTS[0], waiting: Callable[[], None] | None = None) -> Array:
+    def fit(
+        self, treatment: Treatment = TREATMENTS[0], waiting: Callable[[], None] | None = None, refine: bool = True
+    ) -> Array:
         """The values (P,); the rest stays, and so do the factors of maps. A fit of thousands of values calls `waiting`
         now and then.
 
         What no complete balance determines stays as well: everything, where the target shows no three successive steps.
         Where steps are those of the model, but those that agree do not determine the values to the last digits, these
-        show which forms steps take, so that others are balances, too, and determine them better.
+        show which forms steps take, so that others are balances, too, and determine them better: with `refine` alone.
         """
         found, sure = self._solved(treatment, waiting)
-        for _ in range(TRIES if treatment == TREATMENTS[0] else 0):
+        for _ in range(TRIES if refine and treatment == TREATMENTS[0] else 0):
             if sure or not self.own or not self._take_forms(found):
                 break
             found, sure = self._solved(treatment, waiting)
@@ -272,7 +275,8 @@ def rows_of(
     made = balances(system, seen, treatment == TREATMENTS[0], forms)
     acting = [(block, part) for block, part in run.acting if block in own]
     wanted = columns(system, acting, p, column, np.ones(len(p)), width or int(column.max()) + 1)
-    return Rows(summed_twice(made, system.method) if treatment.summed else made, system, spread(wanted))
+    family = spring_groups(run.scene.cloths[run.cloth]).of
+    return Rows(summed_twice(made, system.method) if treatment.summed else made, system, spread(wanted), family)
 
 
 def spread(wanted: Columns) -> csr_array:
