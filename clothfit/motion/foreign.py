@@ -83,6 +83,7 @@ median of so many pairs of frames.
 """
 
 SHUFFLED = "its points are others in each frame: it is taken as a scan, unless --bind says what it is"
+UNORDERED = "its points are not the scene's vertices: the shape is taken as a scan, unless --bind says what it is"
 
 MUCH_NEARER = 0.2
 """A change that leaves less than this share of the distance is worth trying."""
@@ -255,6 +256,9 @@ def _foreign(
     if shuffled := not (read.names or kind.markers) and _is_shuffled(positions, observed, scene, reading):
         reading = replace(reading, bind=SCAN)
         notes.append(SHUFFLED)
+    elif not (read.names or kind.markers) and _is_shape_alone(positions, scene, reading):
+        reading = replace(reading, bind=SCAN)
+        notes.append(UNORDERED)
     if scene is not None and reading.bind == SCAN:
         normals = None if read.normals is None else to_scene(read.normals, axes) / axes.scale
         if normals is None and read.triangles is not None and not shuffled:
@@ -305,6 +309,16 @@ def _is_shuffled(points: Array, seen: Flags, scene: Scene | None, reading: Readi
         a, b = (each[both] - each[both].mean(axis=0) for each in points[k : k + 2])
         jumps.append(((a - b) ** 2).sum() / max((a**2).sum() + (b**2).sum(), 1e-300))
     return bool(jumps) and bool(np.median(jumps) > JUMPING)
+
+
+def _is_shape_alone(points: Array, scene: Scene | None, reading: Reading) -> bool:
+    """Whether points (1, m, 3) are of a cloth at rest, not as many as its vertices, as far as nobody says what they
+    are: no frame then shows where they are on the cloth before it hangs.
+    """
+    if scene is None or reading.bind not in (None, AUTO) or reading.markers is not None or scene.method != REST:
+        return False
+    counts = (sum(scene.vertex_counts), sum(mesh_counts(scene)))
+    return len(points) == 1 and points.shape[1] not in counts and len(triangles_of(scene)) > 0
 
 
 def _of_scan(

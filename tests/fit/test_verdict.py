@@ -15,6 +15,7 @@ from clothfit.base import interrupts
 from clothfit.cli.common.output import Output
 from clothfit.cli.parts.estimate_results import certainty, summary
 from clothfit.fit.estimate import record_target
+from clothfit.fit.result import FittedBlock
 from clothfit.report.log import intervals
 from clothfit.scene.kinds import KIND
 
@@ -126,3 +127,12 @@ def test_what_the_model_lacks_is_seen_below_the_noise_and_the_true_model_is_not_
     motion = record_target(load(even("nG", 60, **hidden)))
     for seed in range(2):  # frames beside each other show the wind, but not the gravity: only their sums do
         assert estimate(scene, degrade(motion, noise, seed=seed)).verdict.model == model
+
+
+def test_groups_that_a_target_hardly_shows_are_named():
+    """Half an interval is a factor √(9 / 1) = 3 for one group, √(1.2 / 0.8) for the other."""
+    block = FittedBlock(
+        0, "stiffness", "R", 2, [], [], [], [(0.8, 1.2), (1.0, 9.0)], groups=["edges", "bending"], values=[1.0, 3.0]
+    )
+    assert ", bending hardly shown, " in certainty(block, KIND["stiffness"])
+    assert "hardly" not in certainty(replace(block, interval=[(0.8, 1.2), None]), KIND["stiffness"])

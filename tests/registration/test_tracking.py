@@ -13,11 +13,12 @@ from clothfit.cli.parts.info_records import motion as motion_facts
 from clothfit.fit.tracked_fit import left_behind
 from clothfit.formats.animation import normals_at
 from clothfit.formats.axes import RIGHT, Reading, facing, from_scene
-from clothfit.motion.correspondence import normals
+from clothfit.motion.correspondence import SAME, SCANNED, normals
 from clothfit.motion.foreign import load
 from clothfit.objective.experiment import Experiment
 from clothfit.registration.record import rotation
 from clothfit.registration.tracking import placed, tracked
+from clothfit.scene.kinds import REST
 from clothfit.scene.scene import with_places
 
 FACTOR = 2.0
@@ -211,6 +212,20 @@ def test_a_mesh_in_another_pose_is_placed_on_the_first_frame(tmp_path):
     np.testing.assert_allclose(found.cloths[0].rest, CLOTH.rest)
     near = Experiment(read(path), with_places(SCENE, MOTION.positions[late]))
     assert placed(near) is near.scene
+
+
+@pytest.mark.parametrize(("count", "kind"), [(400, SCANNED), (len(CLOTH.mass), SAME)])
+def test_one_shape_of_cloth_at_rest_is_a_scan_unless_it_has_the_vertices(tmp_path, count, kind):
+    hanging, shape = replace(SCENE, method=REST), MOTION.positions[-1] if kind == SAME else cloud(count)[-1]
+    rows = from_scene(shape, RIGHT).tolist()
+    (tmp_path / "shape.obj").write_text("".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in rows))
+    found = load(tmp_path / "shape.obj", hanging, Reading(up="y", handedness="right")).motion.correspondence
+    assert found.kind == kind
+    assert (found.mesh is not None) == (kind == SCANNED)
+    if kind == SCANNED:
+        np.testing.assert_allclose(found.points[0], shape, atol=1e-15)  # of numbers that are written in full
+        with pytest.raises(InvalidMotion, match="of the points lie more than half an edge"):
+            load(tmp_path / "shape.obj", hanging, Reading(up="y", handedness="right", bind="surface"))
 
 
 @pytest.mark.parametrize(

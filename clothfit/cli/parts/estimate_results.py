@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.base.messages import counted, metres, owned, percent
+from clothfit.base.messages import counted, listed, metres, owned, percent
 from clothfit.base.writing import check_writable, is_output
 from clothfit.cli import report
 from clothfit.cli.common import output
@@ -38,6 +38,9 @@ FAILED = "fails"
 
 OF_UNITS = ("scale", "placement", "rest_lengths", "bounds")
 """The codes of hints that follow from another unit, or other axes."""
+
+WIDE = 2.0
+"""Half the width of an interval, as a factor, beyond which its value means little."""
 
 LISTED = 12
 """Lower bounds that are listed one by one."""
@@ -213,11 +216,19 @@ def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None, di
         by = f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
         scope = "not certain, as the model differs" if differs else "for this model only"
         parts.append(f"{accuracy(block, kind)} ({'median ' if block.count > 1 else ''}95 % interval{by}, {scope})")
+    if wide := hardly_shown(block, kind):
+        parts.append(f"{listed(wide)} hardly shown, to a factor of {WIDE:g} or worse")
     if block.unidentifiable:
         parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
     if block.unmoved:
         parts.append(f"{len(block.unmoved)} did not move: {indices(block.unmoved)}")
     return ", ".join(parts) if len(parts) > 1 else ""
+
+
+def hardly_shown(block: FittedBlock, kind: Kind) -> list[str]:
+    """The groups, of those whose logarithm a fit moves, whose intervals are so wide that their values mean little."""
+    ends = zip(names_of(block), block.interval, strict=False)
+    return [name for name, each in ends if kind.log and block.groups and each and each[1] > WIDE**2 * each[0]]
 
 
 def lower_bounds(block: FittedBlock) -> str:
