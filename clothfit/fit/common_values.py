@@ -49,11 +49,15 @@ def simplify(search: Search, p: Array) -> bool:
     """Try the simplest values near p (P,); whether some of them reproduce the target to its rounding. Raises Stop."""
     whole = search.objective
     window = whole.until(first_window(whole), whole.tolerance)
-    for values, labels in of_groups(search, p):
-        if by_short_numbers(search, window, values, labels) or by_groups(search, values, labels):
-            search.own = True
-            return True
-    return False
+    try:
+        for values, labels in of_groups(search, p):
+            if by_short_numbers(search, window, values, labels):
+                return True
+            if (found := by_groups(search, values, labels)) is not None:
+                return found
+        return False
+    finally:
+        search.own |= whole.rmse(search.best.cost) <= limit(whole)
 
 
 def limit(objective: Objective) -> float:
@@ -109,31 +113,32 @@ def to_digits(values: Array, digits: int) -> Array:
     return np.array([float(f"{value:.{digits - 1}e}") for value in values.tolist()])
 
 
-def by_groups(search: Search, values: Array, labels: Slots) -> bool:
+def by_groups(search: Search, values: Array, labels: Slots) -> bool | None:
     """Gauss–Newton by the values (P,) of groups, over windows that grow as long as it comes to the rounding of each;
-    whether it does so on all frames, or short numbers near its values do. Raises Stop.
+    whether it does so on all frames, or short numbers near its values do. None where it does not on the first window:
+    these groups are not those of the target. Raises Stop.
     """
     whole = search.objective
     if any(each.scene is not whole.scene for each in whole.experiments):
-        return False
+        return None
     scene = with_groups(search, values, labels)
     part = search.subsearch(whole.flagging(scene, whole.tolerance), parameters(scene), np.inf)
-    y, p, own = part.y, values, search.progress
+    y, p, own = part.y, np.zeros(0), search.progress
     for frames in window_lengths(first_window(whole), whole.steps + 1, GROWTH):
         along = Trajectory(part, part.objective.until(frames, whole.tolerance))
         own.p = part.parameters(y)
         try:
             y = continuation.some_steps(along, y, STEPS, SAVING, PATIENCE)
         except Diverged:
-            return False
+            break
         finally:
             own.p = search.best.p
         if not along.objective.rmse(along.cost(y)) <= limit(whole):
-            return False
+            break
         p = hierarchy.as_whole(part, part.parameters(y), whole.scene)
         if by_short_numbers(search, whole.until(frames, whole.tolerance), p, labels):
             return True
-    return whole.rmse(search.visit(p)) <= limit(whole)
+    return whole.rmse(search.visit(p)) <= limit(whole) if len(p) else None
 
 
 def with_groups(search: Search, values: Array, labels: Slots) -> Scene:
