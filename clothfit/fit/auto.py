@@ -173,7 +173,7 @@ def by_momentum(
     for treatment in treatments:
         many = treatment == TRIED[0] and search.fitted.sum() > MANY
         rounded = many and search.objective.rounding > 0.0
-        p = balances.fit(treatment, search.report, refine=not rounded)
+        p = (balances.solved if rounded else balances.fit)(treatment, search.report)
         if np.array_equal(p, start):
             return []
         begun = np.nan if beginning is None else beginning.cost_or_infinity(p)  # no evaluation of the whole
@@ -184,7 +184,7 @@ def by_momentum(
             takes_each_step(search)
             return [search.best.p]
         if rounded:
-            p = balances.along_targets(balances.fit(treatment, search.report), False, search.report)
+            p = balances.along_targets(balances.refined(p, search.report), False, search.report)
         found.append((search.visit(p), p))
         if (search.own or rounded) and not (is_exact(search) and not rounded) and takes_each_step(search):
             as_whole_motions(search, balances)

@@ -18,6 +18,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.fit import continuation, hierarchy
 from clothfit.fit.trajectory_fit import first_window, window_lengths
+from clothfit.motion.degrade import digits
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.optimise.gauss_newton import Patience
@@ -68,8 +69,8 @@ def limit(objective: Objective) -> float:
 def by_short_numbers(search: Search, window: Objective, values: Array, labels: Slots) -> bool:
     """Visit the values (P,) of groups, with as few digits as a window allows; whether they reproduce all frames."""
     before = values
-    for digits in range(1, MOST_DIGITS + 1):
-        short = np.where(labels >= 0, to_digits(values, digits), values)
+    for count in range(1, MOST_DIGITS + 1):
+        short = np.where(labels >= 0, digits(count, values)[0], values)
         if not np.array_equal(short, before) and window.rmse(search.measure(short, window)) <= limit(window):
             return search.objective.rmse(search.visit(short)) <= limit(window)
         before = short
@@ -80,13 +81,13 @@ def of_groups(search: Search, p: Array) -> Iterator[tuple[Array, Slots]]:
     """p (P,) with common values, and the group of each (P,), −1 of those that have none: first few groups, then more.
     """
     before = np.zeros(0)
-    for digits in range(1, MOST_DIGITS + 1):
+    for count in range(1, MOST_DIGITS + 1):
         values, labels = p.copy(), np.full(len(p), -1)
         for block in search.objective.blocks:
             if block.name in LETTERED and block.mode == "L":
                 known = np.arange(len(p))[block.part]
                 known = known[search.fitted[known] & (p[known] != search.start[known]) & (p[known] > 0)]
-                labels[known] = grouped(p[known], digits, labels.max() + 1)
+                labels[known] = grouped(p[known], count, labels.max() + 1)
         for group in range(labels.max() + 1):
             values[labels == group] = np.median(p[labels == group])
         if labels.max() >= 0 and not np.array_equal(values, before):
@@ -94,11 +95,11 @@ def of_groups(search: Search, p: Array) -> Iterator[tuple[Array, Slots]]:
             yield values, labels
 
 
-def grouped(values: Array, digits: int, first: int) -> Slots:
-    """The groups (K,), counted from the `first`, of positive values (K,) that are alike to so many digits, and of the
-    others the nearest one; −1 where few are.
+def grouped(values: Array, count: int, first: int) -> Slots:
+    """The groups (K,), counted from the `first`, of positive values (K,) that are alike to so many digits, `count`, and
+    of the others the nearest one; −1 where few are.
     """
-    _, of, counts = np.unique(to_digits(values, digits), return_inverse=True, return_counts=True)
+    _, of, counts = np.unique(digits(count, values)[0], return_inverse=True, return_counts=True)
     common = counts >= max(FEWEST, SHARE * len(values))
     if counts[common].sum() < COVERED * len(values):
         return np.full(len(values), -1)
@@ -106,11 +107,6 @@ def grouped(values: Array, digits: int, first: int) -> Slots:
     order = np.argsort(centres)
     nearest = np.searchsorted((centres[order][1:] + centres[order][:-1]) / 2.0, np.log(values))
     return np.asarray(first + nearest)
-
-
-def to_digits(values: Array, digits: int) -> Array:
-    """Values with so many significant digits, as a file gives them."""
-    return np.array([float(f"{value:.{digits - 1}e}") for value in values.tolist()])
 
 
 def by_groups(search: Search, values: Array, labels: Slots) -> bool | None:
@@ -122,6 +118,8 @@ def by_groups(search: Search, values: Array, labels: Slots) -> bool | None:
     if any(each.scene is not whole.scene for each in whole.experiments):
         return None
     scene = with_groups(search, values, labels)
+    if all(cloth.mode("stiffness") == "n" for cloth in scene.cloths):
+        return None  # masses have no families by which they could be fitted
     part = search.subsearch(whole.flagging(scene, whole.tolerance), parameters(scene), np.inf)
     y, p, own = part.y, np.zeros(0), search.progress
     for frames in window_lengths(first_window(whole), whole.steps + 1, GROWTH):
@@ -144,14 +142,12 @@ def by_groups(search: Search, values: Array, labels: Slots) -> bool | None:
 def with_groups(search: Search, values: Array, labels: Slots) -> Scene:
     """The scene of these values (P,), whose springs have their groups for families, by factors on these."""
     scene = with_parameters(search.objective.scene, values)
-    cloths = list(scene.cloths)
+    cloths = [replace(cloth, settings="nn") for cloth in scene.cloths]
     for block in search.objective.blocks:
-        if block.cloth is not None:
-            own, cloth = labels[block.part], cloths[block.cloth]
-            cloth = replace(cloth, settings="nn")
-            if block.name == "stiffness" and own.max(initial=-1) >= 0:
-                names, family = np.unique(own, return_inverse=True)
-                layout = replace(cloth.layout, names=tuple(map(str, names)), family=family.astype(np.int32), regions=())
-                cloth = replace(cloth, layout=layout, settings="nR")
-            cloths[block.cloth] = cloth
+        own = labels[block.part]
+        if block.cloth is not None and block.name == "stiffness" and own.max() >= 0:
+            names, family = np.unique(own, return_inverse=True)
+            cloth = cloths[block.cloth]
+            layout = replace(cloth.layout, names=tuple(map(str, names)), family=family.astype(np.int32), regions=())
+            cloths[block.cloth] = replace(cloth, layout=layout, settings="nR")
     return replace(scene, cloths=tuple(cloths))

@@ -14,6 +14,7 @@ P. J. Rousseeuw, K. Van Driessen, Computing LTS regression for large data sets, 
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -109,12 +110,10 @@ def consensus(rows: Equations, known: Flags) -> Flags:
             rows.counts = np.concatenate([part.counts for part in rows.parts])
             rows.agreed[:] = rows.own = rows.sure = True
             return rows.agreed & known
-        for before, few in rows.patches(PATCH, PATCHES):
-            patches = list(few)
-            for number, patch in enumerate([*patches, *(each.by_families for each in patches)]):
-                single = number < len(patches)
-                found = agreeing(patch, rough=not single)
-                rows.own |= single and found.own
+        for before, patches in rows.patches(PATCH, PATCHES):
+            for rough, patch in itertools.product((False, True), patches):
+                found = agreeing(patch.by_families if rough else patch, rough)
+                rows.own |= found.own and not rough
                 if found.steps.any():
                     rows.agreed[before + patch.steps] = found.steps
                     break

@@ -95,6 +95,7 @@ class Momentum:
         self.objective, self.p, self.fitted = objective, p, fitted
         self.at_once = sum(needed(objective)) <= objective.room
         self.own = False  # whether some steps show that the target is a motion of the model
+        self._sure = False  # whether steps that agree have determined the values to the last digits
         self._forms = [plain(run.system, run.steps) for run in objective.runs]  # of the steps, until values show them
         self._typical = np.inf  # how far single steps ended with the values that showed them
         self._kept: dict[int, tuple[Indices, Equations | None]] = {}
@@ -120,22 +121,24 @@ class Momentum:
                 return True
         return False
 
-    def fit(
-        self, treatment: Treatment = TREATMENTS[0], waiting: Callable[[], None] | None = None, refine: bool = True
-    ) -> Array:
+    def fit(self, treatment: Treatment = TREATMENTS[0], waiting: Callable[[], None] | None = None) -> Array:
         """The values (P,); the rest stays, and so do the factors of maps. A fit of thousands of values calls `waiting`
         now and then.
 
         What no complete balance determines stays as well: everything, where the target shows no three successive steps.
-        Where steps are those of the model, but those that agree do not determine the values to the last digits, these
-        show which forms steps take, so that others are balances, too, and determine them better: with `refine` alone.
         """
-        found, sure = self._solved(treatment, waiting)
-        for _ in range(TRIES if refine and treatment == TREATMENTS[0] else 0):
-            if sure or not self.own or not self._take_forms(found):
+        found = self.solved(treatment, waiting)
+        return self.refined(found, waiting) if treatment == TREATMENTS[0] else found
+
+    def refined(self, p: Array, waiting: Callable[[], None] | None = None) -> Array:
+        """The values (P,) that `solved` has found, once more where steps are those of the model, but those that agree
+        do not determine them to the last digits: p (P,) shows which forms steps take, so that others are balances, too.
+        """
+        for _ in range(TRIES):
+            if self._sure or not self.own or not self._take_forms(p):
                 break
-            found, sure = self._solved(treatment, waiting)
-        return found
+            p = self.solved(TREATMENTS[0], waiting)
+        return p
 
     def _take_forms(self, p: Array) -> bool:
         """Let steps have the forms that they take with p (P,); whether these are others than before, of better values.
@@ -150,9 +153,8 @@ class Momentum:
             self._kept.clear()
         return not same
 
-    def _solved(self, treatment: Treatment, waiting: Callable[[], None] | None) -> tuple[Array, bool]:
-        """The values (P,) by the balances as they are, and whether steps that agree determine them to the last digits.
-        """
+    def solved(self, treatment: Treatment = TREATMENTS[0], waiting: Callable[[], None] | None = None) -> Array:
+        """The values (P,) by the balances as they are."""
         lower, upper = bounds(self.objective.scene)
         found, heard = self.p.copy(), only_here(waiting)
 
@@ -165,11 +167,11 @@ class Momentum:
             return places, best, rows.sure
 
         made = [partial(fitted_one, cloth) for cloth in self.objective.cloths]
-        sure = True
+        self._sure = True
         for places, values, each in together(made) if self.at_once else (each() for each in made):
             found[places] = values
-            sure &= each
-        return found, sure
+            self._sure &= each
+        return found
 
     def along_targets(self, p: Array, whole: bool, waiting: Callable[[], None]) -> Array:
         """Values (P,) near p (P,) with which the steps along the targets, or `whole` motions, end nearest to these; p

@@ -8,9 +8,12 @@ from helpers.physics import xyz
 
 from clothfit import estimate, load, simulate
 from clothfit.fit import auto
-from clothfit.fit.common_values import grouped, to_digits
+from clothfit.fit.common_values import by_groups, grouped, with_groups
 from clothfit.meshes.mesh import object_document, plane, springs
+from clothfit.motion.degrade import digits
 from clothfit.objective.objective import Objective
+from clothfit.optimise.search import Search
+from clothfit.scene.fit_vector import parameters
 
 TIGHT = 1e-12
 
@@ -34,7 +37,7 @@ def to_tenths_of_micrometres(motion):
 
 def test_digits_are_those_that_a_file_shows():
     values = np.array([12.4994, 0.00020361, 149.51, 9.996])
-    assert to_digits(values, 3).tolist() == [12.5, 0.000204, 150.0, 10.0]
+    assert digits(3, values)[0].tolist() == [12.5, 0.000204, 150.0, 10.0]
 
 
 def test_values_that_scatter_around_few_are_grouped_and_others_are_not():
@@ -75,3 +78,17 @@ def test_values_that_are_all_different_are_left_alone(monkeypatch):
     found = estimate(made, target, start=20.0)
     assert found.rmse <= Objective(made, target).rounding
     assert len(np.unique(found.scene.cloths[0].stiffness)) > 0.9 * len(values)
+
+
+@pytest.mark.parametrize(("settings", "fits"), [("nL", {"damping": "G"}), ("Ln", {})])
+def test_springs_are_fitted_by_groups_beside_other_kinds_and_masses_are_not(settings, fits):
+    made = sheet((12.5, 50.0), side=5, steps=20)
+    made = replace(made, cloths=(replace(made.cloths[0], settings=settings, fits=fits),))
+    search = Search(Objective(made, simulate(made, tolerance=TIGHT), TIGHT), parameters(made), 0.0, 100)
+    labels = np.full(len(search.start), -1)
+    labels[made.blocks[0].part] = np.arange(made.blocks[0].count) % 2
+    groups = with_groups(search, search.start, labels)
+    if settings == "nL":
+        assert next((block.name, block.mode, block.count) for block in groups.blocks) == ("stiffness", "R", 2)
+    else:
+        assert by_groups(search, search.start, labels) is None
