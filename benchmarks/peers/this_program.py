@@ -18,14 +18,18 @@ class Peer:
     def __init__(self, scene: Scene) -> None:
         cloth = replace(scene.cloths[0], settings="nL", fits={})
         self.scene = replace(scene, cloths=(cloth,), fits={})
-        self.system, self.iterations = build(self.scene, 0), 0.0
+        self.system, self._memory = build(self.scene, 0), None
         self._objective = None, None, None
+
+    @property
+    def iterations(self):
+        """CG iterations of a step, on average, of the motion that was computed last."""
+        return 0.0 if self._memory is None else float(self._memory.solves[:, 0].mean())
 
     def steps(self, n, tolerance):
         """The motion of n steps."""
-        memory, _ = rollout(self.system, n, tolerance)
-        self.iterations = float(memory.solves[:, 0].mean())
-        return memory.x
+        self._memory, _ = rollout(self.system, n, tolerance)
+        return self._memory.x
 
     def cost_and_gradient(self, k, target, tolerance):
         """G and ∂G/∂k; the objective is prepared once for each target, as a fit does."""

@@ -58,7 +58,7 @@ def gradient(
     wanted = {*kinds, "wind"} if "gusts" in kinds else kinds  # the one by the keys is that by the wind, step by step
     grad, taken = zeros(system, wanted), Taken(system)
     work = memory.work if isinstance(memory, Tape) else implicit.workspace(system)
-    work = work._replace(past=guess.past(len(system.x0)), solution=np.zeros_like(system.x0))  # of λ, from part to part
+    work = work._replace(solution=np.zeros_like(system.x0))  # λ, from part to part; a tape has solutions of its own
     if system.inputs is not None:
         system.inputs.counted[:] = 0.0
     tables.forget(system.inputs)
