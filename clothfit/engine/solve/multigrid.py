@@ -139,9 +139,11 @@ def prepare_part(A, hierarchy, s, anyhow):
     begin, end = rows(A, s)
     for k in range(begin, end):
         round_block(A.diagonal, A.order[k], fine.diagonal, k)
+    bad = invert(hierarchy.levels[0], begin, end, anyhow)
+    if bad > 0.0:  # all the rest is in vain
+        return bad
     for e in range(A.row[begin], A.row[end]):
         round_block(A.upper, e, fine.upper, e)
-    bad = invert(hierarchy.levels[0], begin, end, anyhow)
     to = hierarchy.share if s == 1 else middle
     if s > 0:  # 2 comes before 0
         coarsening.clear(to.diagonal)
