@@ -149,10 +149,11 @@ def slot_of(coarse, c, d):
 
 
 @kernel
-def clear(blocks):
-    """blocks = 0."""
-    for k in range(len(blocks)):
-        store8f(splat8f(0.0), blocks, k, 0)
+def clear(A):
+    """A = 0."""
+    for blocks in (A.diagonal, A.upper):
+        for k in range(len(blocks)):
+            store8f(splat8f(0.0), blocks, k, 0)
 
 
 @kernel

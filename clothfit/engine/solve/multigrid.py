@@ -146,8 +146,7 @@ def prepare_part(A, hierarchy, s, anyhow):
         round_block(A.upper, e, fine.upper, e)
     to = hierarchy.share if s == 1 else middle
     if s > 0:  # 2 comes before 0
-        coarsening.clear(to.diagonal)
-        coarsening.clear(to.upper)
+        coarsening.clear(to)
     coarsening.project(fine, s, begin, end, hierarchy.coarsenings[0], to)
     return bad
 
@@ -167,8 +166,7 @@ def prepare_coarse(hierarchy, anyhow):
     coarsening.join(middle.A.upper, share.upper)
     if invert(middle, 0, len(middle.A.order), anyhow) > 0.0:
         return False
-    coarsening.clear(last.A.diagonal)
-    coarsening.clear(last.A.upper)
+    coarsening.clear(last.A)
     coarsening.project(middle.A, 0, 0, len(middle.A.order), hierarchy.coarsenings[1], last.A)
     return invert(last, 0, len(last.A.order), anyhow) == 0.0
 
@@ -192,9 +190,8 @@ def lift(block):
     xx, xy, xz = block[sparse.XX], block[sparse.XY], block[sparse.XZ]
     yy, yz, zz = block[sparse.YY], block[sparse.YZ], block[sparse.ZZ]
     more = 2.0 * (abs(xx) + abs(yy) + abs(zz) + 2.0 * (abs(xy) + abs(xz) + abs(yz)))
-    block[sparse.XX] += more
-    block[sparse.YY] += more
-    block[sparse.ZZ] += more
+    for place in (sparse.XX, sparse.YY, sparse.ZZ):
+        block[place] += more
 
 
 @kernel
