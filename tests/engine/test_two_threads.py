@@ -80,6 +80,19 @@ def test_two_threads_do_each_share_once():
 
 
 @pytest.mark.usefixtures("two")
+def test_a_block_within_another_has_its_thread():
+    worker, done = two_threads.worker(), np.zeros((2, 100), np.int64)
+    with two_threads.serving(worker, lambda: serve(worker, done)):
+        with two_threads.serving(worker, lambda: pytest.fail("there is a thread")):
+            assert len(helpers()) == 1
+            ask(worker, done)
+        assert len(helpers()) == 1  # one that took the STOP of the inner block would leave the outer one without
+        ask(worker, done)
+    assert helpers() == []
+    assert (done.sum(axis=0) == 2).all()
+
+
+@pytest.mark.usefixtures("two")
 def test_the_second_thread_ends_with_the_block_that_fails():
     worker, done = two_threads.worker(), np.zeros((2, 10), np.int64)
 

@@ -99,8 +99,10 @@ def enter(worker):
 
 @contextmanager
 def serving(worker: Worker, serve: Callable[[], None]) -> Iterator[None]:
-    """Within the block a second thread runs `serve`, `enter` first and to STOP, where there is a processor for it."""
-    if not processors() > 1:
+    """Within the block a second thread runs `serve`, `enter` first and to STOP, where there is a processor for it. A
+    block within another has the thread of that: of two, the wrong one could take the STOP that the other waits for.
+    """
+    if worker.flags[SERVES] or not processors() > 1:
         yield
         return
     thread = threading.Thread(target=serve, name="clothfit-solve", daemon=True)
