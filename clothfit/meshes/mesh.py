@@ -139,7 +139,7 @@ def sources(path: str) -> list[str]:
 
 def last_seen(frames: Array) -> Array:
     """Frames (F, n, 3) in which a vertex that was not seen, NaN, is where it was seen last, and NaN before."""
-    missing: Flags = np.isnan(frames).any(axis=2)
+    missing = np.asarray(np.isnan(frames).any(axis=2))
     if not missing[1:].any():
         return frames
     frame = np.maximum.accumulate(np.where(missing, 0, np.arange(len(frames))[:, None]), axis=0)
