@@ -197,6 +197,8 @@ def fit_one(
     )
     readings: list[dict[str, Any]] = []
     targets = [read_target(pair, scene, files.reading, console, readings) for pair in files.pairs]
+    if not (options.fit_placement or options.fit_scale):
+        estimate_files.check_read(readings, files.reading)
     named = bool(unlikely(scene)) or any("--" in (each["advice"] or "") for each in readings)
     first = read_start(files.start, console)
     scene = reflagged(scene, options)

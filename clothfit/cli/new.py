@@ -21,7 +21,7 @@ from clothfit.formats.axes import positive
 from clothfit.scene.kinds import AIR, AUTO, DRAG_LAWS, EDITORS, INTEGRATORS, LETTERED, REST
 
 if TYPE_CHECKING:
-    from clothfit.base.arrays import Array, Flags, Indices
+    from clothfit.base.arrays import Flags, Indices
     from clothfit.evaluation.overview import Divisions
     from clothfit.fabric.presets import Preset
     from clothfit.meshes.mesh import Mesh, Shape
@@ -171,15 +171,18 @@ class NewOptions:
                        frames=self.frames or (2 if rests else None),
                        divisions=20 if self.divisions is None else self.divisions)  # fmt: skip
 
-    def timing(self, times: Array | None) -> tuple[float, int]:
-        """The time step, s, and the number of frames, by the times (F,) of a file's frames where it has some."""
+    def timing(self, shape: Shape | None) -> tuple[float, int]:
+        """The time step, s, and the number of frames, by those of a file where it has several."""
+        times, count = (shape.times, len(shape.frames)) if shape else (None, 1)
         shown = times is not None and len(times) > 1
         step = 0.02 if self.delta is None else self.delta
         if self.fps is not None:
             step = 1.0 / self.fps
         elif self.delta is None and times is not None and shown:
             step = rounded_step(float(times[-1] - times[0]) / (len(times) - 1))
-        own = round(float(times[-1] - times[0]) / step) + 1 if times is not None and shown and step > 0 else 100
+        own = count if count > 1 else 100
+        if times is not None and shown and step > 0:
+            own = round(float(times[-1] - times[0]) / step) + 1
         return step, own if self.frames is None else self.frames
 
     @property
@@ -353,7 +356,7 @@ def made_of(cloth: Cloth, given: NewOptions, bodies: list[dict[str, Any]], mesh_
     from clothfit.meshes.new_scene import new_scene
 
     cloth = cloth._replace(mesh=cloth.mesh._replace(positions=placed(cloth.mesh, given)))
-    delta, frames = given.timing(cloth.shape.times if cloth.shape else None)
+    delta, frames = given.timing(cloth.shape)
     return new_scene(
         cloth.mesh, held(cloth, given, console), density=given.density, stiffness=given.stiffness,
         bending=not given.no_bending if given.bending is None else given.bending, damping=given.damping,

@@ -178,8 +178,10 @@ def found_with(
     found = Confidence(p, cost, low, high, known.whole(null_space.flags), rank, spread)
     found = from_below(found, problem, known, stiff, width) if stiff.any() else found
     if wrong and known.blocks is None:
-        nothing = np.full(len(p), np.nan)
-        return replace(found, low=nothing, high=nothing, warning=UNTRUSTED)
+        # what changes the motion together with others is not trusted either; what changes nothing is not shown
+        nothing, alone = np.full(len(p), np.nan), np.linalg.norm(known.null, axis=1) > 1.0 - NULL_SHARE
+        unseen = known.whole(null_space.flags & alone)
+        return replace(found, low=nothing, high=nothing, undetermined=unseen, warning=UNTRUSTED)
     found = replace(found, correlations=correlated(known, null_space))
     return replace(found, warning=DISAGREEING) if wrong and np.isnan(low).all() else found
 

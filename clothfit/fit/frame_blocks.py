@@ -128,6 +128,9 @@ CHOSEN = ("wind", "gravity", "friction")
 HARM = 0.02
 """Share of the cost that frames kept out must be nearer by without a kind: 1 % of the error."""
 
+MANY = 10.0
+"""Relative change from which on no number of it is given."""
+
 RISE = 1.02
 """Times the cost without what was left out, up to which that stays so."""
 
@@ -143,11 +146,12 @@ class Choice(NamedTuple):
     def text(self) -> str:
         """The same in a sentence."""
         title = KIND[self.name].title
-        by = f"{100 * abs(self.rise):.0f} %"
+        # derivatives foretell no number where it is large
+        by = f"{100 * abs(self.rise):.0f} % farther" if abs(self.rise) < MANY else "many times as far"
         if not self.needed:
-            return f"{title}: not fitted; with it, frames kept out would be {by} farther away"
+            return f"{title}: not fitted; with it, frames kept out would be {by} away"
         if self.rise > HARM:
-            return f"{title}: fitted; without it, frames kept out would be {by} farther away"
+            return f"{title}: fitted; without it, frames kept out would be {by} away"
         if self.rise < -HARM:
             return f"{title}: fitted; without it the fit ends farther away"
         return f"{title}: fitted; frames kept out do not speak against it"

@@ -191,6 +191,9 @@ LEAST = 1e-3
 
 ROUNDINGS = 3.0
 
+NARROW = 0.1
+"""Extent relative to the widest up to which a direction is one in which held vertices hardly extend."""
+
 SLOW = 0.05
 """Speed at the start relative to that of all frames up to which a cloth begins at rest."""
 
@@ -270,9 +273,10 @@ def pins_of(motion: Motion, scene: Scene) -> Iterator[tuple[int, list[dict[str, 
         for pin in cloth.pins:
             free[pin.vertices] = False
         least = max(LEAST * size(cloth), finest)
-        chosen = [v for v in np.flatnonzero(free) if moves(motion.of(i)[seen[:, v], v], least)]
+        chosen = [v for v in np.flatnonzero(free).tolist() if moves(motion.of(i)[seen[:, v], v], least)]
         if chosen:
-            yield i, pins(motion, i, np.array(chosen), seen, scene)
+            own = pins(motion, i, np.array(chosen), seen, scene)
+            yield i, own + [*unseen_pins(motion, i, set(chosen), free, seen, scene)]
 
 
 def size(cloth: Cloth) -> float:
@@ -306,6 +310,32 @@ def pins(motion: Motion, i: int, vertices: Indices, seen: Flags, scene: Scene) -
         {"vertices": [int(v)], "posKeys": {"times": keys.times.tolist(), "values": vectors(keys.values)}}
         for v, keys in zip(vertices, paths, strict=True)
     ]
+
+
+def unseen_pins(
+    motion: Motion, i: int, moving: set[int], free: Flags, seen: Flags, scene: Scene
+) -> Iterator[dict[str, Any]]:
+    """The pins of held vertices of an object, of those `free` (n,) to have some, that no frame shows, where others of
+    their part, which springs join, are seen to be `moving`: by the affine map from where these begin to where they are
+    that is nearest, and moves all alike in directions in which they hardly extend.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    cloth, x, shown = scene.cloths[i], motion.of(i), seen.any(axis=0)
+    times = np.union1d(0.0, motion.times[seen.any(axis=1)])
+    first, second = cloth.springs[cloth.fixed[cloth.springs].all(axis=1)].T
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(free),) * 2)
+    part = connected_components(graph, directed=False)[1]
+    for each in np.unique(part[list(moving)]):
+        known, hidden = (np.flatnonzero(free & (part == each) & rows) for rows in (shown, ~shown))
+        paths = [keyed(motion.times[seen[:, v]], x[seen[:, v], v], cloth.positions[v]) for v in known]
+        ways = np.stack([moved(path, times) * (v in moving) for v, path in zip(known, paths, strict=True)])
+        middle = cloth.positions[known].mean(axis=0)
+        away, reach = (cloth.positions[rows] - middle for rows in (hidden, known))
+        weights = 1.0 / len(known) + away @ np.linalg.pinv(reach, rcond=NARROW)
+        for v, values in zip(hidden.tolist(), np.tensordot(weights, ways, 1), strict=True):
+            yield {"vertices": [v], "posKeys": {"times": times.tolist(), "values": vectors(values)}}
 
 
 def keyed(times: Array, places: Array, start: Array) -> Keys:

@@ -50,7 +50,7 @@ from clothfit.optimise.status import Status
 from clothfit.registration.mislabelled import EXCHANGE, MOST_MISLABELLED
 from clothfit.registration.record import Registration
 from clothfit.scene.fit_vector import bounds, parameters
-from clothfit.scene.kinds import REST
+from clothfit.scene.kinds import AUTO, REST
 from clothfit.scene.scene import Scene
 
 STEPS = 5
@@ -299,8 +299,9 @@ def with_stall_hint(fit: Fit, objective: Objective) -> Fit:
         )
     else:
         text = (
-            "the search has stalled short of a minimum: fit again from its result (--start), by another --method, from "
-            "other starts (--starts 8), or from a scene of the fabric, where you know it (new --fabric denim)"
+            "the search has stalled short of a minimum: fit its result in place of the scene, which keeps its steps, "
+            "or the scene by another --method, from other starts (--starts 8), or of the fabric, where you know it "
+            "(new --fabric denim)"
         )
     return replace(fit, hints=[*fit.hints, Hint("stalled", text, before_fit=False)])
 
@@ -383,10 +384,11 @@ def with_picture(found: Fit, objective: Objective) -> Fit:
     nearer = not found.rmse >= picture_error_of(found)
     if found.windows is not None or found.verdict is None or not found.verdict.differs or nearer:
         return found
+    chosen = any(hint.code == AUTO for hint in found.hints)
     text = (
         f"the best still picture of the target comes to {metres(picture_error_of(found))}, the fitted motion only to "
         f"{metres(found.rmse)}: what moves the cloth is missing from the model, or the search, which ended in its "
-        f"stage “{found.stage}”, has not found it. {way_out(objective.scene)}"
+        f"stage “{found.stage}”, has not found it. {way_out(objective.scene, chosen)}"
     )
     status = Status.STALLED if found.status == Status.CONVERGED else found.status
     verdict, first = replace(found.verdict, model=FAILS), Hint(FAILS, text, before_fit=False)
@@ -408,16 +410,16 @@ def with_start(fit: Fit, objective: Objective) -> Fit:
     return replace(fit, baselines=replace(fit.baselines, start=as_it_came(objective)))
 
 
-def way_out(scene: Scene) -> str:
-    """What to try where a fit of the scene fails."""
+def way_out(scene: Scene, chosen: bool) -> str:
+    """What to try where a fit of the scene fails, or where it has `chosen` by itself what to fit."""
     flagged = {block.name for block in scene.blocks}
     missing = [name for name in MOVERS if name not in flagged]
-    if missing:
+    if missing and not chosen:
         return (
             f"Fit {listed(missing)} as well (--fit auto), or see that what is held, and wind, are as in the target; "
             "where its clock may be another, use --fit-time"
         )
     return (
-        "Try a scene of the fabric, where you know it (new --fabric denim), other starts (--starts 8), more time "
-        "(--budget), or fewer frames first"
+        "See that what is held, what it touches and wind are as in the target, or try a scene of the fabric, where you "
+        "know it (new --fabric denim), other starts (--starts 8), more time (--budget), or fewer frames first"
     )

@@ -99,7 +99,7 @@ def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation
         if later.faces() not in (0, first.faces()):
             raise InvalidMotion(f"{name_of(each)}: has other faces than {name_of(paths[0])}; is it of another mesh?")
         positions[frame] = points
-    texture, parts = labels(first.data, triangles) if len(paths) == 1 else (None, ())
+    texture, parts = labels(first.data, triangles)
     faces = triangles if len(triangles) else None
     return Animation(positions, RIGHT, triangles=faces, texture=texture, parts=parts)
 

@@ -26,7 +26,7 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.formats import obj
-from clothfit.formats.animation import Parts
+from clothfit.formats.animation import OtherPoints, Parts
 from clothfit.formats.axes import Convention, facing, to_scene
 from clothfit.formats.registry import foreign, read_format, suffix_of, wrong_kind
 from clothfit.scene import directions
@@ -77,7 +77,7 @@ class Shape(NamedTuple):
 
     mesh: Mesh  # at its first frame
     times: Array | None  # (F,), s, as the file counts them; None: it has no times
-    frames: Array  # (F, n, 3), m
+    frames: Array  # (F, n, 3), m; of a scan the first alone
     pins: Indices | None  # vertices that the file marks as held
     notes: tuple[str, ...]  # sentences on what was assumed
 
@@ -91,7 +91,7 @@ def read_mesh(
     ("left", "right") and `scale`, m per unit, replace what the file or its format says. Raises InvalidInput when the
     file holds no mesh or cannot be read.
     """
-    found = read_shape(path, up, handedness, scale)
+    found = read_shape(sources(os.fspath(path))[0], up, handedness, scale)
     return found.mesh, found.notes
 
 
@@ -108,11 +108,14 @@ def read_shape(
         known = f"no mesh format has that suffix; known are {', '.join(MESHES)}; export it as one"
         raise InvalidInput(f"{name}: {wrong_kind(name, suffix) or known}")
     convention = Convention(scale, up, handedness)
-    animation = read_format(found, sources(name)[0], wanted)
+    try:
+        animation = read_format(found, name, wanted)
+    except OtherPoints:  # a scan, of which the first frame counts
+        animation = read_format(found, sources(name)[0], wanted)
     axes = convention.axes(animation.axes)
     if animation.triangles is None or not len(animation.triangles):
         raise InvalidInput(f"{name}: has no faces; a cloth is made of triangles")
-    frames = to_scene(np.asarray(animation.positions, float), axes)
+    frames = last_seen(to_scene(np.asarray(animation.positions, float), axes))
     positions = frames[0]
     near = (np.abs(positions) <= FARTHEST_VERTEX).all(axis=1)  # False for NaN
     if not near.all():
@@ -132,6 +135,15 @@ def read_shape(
 def sources(path: str) -> list[str]:
     """The files of a name: of a sequence `name_*.obj` all, the first of which is the mesh."""
     return obj.frames_of(path) if obj.ANY in path and suffix_of(path) == ".obj" else [path]
+
+
+def last_seen(frames: Array) -> Array:
+    """Frames (F, n, 3) in which a vertex that was not seen, NaN, is where it was seen last, and NaN before."""
+    missing = np.asarray(np.isnan(frames).any(axis=2))
+    if not missing[1:].any():
+        return frames
+    frame = np.maximum.accumulate(np.where(missing, 0, np.arange(len(frames))[:, None]), axis=0)
+    return np.take_along_axis(frames, frame[..., None], axis=0)
 
 
 def turned(positions: Array, degrees: Sequence[float]) -> Array:

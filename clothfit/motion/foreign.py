@@ -42,7 +42,7 @@ from clothfit.formats.axes import (
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.markers import METRES_PER_UNIT
 from clothfit.formats.registry import NATIVE, Format, foreign, format_of, paths, read_format, suffix_of
-from clothfit.motion.correspondence import MARKERS, SAME, SCANNED, Bound, Correspondence, TooFar, bind
+from clothfit.motion.correspondence import MARKERS, PERMUTED, SAME, SCANNED, Bound, Correspondence, TooFar, bind
 from clothfit.motion.feet import UNKNOWN, Faces
 from clothfit.motion.markers import Matches, initial, matched
 from clothfit.motion.motion import (
@@ -370,7 +370,13 @@ def _bound(points: Array, seen: Flags, scene: Scene, reading: Reading, axes: Axe
     if not count or (chosen is None and how == ORDER):
         _check_count(count, scene, name)
     try:
-        return bind(points, seen, scene, start, how, chosen, name)
+        found = bind(points, seen, scene, start, how, chosen, name)
+        if found.correspondence.kind == PERMUTED and chosen is not None and reading.handedness is None:
+            # a symmetric sheet seen in a mirror has the same places: its own order says what it is
+            better = advice(from_scene(points[0, chosen], axes), start, axes, DOUBTFUL_DISTANCE * size(start))
+            if better and better.startswith("--"):
+                return bind(points, seen, scene, start, ORDER, chosen, name)
+        return found
     except TooFar as error:
         first = from_scene(points[0, seen[0]], axes)
         better = other_axes(first, start, axes, NEAR_BY * size(start)) if len(first) else None

@@ -23,7 +23,7 @@ from clothfit.report.log import Log, entry, intervals, number, records
 from clothfit.report.showing import BEFORE, View
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import parameters
-from clothfit.scene.kinds import MODEL_NAMES
+from clothfit.scene.kinds import AUTO, MODEL_NAMES
 from clothfit.scene.scene import Scene
 
 STATUS = {
@@ -60,12 +60,16 @@ def headline(log: Log, show: View, fitted: str = "FITTED") -> dict[str, Any]:
 def advice(summary: Mapping[str, Any], fitted: str) -> str:
     """What a user can do next; nothing where the summary does not say how the fit ended."""
     model, cache = entry(summary, "verdict", "model"), f"clothfit simulate {fitted} -o cloth.pc2"
+    said = {str(each.get("code")): each.get("text") for each in records(summary, "hints")}
     if summary.get("status") in (Status.LIMIT, Status.INTERRUPTED):
         return "Go on from here with --resume, or with a longer --budget."
     if model == FAILS:
-        return "Check unit, axes and held vertices, then let the fit choose what moves the cloth: --fit auto."
+        more = "" if AUTO in said else ", then let the fit choose what moves the cloth: --fit auto"
+        return f"Check unit, axes and held vertices{more}."
     if model == DIFFERS:
-        return f"Free more (--fit auto, --model auto), or use the fitted motion as it is: {cache}"
+        more = said.get("stalled") or ("" if AUTO in said else "free more: --fit auto, --model auto")
+        text = f"{more}; or use the fitted motion as it is: {cache}" if more else f"use the fitted motion: {cache}"
+        return text[0].upper() + text[1:]
     values = f"clothfit export {fitted} --to blender"
     return f"Play it on your mesh: {cache}; or take its values: {values}" if model == ADEQUATE else ""
 

@@ -198,6 +198,20 @@ def test_targets_come_with_their_scenes_and_the_start_from_a_file_or_a_number(fo
 
 
 @pytest.mark.parametrize(
+    ("given", "needed"),
+    [("", "--up z --scale 0.01 would fit; --up y --scale 1.0 fits it as it is"), ("--up z", "--scale 0.01 would fit"),
+     ("--up y --scale 1", ""), ("--up z --scale 0.01", ""), ("--fit-scale", "")],
+)  # fmt: skip
+def test_another_unit_or_axes_than_were_assumed_is_no_target(folder, fits, said, given, needed):
+    """What is said of the file counts, and what is looked for may be anything: then the fit begins."""
+    x, y, z = np.moveaxis(load("scene.json").cloths[0].positions, -1, 0)
+    np.savez("t.npz", positions=np.repeat(100 * np.stack([x, -z, y], axis=-1)[None], 5, axis=0))
+    code, _, err = said(f"estimate scene.json --target t.npz {given}")
+    assert (code, len(fits)) == ((3, 0) if needed else (0, 1))
+    assert not needed or needed in err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
     ("name", "fitted"),
     [("a.txt", "a.fitted.txt"), ("a.v2.json", "a.v2.fitted.json"), ("plain", "plain.fitted"),
      ("ä b.json", "ä b.fitted.json")],

@@ -144,6 +144,25 @@ def test_a_sequence_gives_its_first_frame(said):
     assert len(load("shot.json").cloths[0].mass) == 36
 
 
+def test_a_sequence_is_a_shot_with_its_frames_and_what_keeps_still_in_it(said, summary):
+    """Frame 3 is missing: it counts, as it does in a target; a scan has neither frames nor vertices that keep still."""
+    sheet = mesh.plane(3, 1.0)
+    faces = "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in sheet.triangles.tolist())
+    for frame in (0, 1, 2, 4, 5):
+        moved = sheet.positions + 0.01 * frame * np.sin(np.arange(75)).reshape(25, 3) * (np.arange(25) >= 5)[:, None]
+        text = "".join(f"v {x} {y} {z}\n" for x, y, z in moved.tolist())
+        Path(f"shot_{frame}.obj").write_text(text + faces)
+        Path(f"scan_{frame}.obj").write_text("v 0 0 0\n" * frame + text + (faces if not frame else ""))
+    scene = made("'shot_*.obj' --fps 24", name="shot.json")
+    assert (np.flatnonzero(scene.cloths[0].fixed).tolist(), scene.frames) == ([0, 1, 2, 3, 4], 6)
+    assert np.flatnonzero(made("'shot_*.obj' --fix-vertices 20", name="shot.json").cloths[0].fixed).tolist() == [20]
+    (own,) = summary("info 'shot_*.obj'")["meshes"]
+    assert (own["frames"], own["held"]) == (6, [{"vertices": "0-4", "moves": False}])
+    assert "25 vertices, 32 faces, 6 frames, moves, held? 0-4 (still)" in said("info 'shot_*.obj'")[1]
+    scene = made("'scan_*.obj'", name="scan.json")
+    assert (scene.cloths[0].fixed.any(), scene.frames, summary("info 'scan_*.obj'")["meshes"]) == (False, 100, [])
+
+
 # --- problems and welding
 
 

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from helpers.paths import ROOT
 from pxr import Sdf, Usd, UsdGeom, Vt
+from trimesh.creation import icosphere
 
 from clothfit import load, mesh, simulate
+from clothfit.cli.parts.new_shot import closed_up, without_folded
 from clothfit.cli.program import run
+from clothfit.engine.inputs.body_files import closed
 from clothfit.formats import usd, usd_reader
 from clothfit.scene.scene import save
 
@@ -159,3 +162,27 @@ def test_the_commands_of_the_page_on_garments_run(folder):
         assert run([*shlex.split(line)[1:], "-q"]) == 0
     assert {"fitted.usdc", "render.pc2", "skirt.pc2"} <= {each.name for each in folder.iterdir()}
     assert (folder / "fit.html").stat().st_size > 1e5
+
+
+@pytest.mark.parametrize(("removed", "done"), [([0, 40], "2 holes are closed"), ([*range(120)], "has got a back")])
+def test_narrow_holes_of_a_body_are_closed_and_wide_ones_get_a_back(removed, done):
+    """The ball of 320 triangles moves and grows; lids are in the plane of the triangles that were there, so the volume
+    is that of the whole one, but for rounding.
+    """
+    ball = icosphere(2)
+    points, triangles = np.asarray(ball.vertices), np.asarray(ball.faces, np.int32)
+    frames = np.stack([points, 2.0 * points + [1.0, 0.0, 0.0]])
+    left = np.delete(triangles, removed, axis=0)
+    every, made, how = closed_up(frames, mesh.Mesh(points, left))
+    assert how == done
+    closed(made)  # else it would raise
+    if len(removed) == 2:
+        a, b, c = np.moveaxis(every[:, made.triangles], 2, 0)
+        volumes = np.linalg.det(np.stack([a, b, c], axis=2)).sum(axis=1) / 6
+        np.testing.assert_allclose(volumes, [ball.volume, 8 * ball.volume], rtol=1e-12)
+
+
+def test_triangles_that_lie_face_to_face_are_no_part_of_a_body():
+    """Two quads that share two sides, cut along the line that they have in common, fold onto each other there."""
+    folded = np.array([[0, 1, 2], [0, 2, 3], [4, 2, 1], [2, 0, 3], [4, 5, 6]], np.int32)
+    assert without_folded(folded).tolist() == [[0, 1, 2], [4, 2, 1], [4, 5, 6]]

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import strangers
 from helpers.fits import Watching, estimate
 from helpers.scenes import cloth, document, even, trial
 from scipy import stats
@@ -284,6 +285,15 @@ def test_of_a_cloth_that_is_too_large_and_where_a_step_is_singular_there_are_non
     found = estimate(*sheet, start=20.0, method="l-bfgs-b", max_evaluations=2)
     assert (found.rank, found.parameters[0].interval) == (None, [None])
     assert any("no intervals" in warning for warning in found.warnings)
+
+
+def test_without_trusted_intervals_only_what_changes_nothing_is_not_shown():
+    """Masses and stiffness have a common factor; that the four fixed masses are nowhere in the motion is certain."""
+    own = strangers.small("LG", 10, dragCoefficient=0.0)
+    target = strangers.with_finer_steps(own, 4)
+    found = estimate(own, target, prior="none", method="gauss-newton", max_evaluations=1)
+    assert confidence.UNTRUSTED in found.warnings
+    assert [block.unidentifiable for block in found.parameters] == [[0, 1, 2, 3], []]
 
 
 # --- by samples

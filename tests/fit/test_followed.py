@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.fits import estimate
 from helpers.scenes import even
+from helpers.strangers import small
 
 from clothfit import degrade, simulate
 from clothfit.fit.preparation import followed, moves, with_start_velocity
@@ -82,6 +83,24 @@ def test_pins_that_are_there_stay_and_gaps_lie_between_the_frames_that_show_a_ve
     assert second["posKeys"]["times"][:2] == pytest.approx([0.0, 0.06])
     place = scene.cloths[0].positions[0] + list(second["posKeys"]["values"][1].values())
     assert place == pytest.approx(motion.positions[3, 0], abs=1e-15)
+
+
+def test_held_vertices_without_a_marker_move_with_their_part():
+    """A rail with six vertices, of which three are seen, moves and turns; another part, which nothing shows, stays."""
+    scene = small("nG", 20, side=6, vertIsFixed=[i < 6 or i == 35 for i in range(36)])
+    x = np.repeat(scene.cloths[0].positions[None], 20, axis=0)
+    angle = 0.6 * np.sin(0.3 * np.arange(20))
+    away = x[0, :6] - x[0, 0]
+    turn = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
+    assert np.allclose(away[:, 1:], 0.0)  # along x
+    x[:, :6] = x[0, 0] + away[:, :1] * turn[:, None] + 0.2 * np.sin(0.2 * np.arange(20))[:, None, None]
+    seen = np.ones(x.shape[:2], bool)
+    seen[:, [1, 3, 4, 35]] = False
+    found = followed(scene, as_motion(scene, np.where(seen[..., None], x, np.nan), None, seen))
+    assert found.vertices == 6
+    played = simulate(found.scene, 20).positions
+    np.testing.assert_allclose(played[:, :6], x[:, :6], atol=1e-12)  # m, rounding: places on a line stay affine
+    np.testing.assert_array_equal(played[:, 35], x[:, 35])
 
 
 def test_each_of_several_targets_has_its_own_path():

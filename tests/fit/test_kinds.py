@@ -39,6 +39,7 @@ def test_blocks_kept_out_cost_what_fits_without_them_leave_there():
 def test_what_is_said_of_a_kind():
     for choice, text in (
         (Choice("wind", True, 0.3), "wind: fitted; without it, frames kept out would be 30 % farther away"),
+        (Choice("wind", True, 457.69), "wind: fitted; without it, frames kept out would be many times as far away"),
         (Choice("wind", True, 0.0), "wind: fitted; frames kept out do not speak against it"),
         (Choice("wind", True, -0.1), "wind: fitted; without it the fit ends farther away"),
         (Choice("gravity", False, -0.1), "gravity: not fitted; with it, frames kept out would be 10 % farther away"),

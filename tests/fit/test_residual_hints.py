@@ -10,7 +10,7 @@ from helpers.fits import estimate
 from helpers.strangers import sheet, small, stranger, with_finer_steps
 
 from clothfit import Fit, degrade, simulate
-from clothfit.fit.residual_hints import SHIFT, around, with_own_motion, with_stall_hint
+from clothfit.fit.residual_hints import SHIFT, around, way_out, with_own_motion, with_stall_hint
 from clothfit.motion.motion import at_frames
 from clothfit.optimise.along_target import SingleSteps
 from clothfit.optimise.status import Status
@@ -122,6 +122,13 @@ def advice(error, **kind):
     return [(hint.code, hint.text) for hint in with_stall_hint(found, objective(error, found)).hints]
 
 
+def test_a_fit_that_chose_what_to_fit_is_not_told_to():
+    scene = sheet(20.0)
+    assert "(--fit auto)" in way_out(scene, False)
+    assert "(--fit auto)" not in way_out(scene, True)
+    assert "what it touches" in way_out(scene, True)
+
+
 def test_only_a_stalled_fit_that_is_off_is_advised():
     assert advice(lambda p: 2e-3, status=Status.CONVERGED) == []
     assert advice(lambda p: 2e-3, status=Status.LIMIT) == []
@@ -131,7 +138,7 @@ def test_only_a_stalled_fit_that_is_off_is_advised():
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (lambda p: 1e-3 * (1.0 + (p[0] - 1.0)), "fit again from its result"),
+        (lambda p: 1e-3 * (1.0 + (p[0] - 1.0)), "fit its result in place of the scene"),
         (lambda p: 1e-3 + 5e-4 * (p[0] > 1.0), "change it by 50 %"),
         (lambda p: 1e-3 if p[0] > 1.0 else np.inf, "let it diverge"),
     ],
@@ -140,7 +147,7 @@ def test_the_advice_is_another_one_where_the_error_jumps(error, words):
     ((code, text),) = advice(error)
     assert code == "stalled"
     assert words in text
-    assert ("jumps" in text) is ("fit again" not in text)
+    assert ("jumps" in text) is ("in place of" not in text)
 
 
 def test_values_around_are_a_millionth_off_within_their_bounds_and_only_those_that_are_fitted():

@@ -15,6 +15,7 @@ from clothfit.cli.program import run
 from clothfit.formats import registry
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes, Convention, Reading, from_scene
+from clothfit.meshes.new_scene import new_scene
 from clothfit.motion import files as motion_files
 from clothfit.motion import foreign
 from clothfit.scene.mesh_numbering import numberings
@@ -145,6 +146,19 @@ def test_another_place_and_another_order_are_noticed_and_a_few_swapped_vertices_
     assert far == "it is moved by (50, 0, 0) m"  # shrunk to a point it would be fifty times as near, and no cloth
     noise = np.random.default_rng(0).normal(size=MOTION.positions.shape)
     assert account(there, MOTION.positions + noise).start.advice is None
+
+
+def test_a_mirror_of_a_symmetric_sheet_is_named_by_the_order_of_its_vertices(there):
+    """Its places are those of the sheet, in another order; what the user says of the axes makes it that order."""
+    scene = new_scene(sheet := mesh.plane(3, 1.0, 0.7), np.arange(len(sheet.positions)) < 5)
+    frames = np.repeat(scene.cloths[0].positions[None], 3, axis=0)
+    np.savez("mirror.npz", positions=frames * [-1.0, 1.0, 1.0], times=0.02 * np.arange(3))
+    found = foreign.load("mirror.npz", scene, Reading()).interpretation.start
+    assert found.advice == "--handedness right would fit"
+    for handedness in ("left", "right"):
+        own = foreign.load("mirror.npz", scene, Reading(handedness=handedness))
+        np.testing.assert_allclose(own.motion.positions, frames, atol=1e-12)
+        assert own.interpretation.doubts == []
 
 
 def test_the_account_tells_what_was_assumed(there):

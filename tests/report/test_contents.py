@@ -96,6 +96,18 @@ def test_the_start_of_a_fit_comes_from_its_summary_and_values_too_large_for_thei
     assert findings.figure(2.5) == ["2.5", 2.5]
 
 
+def test_what_to_do_next_is_what_has_not_been_done():
+    """The hint of a stalled search comes first; a fit that chose by itself what to fit is not told to do so."""
+    differs = {"status": "stalled", "verdict": {"model": "differs"}}
+    auto, stalled = {"code": "auto", "text": "wind: fitted"}, {"code": "stalled", "text": "the search has stalled"}
+    use = "se the fitted motion"
+    assert findings.advice(differs, "f.json").startswith("Free more: --fit auto, --model auto; or u" + use)
+    assert findings.advice({**differs, "hints": [auto]}, "f.json").startswith("U" + use)
+    assert findings.advice({**differs, "hints": [auto, stalled]}, "f.json").startswith("The search has stalled; or u")
+    fails = {"verdict": {"model": "fails"}, "hints": [auto, {"code": []}, 3]}
+    assert findings.advice(fails, "f.json") == "Check unit, axes and held vertices."
+
+
 # --- the motions beside the fitted one
 
 

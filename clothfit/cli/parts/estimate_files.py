@@ -162,6 +162,16 @@ def read_target(
     return motions.read_motion(motion, other, reading, console, readings), other
 
 
+def check_read(readings: list[dict[str, Any]], reading: Reading) -> None:
+    """Raise InvalidInput where a target fits the scene by axes or a unit other than those that were assumed of it."""
+    for each in readings:
+        fits = str(each["advice"] or "")
+        assumed = [name for name in Axes._fields if f"--{name} " in fits and getattr(reading, name) is None]
+        if assumed and fits.startswith("--"):
+            as_it_is = " ".join(f"--{name} {each[name]}" for name in assumed)
+            raise InvalidInput(f"{each['file']}: it begins far from the scene, and {fits}; {as_it_is} fits it as it is")
+
+
 def shadow(text: str, scene: Scene) -> Motion:
     """The target outline=FILE or coefficient=NUMBER. Raises InvalidInput."""
     from clothfit.motion.shadow import shadow_target

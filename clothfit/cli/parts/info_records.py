@@ -103,18 +103,19 @@ def mesh(path: str) -> dict[str, Any]:
 def either(path: str) -> dict[str, Any]:
     """The facts of a file that may have one frame or many, and of each of its meshes. Raises InvalidInput."""
     found = motion(path)
-    return (mesh(path) if found["frames"] == 1 and found["faces"] else found) | {"meshes": meshes(path)}
+    own = mesh(path) if found["frames"] == 1 and found["faces"] else found
+    return own | {"meshes": [] if "*" in path and (found["scan"] or not found["faces"]) else meshes(path)}
 
 
 def meshes(path: str) -> list[dict[str, Any]]:
-    """The facts of the meshes of a file that has names for them. Raises InvalidInput."""
+    """The facts of the meshes of a file that has names for them, or of the one of a sequence. Raises InvalidInput."""
     from clothfit.formats.animation import short
     from clothfit.formats.registry import foreign, paths
     from clothfit.meshes.mesh import read_shape
     from clothfit.meshes.rigid import held, moves_as
 
     found = list[dict[str, Any]]()
-    for name in ([] if "*" in path else short(paths(foreign(path), path)))[:MOST_MESHES]:
+    for name in ([""] if "*" in path else short(paths(foreign(path), path)))[:MOST_MESHES]:
         try:
             shape = read_shape(path, wanted=name)
         except InvalidInput as error:
@@ -143,7 +144,7 @@ def mesh_line(own: dict[str, Any]) -> str:
              counted(own["frames"], "frame", "frames"), own["motion"]]  # fmt: skip
     parts += [f"pinned {own['pins']}"] if own["pins"] else []
     parts += [f"held? {each['vertices']} ({'as one rigid body' if each['moves'] else 'still'})" for each in own["held"]]
-    return f"{own['name']}: {', '.join(parts)}"
+    return f"{own['name']}: {', '.join(parts)}" if own["name"] else ", ".join(parts)
 
 
 def mesh_lines(own: dict[str, Any]) -> dict[str, str]:

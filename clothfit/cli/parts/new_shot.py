@@ -35,7 +35,7 @@ class Solid(NamedTuple):
     frames: Array  # (F, V, 3), m; F is 0 where it keeps still
     times: Array  # (F,), s, from the cloth's first frame on
     out: Output | None  # the file of its motion
-    opened: bool  # whether it was no closed surface
+    opened: str  # what was done with a surface that was not closed
 
     @property
     def moves(self) -> bool:
@@ -46,8 +46,8 @@ class Solid(NamedTuple):
     def sentence(self) -> str:
         """What it is, for people."""
         how = f"moves, by {self.out.name}" if self.out else "keeps still"
-        back = "; it is open, and has got a back" if self.opened else ""
-        return f"collider {self.name}: {counted(self.vertices, 'vertex', 'vertices')}, {how}{back}"
+        done = f"; it is open, and {self.opened}" if self.opened else ""
+        return f"collider {self.name}: {counted(self.vertices, 'vertex', 'vertices')}, {how}{done}"
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -100,13 +100,13 @@ def solid(
     from clothfit.meshes.rigid import moves_as
 
     shape = read_shape(path, *convention, wanted=name)
-    mesh, frames, opened = shape.mesh, shape.frames, False
+    mesh, frames, opened = shape.mesh._replace(triangles=without_folded(shape.mesh.triangles)), shape.frames, ""
     try:
         closed(mesh)
     except InvalidInput as error:
         if "is not closed" not in str(error):
             raise InvalidInput(f"{path}: {name}: {error}") from None
-        frames, mesh, opened = *with_back(frames, mesh), True
+        frames, mesh, opened = closed_up(frames, mesh)
         try:
             closed(mesh)
         except InvalidInput as other:
@@ -130,32 +130,58 @@ def solid(
     return Solid(name, document, count, frames, times, place, opened)
 
 
+def without_folded(triangles: Indices) -> Indices:
+    """Triangles (T, 3) but for those that lie face to face on others, as two polygons that share two sides make them.
+    """
+    import numpy as np
+
+    of = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    a, b, c = triangles.astype(np.int64).T
+    ways = np.bincount(of, np.sign((a - b) * (b - c) * (c - a)))
+    found: Indices = triangles[ways[of] != 0]
+    return found
+
+
 def vector(xyz: Sequence[float]) -> dict[str, float]:
     """A vector as a scene's file has it."""
     return dict(zip("xyz", map(float, xyz), strict=True))
 
 
-def with_back(frames: Array, mesh: Mesh) -> tuple[Array, Mesh]:
-    """An open surface of frames (F, n, 3) as a closed one: with a back behind its faces, and a rim."""
+def closed_up(frames: Array, mesh: Mesh) -> tuple[Array, Mesh, str]:
+    """An open surface of frames (F, n, 3) as a closed one, and what was done: its holes are closed where each is so
+    narrow that a back would have more rim than the hole has area; else it gets a back behind its faces, and a rim.
+    """
     import numpy as np
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
 
     from clothfit.formats.animation import normals_at
-    from clothfit.meshes.mesh import any_sides
+    from clothfit.meshes.mesh import any_sides, areas
     from clothfit.pictures.camera import normals
 
     triangles, count = mesh.triangles, len(mesh.positions)
     depth = PART_OF_A_SIZE * float(np.linalg.norm(np.ptp(frames[0], axis=0)))
-    up = normals(frames[0], triangles).sum(axis=0)[1]  # what is level is solid below
-    back = frames - np.copysign(depth, up) * np.stack([normals_at(each, triangles) for each in frames])
     met = any_sides(triangles)
     uses = np.bincount(met.first, minlength=len(met.edge))[met.first]
     rim = np.flatnonzero(uses == 1)
     ways = triangles[rim // 3][:, [[0, 1], [2, 0], [1, 2]]][np.arange(len(rim)), rim % 3]  # as their triangles go
     i, j = ways.T
+    edge, of = np.unique(ways, return_inverse=True)
+    first, second = of.reshape(ways.shape).T
+    holes, label = connected_components(coo_array((np.ones(len(i)), (first, second)), shape=(len(edge),) * 2), False)
+    middles = np.stack([frames[:, edge[label == hole]].mean(axis=1) for hole in range(holes)], axis=1)
+    lids = np.stack([j, i, count + label[first]], 1).astype(np.int32)
+    filled, length = np.concatenate([frames, middles], axis=1), np.linalg.norm(frames[0, i] - frames[0, j], axis=1)
+    area = np.bincount(label[first], areas(type(mesh)(filled[0], lids)))
+    if (area <= depth * np.bincount(label[first], length)).all():
+        whole = np.concatenate([triangles, lids]).astype(np.int32)
+        return filled, type(mesh)(filled[0], whole), f"{counted(holes, 'hole is', 'holes are')} closed"
+    up = normals(frames[0], triangles).sum(axis=0)[1]  # what is level is solid below
+    back = frames - np.copysign(depth, up) * np.stack([normals_at(each, triangles) for each in frames])
     around = np.concatenate([np.stack([j, i, i + count], 1), np.stack([j, i + count, j + count], 1)])
     whole = np.concatenate([triangles, triangles[:, ::-1] + count, around]).astype(np.int32)
     every = np.concatenate([frames, back], axis=1)
-    return every, type(mesh)(every[0], whole)
+    return every, type(mesh)(every[0], whole), "has got a back"
 
 
 def held(shape: Shape, console: Console) -> Indices:
