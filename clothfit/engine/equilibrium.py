@@ -107,7 +107,7 @@ class _Search:
     def force(self, x: Array, h: float = ENDLESS) -> Array:
         """The forces on the free vertices (m, 3), N; A of that step is left in the workspace."""
         form = self.system._replace(h=h)
-        collider_rows.begin(form.colliders, x, 0.0)
+        collider_rows.begin(form.colliders, 0.0)
         implicit.assemble(form, x, self.rest, False, self.work.A, self.work.b)
         return np.asarray(self.work.b[self.free] / h)
 

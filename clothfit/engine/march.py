@@ -234,7 +234,7 @@ def hits(colliders, vertex, x, v, x_new):
         whole += vertex.mass[i] * dot(load3(v, i), load3(v, i))
     for c in range(len(colliders.rows)):
         for i in range(len(vertex.mass)):
-            if collider_rows.bound(colliders.bodies, colliders.rows[c], load3(x_new, i)) < 0.0:
+            if collider_rows.bound(colliders.bodies, colliders.rows[c], i, load3(x_new, i)) < 0.0:
                 continue
             depth, _, _, n, _, point = collider_rows.contact(colliders, x_new, i, c)
             if vertex.free[i] and depth > 0.0 and collider_rows.contact(colliders, x, i, c)[0] <= 0.0:

@@ -188,7 +188,7 @@ def active_rows(system: System, colliders: collider_rows.Colliders, x: Array, v:
     for t, first_order in enumerate(euler):
         set_inputs(system.inputs, system, t)
         y = begun(system, x, v, t, first_order)
-        collider_rows.begin(colliders, y, system.h if first_order else 0.0)
+        collider_rows.begin(colliders, system.h if first_order else 0.0)
         depth, left = collider_rows.depths_along(colliders, y, np.ascontiguousarray(x[t + 1]))
         met[t] = ((depth <= 0) & (left > 0)).any(axis=0)
     return met

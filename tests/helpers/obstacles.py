@@ -56,5 +56,6 @@ def touching(obstacle: dict[str, Any], step: int = 1, **fields: Any) -> System:
 
 def with_room(own: Colliders, count: int) -> Colliders:
     """The same colliders for so many points."""
-    room = {name: np.repeat(getattr(own.bodies, name)[:, :1], count, axis=1) for name in ("last", "asked", "found")}
+    names = "last", "asked", "found", "clear"
+    room = {name: np.repeat(getattr(own.bodies, name)[:, :1], count, axis=1) for name in names}
     return own._replace(bodies=own.bodies._replace(**room))

@@ -57,6 +57,8 @@ class Bodies(NamedTuple):
     last: Indices  # (B, n), the nearest triangle of each vertex of the cloth when it was last looked for
     asked: Array  # (B, n, 2, 3), m, the points that it was looked for of late, NaN where a mesh was another since then
     found: Indices  # (B, n, 3), the nearest triangles to these, and which of both is the newer one
+    clear: Array  # (B, n, 4), m, a point outside that each vertex had, and the least distance of the surface from there
+    fastest: Array  # (B,), m/s, of the vertices of each mesh
 
 
 class Surface(NamedTuple):
@@ -90,6 +92,7 @@ def build(surfaces: list[Surface], count: int) -> Bodies:
         place, np.zeros_like(place), corners, np.concatenate(across).astype(np.int32), np.zeros((len(corners), 3)),
         np.zeros_like(place), whole, vertex, face, node,
         np.zeros(len(surfaces), bool), last, np.full((*last.shape, 2, 3), np.nan), np.zeros((*last.shape, 3), np.int32),
+        np.zeros((*last.shape, 4)), np.zeros(len(surfaces)),
     )  # fmt: skip
     for b in range(len(surfaces)):
         arrange(made, b)
@@ -98,7 +101,7 @@ def build(surfaces: list[Surface], count: int) -> Bodies:
 
 def copied(bodies: Bodies) -> Bodies:
     """The same bodies with memory of their own for what changes."""
-    names = "place", "velocity", "face", "corner", "moves", "last", "asked", "found"
+    names = "place", "velocity", "face", "corner", "moves", "last", "asked", "found", "clear", "fastest"
     own = {name: getattr(bodies, name).copy() for name in names}
     return bodies._replace(**own, tree=bodies.tree._replace(box=bodies.tree.box.copy()))
 
@@ -163,9 +166,20 @@ def nearest(bodies, b, i, p):
 
 
 @kernel
-def beyond(bodies, b, p):
-    """How far a point (lanes) is from the box about body b, at least; 0 inside."""
-    return NEAR * sqrt(boxes.gap(bodies.tree.box[bodies.node[b]], p))
+def beyond(bodies, b, i, p):
+    """How far a point (lanes) of vertex i is outside of body b, at least: from the box about it, or from where the
+    vertex was when that was found; 0 where neither is known.
+    """
+    gap = NEAR * sqrt(boxes.gap(bodies.tree.box[bodies.node[b]], p))
+    way = sub(p, load3(bodies.clear[b], i))
+    return max(gap, bodies.clear[b, i, 3] - sqrt(dot(way, way)) / NEAR)
+
+
+@kernel
+def set_clear(bodies, b, i, p, delta):
+    """Note that the distance of a point (lanes) of vertex i is delta."""
+    store3(p, bodies.clear[b], i)
+    bodies.clear[b, i, 3] = NEAR * max(delta, 0.0)
 
 
 @kernel
@@ -203,13 +217,16 @@ def distance(bodies, b, i, p):
     a, b_, c = corners(bodies, bodies.place, f)
     n, t = pseudonormal(bodies, f, part), pack(1.0, 0.0, 0.0, 0.0)
     if part == triangle.FACE:
-        return dot(n, sub(p, a)), 0.0, 0.0, n, t, (f, part, wb, wc)
+        delta = dot(n, sub(p, a))
+        set_clear(bodies, b, i, p, delta)
+        return delta, 0.0, 0.0, n, t, (f, part, wb, wc)
     away = sub(p, triangle.weighted(wb, wc, a, b_, c))
     delta = sqrt(dot(away, away))
     if delta == 0.0:
         return 0.0, 0.0, 0.0, unit(n), t, (f, part, wb, wc)
     if dot(n, away) < 0.0:
         delta = -delta
+    set_clear(bodies, b, i, p, delta)
     if part <= triangle.CA:
         t = unit(triangle.edge(part, a, b_, c))
     j = -1.0 / delta if part <= triangle.CA else 0.0

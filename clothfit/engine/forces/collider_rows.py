@@ -30,7 +30,7 @@ from clothfit.engine.forces.vertex import Vertex
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
-from clothfit.kernels.vectors import cross, dot
+from clothfit.kernels.vectors import copy, cross, dot
 
 PLACE, VELOCITY, SPIN, AXES, SIZE, RATE, LAW, SHAPE = 0, 1, 2, 3, 6, 7, 8, 9
 """Rows of a collider: c, m; ċ, m/s; ω, 1/s; three unit vectors, its axes; r, s, l of a cone or half of the lengths of a
@@ -70,8 +70,10 @@ class Colliders(NamedTuple):
     on: Flags  # (N, C n), contacts that each iteration of a step only ends in (`contact.update_active`)
     turn: Indices  # (1,), the iteration that is computed
     depth: Array  # (C n,), m, of each vertex at most, where the step was linearised; inf before that
-    span: Array  # (1,), h, s, of a step that is linearised where it begins, else 0
-    point: Array  # (C n, 3), m, p of each vertex in such a step
+    span: Array  # (2,), h, s, of a step that is linearised where it begins, else 0; and of the last such step
+    point: Array  # (C n, 3), m, p of each vertex in such a step, found when it is asked for
+    origin: Array  # (C n, 3), m, the x that it belongs to, NaN where it is not known
+    carrier: Array  # (C, 10, 3), the rows that all p belong to
     bodies: meshes.Bodies  # the meshes
     begin: Array  # (C, n, 4), d, m, and n of each vertex at the start, 0 where it may be pushed at once; or (0, 0, 4)
     release: Array  # (C,), s, in which what begins inside leaves
@@ -112,8 +114,9 @@ def build(
     on, turn = np.zeros((iterations, len(shape) * count), bool), np.zeros(1, np.int32)
     times = np.array(release if len(release) else np.zeros(len(shape)), float)
     depth = np.full(on.shape[1], np.inf)
-    span, point = np.zeros(1), np.zeros((on.shape[1], 3))
-    return Colliders(rows, on, turn, depth, span, point, bodies or meshes.build([], count), NOBODY, times)
+    span, point, carrier = np.zeros(2), np.zeros((on.shape[1], 3)), np.full(rows.shape, np.nan)
+    places = span, point, np.full(point.shape, np.nan), carrier
+    return Colliders(rows, on, turn, depth, *places, bodies or meshes.build([], count), NOBODY, times)
 
 
 def released(colliders: Colliders, vertex: Vertex, x0: Array) -> Colliders:
@@ -153,7 +156,8 @@ def held(colliders, c, i):
 
 def copied(colliders: Colliders) -> Colliders:
     """The same colliders with memory of their own for what changes."""
-    own = {name: getattr(colliders, name).copy() for name in ("rows", "on", "turn", "depth", "span", "point")}
+    names = "rows", "on", "turn", "depth", "span", "point", "origin", "carrier"
+    own = {name: getattr(colliders, name).copy() for name in names}
     return colliders._replace(**own, bodies=meshes.copied(colliders.bodies))
 
 
@@ -227,14 +231,40 @@ def level(colliders, y, k):
     """κ, and how deep a vertex is at y, wherever the step is linearised; far away 0."""
     c = k // len(y)
     i, own = k - c * len(y), colliders.rows[c]
-    may = bound(colliders.bodies, own, load3(y, i)) > 0.0
+    may = bound(colliders.bodies, own, i, load3(y, i)) > 0.0
     return own[LAW, STIFFNESS], contact(colliders, y, i, c)[0] if may else 0.0
 
 
 @kernel
 def place(colliders, y, k):
-    """Where a vertex is linearised."""
-    return load3(colliders.point, k) if colliders.span[0] > 0.0 else load3(y, k % len(y))
+    """Where a vertex is linearised: in a step that is linearised where it begins, at y, where it is carried to."""
+    c = k // len(y)
+    i = k - c * len(y)
+    y_i = load3(y, i)
+    if not colliders.span[0] > 0.0:
+        return y_i
+    if not is_placed(colliders, y_i, k):
+        store3(carried(colliders, c, i, y_i)[0], colliders.point, k)
+        store3(y_i, colliders.origin, k)
+    return load3(colliders.point, k)
+
+
+@kernel
+def is_placed(colliders, y_i, k):
+    """Whether it is known where a vertex at y_i (lanes) is carried to."""
+    x = colliders.origin[k]
+    return x[0] == lane0(y_i) and x[1] == lane1(y_i) and x[2] == lane2(y_i)
+
+
+@kernel
+def about(colliders, y, k):
+    """That place or, where it takes a search that may not be needed, one that is near; and how far from it at most, m.
+    """
+    c = k // len(y)
+    own, y_i, h = colliders.rows[c], load3(y, k - c * len(y)), colliders.span[0]
+    if h > 0.0 and follows_mesh(own, colliders.bodies) and not is_placed(colliders, y_i, k):
+        return led_rigidly(own, y_i, h), h * colliders.bodies.fastest[int(own[SHAPE, 1])]
+    return place(colliders, y, k), 0.0
 
 
 @kernel
@@ -244,14 +274,27 @@ def behind(colliders, y, k):
 
 
 @kernel(absent=None)
-def begin(colliders, x, h):
-    """Linearise where a step begins, at x (n, 3), that is h long; with 0 at y, wherever that is."""
+def begin(colliders, h):
+    """Linearise where a step begins that is h long; with 0 at y, wherever that is."""
     colliders.span[0] = h
     if h > 0.0:
-        for k in range(count(colliders, x)):
-            c = k // len(x)
-            i = k - c * len(x)
-            store3(carried(colliders, c, i, load3(x, i))[0], colliders.point, k)
+        same = h == colliders.span[1]
+        for c in range(len(colliders.rows)):
+            for j in range(colliders.rows.shape[1]):
+                for axis in range(3):
+                    same = same and colliders.rows[c, j, axis] == colliders.carrier[c, j, axis]
+        if not same:
+            forget_places(colliders)
+            colliders.span[1] = h
+            for c in range(len(colliders.rows)):
+                copy(colliders.rows[c], colliders.carrier[c])
+
+
+@kernel(absent=None)
+def forget_places(colliders):
+    """Where vertices are carried to is to be found anew."""
+    for k in range(len(colliders.origin)):
+        colliders.origin[k, 0] = np.nan
 
 
 @kernel
@@ -262,10 +305,8 @@ def carried(colliders, c, i, x_i):
     own, bodies, h = colliders.rows[c], colliders.bodies, colliders.span[0]
     if not moves(own, bodies):
         return x_i, (NOWHERE, NOWHERE, NOWHERE)
-    centre = load3(own, PLACE)
-    from_centre = turned(own, sub(fma(splat(h), load3(own, VELOCITY), x_i), centre), h)
-    base = add(centre, widened(own, from_centre, h))
-    if own[SHAPE, 0] != MESH or not bodies.moves[int(own[SHAPE, 1])]:
+    base = led_rigidly(own, x_i, h)
+    if not follows_mesh(own, bodies):
         return base, (NOWHERE, NOWHERE, NOWHERE)
     p, first = followed(bodies, own, i, base, base, h)
     p, second = followed(bodies, own, i, base, p, h)
@@ -273,6 +314,20 @@ def carried(colliders, c, i, x_i):
         return p, (first, second, NOWHERE)
     p, third = followed(bodies, own, i, base, p, h)
     return p, (first, second, third)
+
+
+@kernel
+def led_rigidly(own, x_i, h):
+    """Where that is but for what the triangles of a mesh move in its axes."""
+    centre = load3(own, PLACE)
+    from_centre = turned(own, sub(fma(splat(h), load3(own, VELOCITY), x_i), centre), h)
+    return add(centre, widened(own, from_centre, h))
+
+
+@kernel
+def follows_mesh(own, bodies):
+    """Whether a collider is a mesh that changes."""
+    return own[SHAPE, 0] == MESH and bodies.moves[int(own[SHAPE, 1])]
 
 
 @kernel
@@ -295,7 +350,7 @@ def moves(own, bodies):
     """Whether a collider moves in the step, or a box of it grows, or its mesh changes."""
     if own[SHAPE, 0] == BOX and grows(own):
         return True
-    if own[SHAPE, 0] == MESH and bodies.moves[int(own[SHAPE, 1])]:
+    if follows_mesh(own, bodies):
         return True
     V, W = load3(own, VELOCITY), load3(own, SPIN)
     return dot(V, V) + dot(W, W) > 0.0
@@ -330,16 +385,19 @@ def grows(own):
 
 @kernel
 def most(colliders, y, k):
-    """How deep a vertex is at most where it is linearised."""
-    return bound(colliders.bodies, colliders.rows[k // len(y)], place(colliders, y, k))
+    """How deep a vertex is at most where it is linearised, and as far from `about` that as it may be."""
+    at, slack = about(colliders, y, k)
+    return bound(colliders.bodies, colliders.rows[k // len(y)], k % len(y), at) + 2.0 * slack
 
 
 @kernel
-def bound(bodies, own, p):
-    """How deep a point is at most, by a ball or the box of a mesh about the collider; unknown in there."""
+def bound(bodies, own, i, p):
+    """How deep a point of vertex i is at most, by a ball about the collider, or by what is known of a mesh; unknown in
+    there.
+    """
     shape, size = int(own[SHAPE, 0]), own[SIZE]
     if shape == MESH:
-        away = meshes.beyond(bodies, int(own[SHAPE, 1]), seen(own, p))
+        away = meshes.beyond(bodies, int(own[SHAPE, 1]), i, seen(own, p))
         return own[LAW, THICKNESS] - away if away > 0.0 else np.inf
     if shape == BOX:
         reach = size[0] + size[1] + size[2]
@@ -352,10 +410,12 @@ def bound(bodies, own, p):
 
 
 @kernel
-def is_far(colliders, k, way):
-    """Whether a step by `way` from where it was linearised surely does not know a vertex."""
-    depth = colliders.depth[k]
-    return depth < 0.0 and not colliders.on[colliders.turn[0], k] and dot(way, way) < depth * depth
+def is_far(colliders, y, k, way, depth):
+    """Whether a step by `way` from y surely does not know a vertex that is so deep at most where it is linearised."""
+    if not depth < 0.0 or colliders.on[colliders.turn[0], k]:
+        return False
+    way = add(way, sub(load3(y, k % len(y)), about(colliders, y, k)[0]))
+    return dot(way, way) < depth * depth
 
 
 @kernel
@@ -397,7 +457,7 @@ def is_reached(colliders, k, free, y, end, least):
 @kernel
 def deeper(colliders, i, c, y, end, least):
     """Whether vertex i ends deeper in collider c than that: distances fall no faster than it goes on."""
-    depth, way = colliders.depth[c * len(y) + i], sub(load3(end, i), place(colliders, y, c * len(y) + i))
+    depth, way = colliders.depth[c * len(y) + i], sub(load3(end, i), about(colliders, y, c * len(y) + i)[0])
     if depth <= least and dot(way, way) <= (least - depth) * (least - depth):
         return False
     return contact(colliders, end, i, c)[0] > least
@@ -422,7 +482,11 @@ def led_by(colliders, k, at, h):
 @kernel
 def pass_on(colliders, k, free, at, h, end):
     """Whether a vertex presses, and is outside at its end."""
-    found = row(colliders, at[1], k)
+    x, y, u, _ = at
+    way = fma(splat(h), load3(u, k % len(y)), sub(load3(x, k % len(y)), load3(y, k % len(y))))
+    if is_far(colliders, y, k, way, min(colliders.depth[k], most(colliders, y, k))):
+        return False
+    found = row(colliders, y, k)
     (i, _, _, _), _, n, depth, _, _, _, more = found
     if not (free[i] and knows(colliders, at[1], k, found, led_by(colliders, k, at, h))):
         return False

@@ -110,13 +110,12 @@ def power(part, y, u, w, s, h, begin, f):
     """
     total = 0.0
     for k in range(count(part, y)):
-        lag = behind(part, y, k)
-        part.depth[k], way = most(part, y, k), way_of(k % len(y), u, w, s, h, lag)
-        if is_far(part, k, way):
+        part.depth[k], way = most(part, y, k), way_of(k % len(y), u, w, s, h)
+        if is_far(part, y, k, way, part.depth[k]):
             continue
-        found = row(part, y, k)
+        found, lag = row(part, y, k), behind(part, y, k)
         own, c, n, depth, kappa, _, V, _ = found
-        if knows(part, y, k, found, way):
+        if knows(part, y, k, found, add(way, lag)):
             push = kappa * (depth - dot(n, add(mixed(c, own, s), lag)))
             T = law.force(push, sliding(found, u)[0], n, sub(mixed(c, own, w), V))
             spread(c, own, T, f)
@@ -125,15 +124,16 @@ def power(part, y, u, w, s, h, begin, f):
 
 
 @kernel
-def way_of(i, u, w, s, h, lag):
-    """From where vertex i is linearised, `lag` from y, to where u leads it: it goes by s from y, at last with w for u.
-    """
-    return add(fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i)), lag)
+def way_of(i, u, w, s, h):
+    """From y to where u leads vertex i: it goes by s from y, at last with w for u."""
+    return fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))
 
 
 @kernel(empty=None, apart=None)
 def add_force(part, y, u, f):
     for k in range(count(part, y)):
+        if is_far(part, y, k, splat(0.0), most(part, y, k)):
+            continue
         found = row(part, y, k)
         own, c, n, depth, kappa, _, _, _ = found
         if knows(part, y, k, found, splat(0.0)):
@@ -162,14 +162,13 @@ def damp_row(part, k, y, u, scale, q, out):
 def add_step(part, y, u, h, ahead, A, b):
     stored, reach = 0.0, 0.0 if ahead else h
     for k in range(count(part, y)):
-        lag = behind(part, y, k)
-        part.depth[k], way = most(part, y, k), fma(splat(reach), load3(u, k % len(y)), lag)
-        if is_far(part, k, way):
+        part.depth[k], led = most(part, y, k), load3(u, k % len(y))
+        if is_far(part, y, k, mul(splat(reach), led), part.depth[k]):
             continue
-        found = row(part, y, k)
+        found, lag = row(part, y, k), behind(part, y, k)
         own, c, n, depth, kappa, _, V, _ = found
         part.depth[k] = depth
-        if knows(part, y, k, found, way):
+        if knows(part, y, k, found, fma(splat(reach), led, lag)):
             rub = h * sliding(found, u)[0]
             lay(part, k, found, h * h * kappa, rub, law.turning(h, h * h * kappa, depth), 1.0, A)
             if len(b) > 0:
@@ -188,13 +187,12 @@ def add_pullback(part, y, u, w, s, lam, h, grad, gy, gu):
 @kernel
 def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
     """`add_pullback` of one row."""
-    lag = behind(part, y, k)
-    way = way_of(k % len(y), u, w, s, h, lag)
-    if is_far(part, k, way):
+    way = way_of(k % len(y), u, w, s, h)
+    if is_far(part, y, k, way, part.depth[k]):
         return
-    found = row(part, y, k)
+    found, lag = row(part, y, k), behind(part, y, k)
     own, c, n, depth, kappa, mu, _, more = found
-    if knows(part, y, k, found, way):
+    if knows(part, y, k, found, add(way, lag)):
         U, S, Z = past(found, u, w, s, lag)
         vectors, by_law = law.pull((kappa, mu, depth, n, U), S, Z, mixed(c, own, lam))
         spread(c, own, mul(splat(h), vectors[1]), gu)
@@ -208,13 +206,12 @@ def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
 @kernel(empty=None, apart=None)
 def add_pushforward(part, y, u, w, s, dy, du, direction, h, out):
     for k in range(count(part, y)):
-        lag = behind(part, y, k)
-        way = way_of(k % len(y), u, w, s, h, lag)
-        if is_far(part, k, way):
+        way = way_of(k % len(y), u, w, s, h)
+        if is_far(part, y, k, way, part.depth[k]):
             continue
-        found = row(part, y, k)
+        found, lag = row(part, y, k), behind(part, y, k)
         own, c, n, depth, kappa, mu, _, more = found
-        if knows(part, y, k, found, way):
+        if knows(part, y, k, found, add(way, lag)):
             U, S, Z = past(found, u, w, s, lag)
             dc, dn, ddelta, dV, dkappa, dlag = changes(part, y, found, dy, direction)
             dU, dZ = add(mixed(dc, own, u), sub(mixed(c, own, du), dV)), sub(mixed(dc, own, w), dV)

@@ -7,6 +7,7 @@ and the slopes of a cubic spline at them where it is smooth. So the memory is th
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,9 +15,11 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import NO_VECTORS, Array, Indices
 from clothfit.engine.forces import bodies as meshes
+from clothfit.engine.forces import collider_rows
 from clothfit.engine.inputs.interpolation import splined
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sub
+from clothfit.kernels.vectors import dot
 
 if TYPE_CHECKING:
     from clothfit.engine.inputs.body_files import Moving
@@ -98,12 +101,22 @@ def pose(poses, colliders, row, lead, h):
     bodies, step = colliders.bodies, min(max(row - lead, 0), len(poses.first) - 2)
     for m in range(len(poses.body)):
         b = poses.body[m]
-        begin, bodies.moves[b] = bodies.vertex[b], True
-        for v in range(bodies.vertex[b + 1] - begin):
-            store3(place_at(poses, row, m, v), bodies.place, begin + v)
-            way = sub(place_at(poses, step + 1, m, v), place_at(poses, step, m, v))
-            store3(mul(splat(1.0 / h), way), bodies.velocity, begin + v)
-        meshes.arrange(bodies, b)
+        begin, change, other, fastest = bodies.vertex[b], 0.0, not bodies.moves[b], 0.0
+        for k in range(begin, bodies.vertex[b + 1]):
+            v = k - begin
+            now, way = place_at(poses, row, m, v), sub(place_at(poses, step + 1, m, v), place_at(poses, step, m, v))
+            velocity = mul(splat(1.0 / h), way)
+            moved, turned = sub(now, load3(bodies.place, k)), sub(velocity, load3(bodies.velocity, k))
+            change, fastest = max(change, dot(moved, moved)), max(fastest, dot(velocity, velocity))
+            other = other or dot(turned, turned) > 0.0
+            store3(now, bodies.place, k)
+            store3(velocity, bodies.velocity, k)
+        if other or change > 0.0:
+            bodies.moves[b], bodies.fastest[b] = True, sqrt(fastest)
+            meshes.arrange(bodies, b)
+            for i in range(bodies.clear.shape[1]):
+                bodies.clear[b, i, 3] -= sqrt(change) / meshes.NEAR
+            collider_rows.forget_places(colliders)
 
 
 @kernel

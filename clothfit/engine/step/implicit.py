@@ -93,7 +93,7 @@ def assemble_newton(system, x, v, u, y, A, f, b):
     """Write y = x + h u, A at (y, u) and b = M (v − u) + h f(y, u) + A u, so that b − A u is Newton's residual."""
     h = system.h
     combine(1.0, x, h, u, y)
-    collider_rows.begin(system.colliders, x, 0.0)
+    collider_rows.begin(system.colliders, 0.0)
     assemble(system, y, u, True, A, b)
     sparse.multiply(A, u, b)
     add_mass(system.vertex.mass, 1.0, v, b)
@@ -108,7 +108,7 @@ def prepare(system, x, v, work):
     """The system of the first iteration, in the workspace; returns the kinetic and stored energy of the state, J, and
     the power of the weight, W (see `guard`): they come with it, almost free, where no collider moves.
     """
-    collider_rows.begin(system.colliders, x, system.h)
+    collider_rows.begin(system.colliders, system.h)
     keep_point(system.colliders, x, v, work.y, work.u)
     stored = assemble(system, x, v, False, work.A, work.b)
     kinetic, power = add_momentum(system.vertex, v, work.b)
@@ -342,7 +342,7 @@ def linearise(system, x, w, u, later, A, b, y, s):
 def offset(system, x, w, u, later, y, s):
     """The point y alone, and s."""
     h = system.h
-    collider_rows.begin(system.colliders, x, 0.0 if later else h)
+    collider_rows.begin(system.colliders, 0.0 if later else h)
     if later:
         combine(1.0, x, h, u, y)
         combine(h, w, -h, u, s)

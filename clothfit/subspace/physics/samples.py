@@ -191,8 +191,8 @@ def of_vertices(own: collider_rows.Colliders | None, vertices: Indices) -> colli
     meshes = meshes._replace(last=np.ascontiguousarray(meshes.last[:, vertices]))
     count = len(own.rows)
     places = (np.arange(count)[:, None] * (len(own.depth) // max(count, 1)) + vertices).ravel()
-    part = {name: getattr(own, name)[places] for name in ("depth", "point")}
-    whole = {name: getattr(own, name).copy() for name in ("rows", "turn", "span")}
+    part = {name: getattr(own, name)[places] for name in ("depth", "point", "origin")}
+    whole = {name: getattr(own, name).copy() for name in ("rows", "turn", "span", "carrier")}
     return own._replace(**part, **whole, on=np.ascontiguousarray(own.on[:, places]), bodies=meshes)
 
 

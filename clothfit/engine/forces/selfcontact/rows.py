@@ -79,7 +79,7 @@ def most(contact, y, k):
 
 
 @kernel
-def is_far(contact, k, way):
+def is_far(contact, y, k, way, depth):
     return not contact.on[contact.turn[0], k]
 
 
