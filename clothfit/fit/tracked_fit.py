@@ -26,7 +26,7 @@ from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
-from clothfit.fit.routes import BENDINGS, shares_of_bending
+from clothfit.fit.routes import BENDINGS, of_few_kinds, shares_of_bending
 from clothfit.fit.start import start_of, values_by
 from clothfit.fit.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
 from clothfit.motion.correspondence import SCANNED, Correspondence, weights_of_corners
@@ -128,7 +128,9 @@ def tracked_by_values(
     if scene.method == REST:
         few, found = by_folds(first if len(parameters(first)) <= FEW else few, scene, given, options, best)
     else:
-        few, found = by_windows([few, first] if len(parameters(first)) <= FEW else [few], scene, given, options)
+        models = [few, first] if len(parameters(first)) <= FEW else [few]
+        fewest = [of_few_kinds(first, parameters(first))] if options.auto else []
+        few, found = by_windows([*fewest, *models], scene, given, options)
     found = own_scenes(found, given)
     whole = objective_of(scene, found, options)
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
@@ -201,8 +203,8 @@ def at_times(scene: Scene, motion: Motion) -> Array:
 def by_windows(
     models: Sequence[Scene], scene: Scene, given: Sequence[Experiment], options: Request
 ) -> tuple[Scene, list[Experiment]]:
-    """The values that more and more frames lead to, and the targets tracked by them: in the first window those of
-    `models` from coarse to fine, then of the last.
+    """The values that more and more frames lead to, and the targets tracked by them: those of `models` from coarse to
+    fine, each from the first window on that the one before leaves more than noise of.
     """
     few, *finer = models
     longest, found = max(len(each.motion.times) for each in given), list(given)
@@ -210,7 +212,7 @@ def by_windows(
         found = by(few, scene, given, frames)
         before = few
         few = nearer(few, found, options)
-        while finer:
+        while finer and leaves_more(few, found[0].motion):
             few = nearer(with_parameters(finer[0], values_by(few, finer.pop(0))), found, options)
     return few, found if few is before else by(few, scene, given, longest)
 
