@@ -336,8 +336,7 @@ def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
 
 
 def of_few_kinds(scene: Scene, start: Array, others: Sequence[str] = ()) -> Scene:
-    """The scene with one factor on stiffnesses, damping and some `others` alone fitted, the rest as in the `start` (P,).
-    """
+    """The scene with one factor on stiffnesses, damping and some `others` fitted, the rest as in the `start` (P,)."""
     gone = tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in others)
     return hierarchy.as_model(frame_blocks.without(scene, start, gone), FEWEST, exactly=True)
 

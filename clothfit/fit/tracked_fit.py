@@ -19,6 +19,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
 from clothfit.fit.continuation import LEAST, Even, some_steps, with_nudging
@@ -39,7 +40,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.prior import first, guard
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
-from clothfit.registration.tracking import FINE, TRIM, median_edge, tracked
+from clothfit.registration.tracking import FINE, MOSTLY, TRIM, median_edge, tracked
 from clothfit.scene.cloth import together
 from clothfit.scene.directions import edges_of
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -75,6 +76,11 @@ LEFT_BEHIND = (
 FOLDS = (
     "the cloth {}: points are {} off it (RMS), of which {} are noise, so its values mean little; scan all of the hem, "
     "take a finer mesh, or begin with values that are nearer (--start, new --fabric)"
+)
+
+ELSEWHERE = (
+    "{}: a quarter of its points are {} or more off the cloth even after it was drawn to them: cut away what is not "
+    "cloth, as a table or a pedestal, and check its unit and axes (--scale, --up)"
 )
 
 OWN_FOLDS = (
@@ -245,6 +251,7 @@ def by_folds(
     with suppress(interrupts.OutOfTime), interrupts.limited(seconds):
         for factor in BENDINGS[1:] if bends.any() else ():
             hang(factor)
+    check_near(given, trials[0][2])
     about = hung[0][1]
     found = mended(about, [own for _, _, own in trials], scene, given)
     few, found, _ = let_go(about, found, scene, given, REACHES[0], options, about)
@@ -264,6 +271,15 @@ def by_folds(
             least, best = away, (trial, free)
             kept.append(Tracks(own_scenes(free, given), trial, HURRIED))
     return best
+
+
+def check_near(given: Sequence[Experiment], tracks: Sequence[Experiment]) -> None:
+    """Raise InvalidMotion where most points of a scan are more than an edge off a cloth that was drawn to them."""
+    for (motion, scene), (own, _) in zip(given, tracks, strict=True):
+        if motion.correspondence.mesh is not None:
+            away = np.abs(motion.correspondence.feet(own.positions[-1], len(motion.times) - 1).gaps)
+            if np.quantile(away, MOSTLY) > median_edge(scene):
+                raise InvalidMotion(ELSEWHERE.format(motion.name, metres(float(np.quantile(away, MOSTLY)))))
 
 
 def mended(
