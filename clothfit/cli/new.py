@@ -83,9 +83,8 @@ class NewOptions:
     move: str | None = tuned("--move X,Y,Z", "Then move by these distances in m.")
     fabric: str | None = given("--fabric NAME", "Real fabric, of those that clothfit fabrics lists: its weight, and "
         "where they are known stretch and bending, for the options below.", title="What it is made of")
-    density: float = given("--density D", "Mass per area in kg/m².  [default: 0.2]", float, default=DENSITY)
-    stiffness: float = given("--stiffness E", "Stiffness of the springs in N/m.  [default: 50]", float,
-        default=STIFFNESS)
+    density: float | None = given("--density D", "Mass per area in kg/m².  [default: the fabric's, else 0.2]", float)
+    stiffness: float | None = given("--stiffness E", "Stiffness of the springs in N/m.  [default: 50]", float)
     bending: float | None = tuned("--bending SHARE", "Stiffness of bending springs, as a share of --stiffness.  "
         "[default: 0.25]", float)
     no_bending: bool = tuned("--no-bending", "Make springs along edges only.")
@@ -150,19 +149,18 @@ class NewOptions:
             raise click.UsageError("--fix-vertices is for one cloth; use --fix-box or --fix-side for several")
         positive("--fps", self.fps)
         own = self.preset
-        if own and own.density and self.density != DENSITY:
-            raise click.UsageError(f"the density of {own.name} is known; leave out --density, or --fabric")
-        if own and own.full("stretch") and self.stiffness != STIFFNESS:
+        if own and own.full("stretch") and self.stiffness is not None:
             raise click.UsageError(f"the stretch of {own.name} is known; leave out --stiffness, or --fabric")
         if own and (own.full("stretch") or own.full("bending")) and (self.no_bending or self.bending is not None):
             raise click.UsageError("--bending and --no-bending are for cloth without --fabric; leave them out")
 
     @property
     def preset(self) -> Preset | None:
-        """The real fabric. Raises InvalidInput."""
+        """The real fabric, of the density that is given, if one is. Raises InvalidInput."""
         from clothfit.fabric.presets import preset
 
-        return None if self.fabric is None else preset(self.fabric)
+        own = None if self.fabric is None else preset(self.fabric)
+        return own if own is None or self.density is None else replace(own, density=self.density)
 
     def of_specimen(self) -> NewOptions:
         """The options with the defaults of specimens, which are at rest, in the directions of the fabric."""
@@ -357,8 +355,10 @@ def made_of(cloth: Cloth, given: NewOptions, bodies: list[dict[str, Any]], mesh_
 
     cloth = cloth._replace(mesh=cloth.mesh._replace(positions=placed(cloth.mesh, given)))
     delta, frames = given.timing(cloth.shape)
+    density = DENSITY if given.density is None else given.density
+    stiffness = STIFFNESS if given.stiffness is None else given.stiffness
     return new_scene(
-        cloth.mesh, held(cloth, given, console), density=given.density, stiffness=given.stiffness,
+        cloth.mesh, held(cloth, given, console), density=density, stiffness=stiffness,
         bending=not given.no_bending if given.bending is None else given.bending, damping=given.damping,
         drag=given.drag_of(cloth.mesh), drag_law=given.drag_law, fit=given.letters, fits=given.kinds,
         spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in given.sphere], colliders=bodies,

@@ -320,8 +320,8 @@ def with_few(fit: Fitting, best: Few) -> None:
 
 def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     """What few values come to, the rest as in the `start` (P,)."""
-    whole, gone = fit.search.objective, tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in others)
-    fewer = whole.flagging(hierarchy.as_model(frame_blocks.without(whole.scene, start, gone), FEWEST, exactly=True))
+    whole = fit.search.objective
+    fewer = whole.flagging(of_few_kinds(whole.scene, start, others))
     search = fit.search.subsearch(fewer, parameters(fewer.scene), np.inf)
     search.longest = PART * (LONGEST if fit.options.time_limit is None else fit.options.time_limit)
     trial, exact = Trial(search), list[tuple[Objective, Array]]()
@@ -333,6 +333,12 @@ def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     p = exact[-1][1] if chaotic else search.best.p
     cost = fewer.cost_or_infinity(p) if chaotic else search.best.cost
     return Few(fewer, p, start, others, cost, explains, chaotic)
+
+
+def of_few_kinds(scene: Scene, start: Array, others: Sequence[str] = ()) -> Scene:
+    """The scene with one factor on stiffnesses, damping and some `others` fitted, the rest as in the `start` (P,)."""
+    gone = tuple(kind for kind in ("drag", *frame_blocks.CHOSEN) if kind not in others)
+    return hierarchy.as_model(frame_blocks.without(scene, start, gone), FEWEST, exactly=True)
 
 
 def with_best_step(fit: Fitting) -> None:

@@ -160,7 +160,7 @@ class Trial:
         try:
             with threads.single(), interrupts.heard():
                 yield
-        except (Stop, Diverged):
+        except (Stop, Diverged, np.linalg.LinAlgError):
             pass
         except (InvalidInput, KeyboardInterrupt) as end:  # the former: too little memory for so many steps
             if self.first and not np.isfinite(self.search.best.cost):

@@ -19,6 +19,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
 from clothfit.fit.continuation import LEAST, Even, some_steps, with_nudging
@@ -26,7 +27,7 @@ from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
-from clothfit.fit.routes import BENDINGS, shares_of_bending
+from clothfit.fit.routes import BENDINGS, of_few_kinds, shares_of_bending
 from clothfit.fit.start import start_of, values_by
 from clothfit.fit.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
 from clothfit.motion.correspondence import SCANNED, Correspondence, weights_of_corners
@@ -39,7 +40,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.prior import first, guard
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
-from clothfit.registration.tracking import FINE, TRIM, median_edge, tracked
+from clothfit.registration.tracking import FINE, MOSTLY, TRIM, median_edge, tracked
 from clothfit.scene.cloth import together
 from clothfit.scene.directions import edges_of
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -75,6 +76,11 @@ LEFT_BEHIND = (
 FOLDS = (
     "the cloth {}: points are {} off it (RMS), of which {} are noise, so its values mean little; scan all of the hem, "
     "take a finer mesh, or begin with values that are nearer (--start, new --fabric)"
+)
+
+ELSEWHERE = (
+    "{}: a quarter of its points are {} or more off the cloth even after it was drawn to them: cut away what is not "
+    "cloth, as a table or a pedestal, and check its unit and axes (--scale, --up)"
 )
 
 OWN_FOLDS = (
@@ -128,7 +134,9 @@ def tracked_by_values(
     if scene.method == REST:
         few, found = by_folds(first if len(parameters(first)) <= FEW else few, scene, given, options, best)
     else:
-        few, found = by_windows([few, first] if len(parameters(first)) <= FEW else [few], scene, given, options)
+        models = [few, first] if len(parameters(first)) <= FEW else [few]
+        fewest = [of_few_kinds(first, parameters(first))] if options.auto else []
+        few, found = by_windows([*fewest, *models], scene, given, options)
     found = own_scenes(found, given)
     whole = objective_of(scene, found, options)
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
@@ -201,8 +209,8 @@ def at_times(scene: Scene, motion: Motion) -> Array:
 def by_windows(
     models: Sequence[Scene], scene: Scene, given: Sequence[Experiment], options: Request
 ) -> tuple[Scene, list[Experiment]]:
-    """The values that more and more frames lead to, and the targets tracked by them: in the first window those of
-    `models` from coarse to fine, then of the last.
+    """The values that more and more frames lead to, and the targets tracked by them: those of `models` from coarse to
+    fine, each from the first window on that the one before leaves more than noise of.
     """
     few, *finer = models
     longest, found = max(len(each.motion.times) for each in given), list(given)
@@ -210,7 +218,7 @@ def by_windows(
         found = by(few, scene, given, frames)
         before = few
         few = nearer(few, found, options)
-        while finer:
+        while finer and leaves_more(few, found[0].motion):
             few = nearer(with_parameters(finer[0], values_by(few, finer.pop(0))), found, options)
     return few, found if few is before else by(few, scene, given, longest)
 
@@ -243,6 +251,7 @@ def by_folds(
     with suppress(interrupts.OutOfTime), interrupts.limited(seconds):
         for factor in BENDINGS[1:] if bends.any() else ():
             hang(factor)
+    check_near(given, trials[0][2])
     about = hung[0][1]
     found = mended(about, [own for _, _, own in trials], scene, given)
     few, found, _ = let_go(about, found, scene, given, REACHES[0], options, about)
@@ -262,6 +271,15 @@ def by_folds(
             least, best = away, (trial, free)
             kept.append(Tracks(own_scenes(free, given), trial, HURRIED))
     return best
+
+
+def check_near(given: Sequence[Experiment], tracks: Sequence[Experiment]) -> None:
+    """Raise InvalidMotion where most points of a scan are more than an edge off a cloth that was drawn to them."""
+    for (motion, scene), (own, _) in zip(given, tracks, strict=True):
+        if motion.correspondence.mesh is not None:
+            away = np.abs(motion.correspondence.feet(own.positions[-1], len(motion.times) - 1).gaps)
+            if np.quantile(away, MOSTLY) > median_edge(scene):
+                raise InvalidMotion(ELSEWHERE.format(motion.name, metres(float(np.quantile(away, MOSTLY)))))
 
 
 def mended(

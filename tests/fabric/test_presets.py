@@ -80,5 +80,9 @@ def test_commands_list_fabrics_make_scenes_of_them_and_show_them(tmp_path):
     assert own.bending_at_rest == pytest.approx(denim.bending, rel=0.01)
     shown = json.loads(run(group, ["info", path, "--json"]).stdout)["objects"][0]["fabric"]
     assert shown["stretch"] == pytest.approx(own.stretch)
-    both = run(group, ["new", "plane", "--fabric", "denim", "--density", "0.1", "-o", path])
-    assert both.exit_code == 2
+    both = run(group, ["new", "plane", "--fabric", "denim", "--density", "0.2", "-o", path])
+    assert both.exit_code == 0, both.output
+    weighed = fabric_of(load(path).cloths[0])
+    assert weighed.density == pytest.approx(0.2)
+    assert weighed.bending_at_rest == pytest.approx(denim.bending, rel=0.01)
+    assert run(group, ["new", "plane", "--fabric", "denim", "--stiffness", "50", "-o", path]).exit_code == 2

@@ -8,7 +8,7 @@ from helpers.strangers import small, with_finer_steps
 
 from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.fit.continuation import frame_interval, last_time, with_interval, with_substeps
-from clothfit.fit.step_choice import COUNTS, chosen, finer
+from clothfit.fit.step_choice import COUNTS, Trial, chosen, finer
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
@@ -124,6 +124,21 @@ def test_finer_steps_end_where_they_stop_to_pay():
     assert not found.leaves_noise
     assert max(each.substeps for each in found.tried) < max(COUNTS)
     assert found.objective.rmse(found.cost) <= 1.05 * min(each.rmse for each in found.tried)
+
+
+def test_a_trial_whose_equations_have_no_solution_ends_alone():
+    """As one that diverges: a motion far beyond its target may have an exactly singular step."""
+    scene = small("nF", 24)
+    search = Search(objective(scene, simulate(scene)), 1.3 * parameters(scene), ENOUGH, 10**4)
+
+    def singular(own):
+        own.visit(own.start)
+        np.linalg.inv(np.zeros((1, 1)))
+
+    trial = Trial(search)
+    trial.run(singular)
+    assert np.isfinite(search.best.cost)
+    assert not trial.ended
 
 
 # --- a look at finer steps

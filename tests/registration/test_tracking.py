@@ -137,6 +137,18 @@ def test_noise_does_not_shake_a_cloth_that_is_where_the_points_are(tmp_path, met
 
 
 @pytest.mark.slow
+def test_a_fit_that_chooses_by_itself_tracks_by_few_kinds_where_these_explain_a_scan(tmp_path):
+    """Wind and gravity, which are free as well, would take the place of a stiffness that is five times as large."""
+    scan = read(as_npz(tmp_path, cloud(noise=2e-3)))
+    fit = estimate(with_parameters(SCENE, np.array([5.0 * FACTOR])), scan, fit=("auto",), intervals=False)
+    found = simulate(fit.scene.with_step(fit.scene.delta, MOTION.positions.shape[0]))
+    away = np.sqrt(((found.positions - MOTION.positions) ** 2).sum(axis=2).mean())
+    assert away < 2e-4  # a tenth of the noise, by 9,600 points
+    assert np.array_equal(fit.scene.gravity, SCENE.gravity)
+    assert np.array_equal(fit.scene.wind, SCENE.wind)
+
+
+@pytest.mark.slow
 def test_families_come_out_of_a_scan_each_by_itself(tmp_path):
     """From equal factors, far off, though one factor alone cannot bring the cloth to the points."""
     scene = sheet(letters="nR", frames=24)
