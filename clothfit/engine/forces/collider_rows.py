@@ -73,7 +73,7 @@ class Colliders(NamedTuple):
     span: Array  # (2,), h, s, of a step that is linearised where it begins, else 0; and of the last such step
     point: Array  # (C n, 3), m, p of each vertex in such a step, found when it is asked for
     origin: Array  # (C n, 3), m, the x that it belongs to, NaN where it is not known
-    carrier: Array  # (C, 10, 3), the rows that all p belong to
+    posed: Array  # (C, 10, 3), the rows that all p belong to
     bodies: meshes.Bodies  # the meshes
     begin: Array  # (C, n, 4), d, m, and n of each vertex at the start, 0 where it may be pushed at once; or (0, 0, 4)
     release: Array  # (C,), s, in which what begins inside leaves
@@ -114,8 +114,8 @@ def build(
     on, turn = np.zeros((iterations, len(shape) * count), bool), np.zeros(1, np.int32)
     times = np.array(release if len(release) else np.zeros(len(shape)), float)
     depth = np.full(on.shape[1], np.inf)
-    span, point, carrier = np.zeros(2), np.zeros((on.shape[1], 3)), np.full(rows.shape, np.nan)
-    places = span, point, np.full(point.shape, np.nan), carrier
+    span, point, posed = np.zeros(2), np.zeros((on.shape[1], 3)), np.full(rows.shape, np.nan)
+    places = span, point, np.full(point.shape, np.nan), posed
     return Colliders(rows, on, turn, depth, *places, bodies or meshes.build([], count), NOBODY, times)
 
 
@@ -156,7 +156,7 @@ def held(colliders, c, i):
 
 def copied(colliders: Colliders) -> Colliders:
     """The same colliders with memory of their own for what changes."""
-    names = "rows", "on", "turn", "depth", "span", "point", "origin", "carrier"
+    names = "rows", "on", "turn", "depth", "span", "point", "origin", "posed"
     own = {name: getattr(colliders, name).copy() for name in names}
     return colliders._replace(**own, bodies=meshes.copied(colliders.bodies))
 
@@ -282,12 +282,12 @@ def begin(colliders, h):
         for c in range(len(colliders.rows)):
             for j in range(colliders.rows.shape[1]):
                 for axis in range(3):
-                    same = same and colliders.rows[c, j, axis] == colliders.carrier[c, j, axis]
+                    same = same and colliders.rows[c, j, axis] == colliders.posed[c, j, axis]
         if not same:
             forget_places(colliders)
             colliders.span[1] = h
             for c in range(len(colliders.rows)):
-                copy(colliders.rows[c], colliders.carrier[c])
+                copy(colliders.rows[c], colliders.posed[c])
 
 
 @kernel(absent=None)

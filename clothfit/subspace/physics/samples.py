@@ -192,7 +192,7 @@ def of_vertices(own: collider_rows.Colliders | None, vertices: Indices) -> colli
     count = len(own.rows)
     places = (np.arange(count)[:, None] * (len(own.depth) // max(count, 1)) + vertices).ravel()
     part = {name: getattr(own, name)[places] for name in ("depth", "point", "origin")}
-    whole = {name: getattr(own, name).copy() for name in ("rows", "turn", "span", "carrier")}
+    whole = {name: getattr(own, name).copy() for name in ("rows", "turn", "span", "posed")}
     return own._replace(**part, **whole, on=np.ascontiguousarray(own.on[:, places]), bodies=meshes)
 
 
