@@ -10,7 +10,7 @@ from helpers.fits import estimate
 from scipy.integrate import solve_bvp
 
 import clothfit
-from clothfit.base.errors import InvalidScene
+from clothfit.base.errors import InvalidMotion, InvalidScene
 from clothfit.engine.system import build
 from clothfit.fabric.presets import preset
 from clothfit.meshes.new_scene import new_scene
@@ -267,6 +267,19 @@ def test_a_drape_is_found_in_the_folds_of_its_scan(tmp_path):
     assert fit.status == "converged"
     assert "folds" not in [hint.code for hint in fit.hints]
     assert clothfit.parameters(fit.scene, scene)[bends] == pytest.approx(2.0, rel=0.12)
+
+
+@pytest.mark.slow
+def test_a_scan_that_is_mostly_table_is_refused(tmp_path):
+    """As many points of a table, a radius below the cloth and four wide, as of the cloth."""
+    scene = hung(DRAPE, 6, fit="nF")
+    path, x = scan_of(tmp_path / "scan.npz", scene, np.array([2.0]))
+    points = np.load(path)["points"]
+    table = x.mean(axis=0) + np.ptp(x) * np.random.default_rng(3).uniform(-1.0, 1.0, points.shape)
+    table[:, 1] = x[:, 1].min() - 0.5 * np.ptp(x)
+    np.savez(path, points=np.concatenate([points, table]), first=[0, 2 * len(points)])
+    with pytest.raises(InvalidMotion, match="cut away what is not cloth"):
+        estimate(scene, path)
 
 
 def test_other_folds_than_those_of_a_scan_are_said(tmp_path):
