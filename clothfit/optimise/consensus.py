@@ -115,7 +115,7 @@ def consensus(rows: Equations, known: Flags) -> Flags:
                 found = agreeing(patch.by_families if rough else patch, rough)
                 rows.own |= found.own and not rough
                 if found.steps.any():
-                    rows.agreed[before + patch.steps] = found.steps
+                    rows.agreed[before + patch.steps], rows.rough = found.steps, rows.rough or rough
                     break
     return rows.agreed & known
 
@@ -143,9 +143,16 @@ def vote(part: Rows) -> bool:
 
 
 def balanced_beside(rows: Equations, known: Flags, agreed: Flags) -> Flags:
-    """Which of the known steps (S,) are in balance beside those that have agreed."""
-    away = relative(*rows.sizes(balanced(rows, agreed)))
-    rows.sure = bool(away[agreed].max() <= EXACT)
+    """Which of the known steps (S,) are in balance beside those that have agreed; where a patch has shown that roughly,
+    beside those of them that no others leave out of balance in the cloth as a whole.
+    """
+    for _ in range(ROUNDS):
+        away = relative(*rows.sizes(balanced(rows, agreed)))
+        rows.sure = bool(away[agreed].max() <= EXACT)
+        even = agreed & (away <= UNEVEN * np.median(away[agreed]))
+        if not rows.rough or np.array_equal(even, agreed):
+            break
+        agreed = even
     return known & is_sharp(away, away[agreed])
 
 

@@ -18,7 +18,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise import along_target, momentum
 from clothfit.optimise.along_target import AlongTarget, SingleSteps
 from clothfit.optimise.balances import Equations, Patch, Rows, Track, balances, relative, smoothed, summed_twice, track
-from clothfit.optimise.consensus import agreeing, in_balance, trimmed
+from clothfit.optimise.consensus import agreeing, balanced_beside, in_balance, trimmed
 from clothfit.optimise.momentum import ANCHORED, TREATMENTS, Treatment
 from clothfit.scene.fit_vector import parameters, with_parameters
 
@@ -312,7 +312,7 @@ class Dense:
 
     def __init__(self, C, r):
         self.C, self.r, self.counts = C, r, np.full(len(C), C.shape[1])
-        self.Q, self.agreed, self.own = C.shape[2], None, False
+        self.Q, self.agreed, self.own, self.rough = C.shape[2], None, False, False
 
     def sizes(self, q):
         away, terms = self.r - self.C @ q, np.abs(self.C) @ np.abs(q)
@@ -344,6 +344,21 @@ def test_what_is_left_out_is_little_unless_the_rest_is_exact(out, noise, kept):
     r = C @ q + noise * rng.normal(size=(40, 30))
     r[:out] += rng.normal(size=(out, 30))
     assert kept_of(C, r).sum() == kept
+
+
+@pytest.mark.parametrize(("rough", "kept"), [(True, 17), (False, 18)])
+def test_a_step_that_agrees_roughly_in_a_patch_is_left_out_where_the_rest_of_the_cloth_does_not(rough, kept):
+    # 18 steps of 40 by a patch, of which one has rows of twice the size and values 4 % off; rounding leaves 0.1 %
+    rng = np.random.default_rng(0)
+    C, q, agreed = rng.normal(size=(40, 30, 5)), rng.normal(size=5), np.arange(40) < 18
+    C[17] *= 2.0
+    r = C @ q + 1e-3 * rng.normal(size=(40, 30))
+    r[17] = 1.04 * (C[17] @ q)
+    r[18:] += rng.normal(size=(22, 30))
+    rows = Dense(C, r)
+    rows.rough = rough
+    found = balanced_beside(rows, rows.counts > 0, agreed)
+    assert np.flatnonzero(found).tolist() == list(range(kept))
 
 
 @pytest.mark.parametrize(("steps", "count"), [(10, 0), (0, 2), (2, 2)])
