@@ -36,6 +36,7 @@ import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.eigen import connected_components
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.sampling import moved
 from clothfit.engine.system import BDF2
@@ -319,14 +320,9 @@ def unseen_pins(
     their part, which springs join, are seen to be `moving`: by the affine map from where these begin to where they are
     that is nearest, and moves all alike in directions in which they hardly extend.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     cloth, x, shown = scene.cloths[i], motion.of(i), seen.any(axis=0)
     times = np.union1d(0.0, motion.times[seen.any(axis=1)])
-    first, second = cloth.springs[cloth.fixed[cloth.springs].all(axis=1)].T
-    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(free),) * 2)
-    part = connected_components(graph, directed=False)[1]
+    part = connected_components(cloth.springs[cloth.fixed[cloth.springs].all(axis=1)], len(free))
     for each in np.unique(part[list(moving)]):
         known, hidden = (np.flatnonzero(free & (part == each) & rows) for rows in (shown, ~shown))
         paths = [keyed(motion.times[seen[:, v]], x[seen[:, v], v], cloth.positions[v]) for v in known]

@@ -278,8 +278,9 @@ def check_near(given: Sequence[Experiment], tracks: Sequence[Experiment]) -> Non
     for (motion, scene), (own, _) in zip(given, tracks, strict=True):
         if motion.correspondence.mesh is not None:
             away = np.abs(motion.correspondence.feet(own.positions[-1], len(motion.times) - 1).gaps)
-            if np.quantile(away, MOSTLY) > median_edge(scene):
-                raise InvalidMotion(ELSEWHERE.format(motion.name, metres(float(np.quantile(away, MOSTLY)))))
+            far = float(np.quantile(away, MOSTLY))
+            if far > median_edge(scene):
+                raise InvalidMotion(ELSEWHERE.format(motion.name, metres(far)))
 
 
 def mended(

@@ -152,9 +152,8 @@ def closed_up(frames: Array, mesh: Mesh) -> tuple[Array, Mesh, str]:
     narrow that a back would have more rim than the hole has area; else it gets a back behind its faces, and a rim.
     """
     import numpy as np
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
 
+    from clothfit.base.eigen import connected_components
     from clothfit.formats.animation import normals_at
     from clothfit.meshes.mesh import any_sides, areas
     from clothfit.pictures.camera import normals
@@ -167,13 +166,14 @@ def closed_up(frames: Array, mesh: Mesh) -> tuple[Array, Mesh, str]:
     ways = triangles[rim // 3][:, [[0, 1], [2, 0], [1, 2]]][np.arange(len(rim)), rim % 3]  # as their triangles go
     i, j = ways.T
     edge, of = np.unique(ways, return_inverse=True)
-    first, second = of.reshape(ways.shape).T
-    holes, label = connected_components(coo_array((np.ones(len(i)), (first, second)), shape=(len(edge),) * 2), False)
-    middles = np.stack([frames[:, edge[label == hole]].mean(axis=1) for hole in range(holes)], axis=1)
-    lids = np.stack([j, i, count + label[first]], 1).astype(np.int32)
-    filled, length = np.concatenate([frames, middles], axis=1), np.linalg.norm(frames[0, i] - frames[0, j], axis=1)
-    area = np.bincount(label[first], areas(type(mesh)(filled[0], lids)))
-    if (area <= depth * np.bincount(label[first], length)).all():
+    ends = of.reshape(ways.shape)
+    label = connected_components(ends, len(edge))
+    holes, own = int(label.max(initial=-1)) + 1, label[ends[:, 0]]
+    middles = (frames[:, edge[label == hole]].mean(axis=1, keepdims=True) for hole in range(holes))
+    lids = np.stack([j, i, count + own], 1).astype(np.int32)
+    filled, length = np.concatenate([frames, *middles], axis=1), np.linalg.norm(frames[0, i] - frames[0, j], axis=1)
+    area = np.bincount(own, areas(type(mesh)(filled[0], lids)))
+    if (area <= depth * np.bincount(own, length)).all():
         whole = np.concatenate([triangles, lids]).astype(np.int32)
         return filled, type(mesh)(filled[0], whole), f"{counted(holes, 'hole is', 'holes are')} closed"
     up = normals(frames[0], triangles).sum(axis=0)[1]  # what is level is solid below

@@ -157,10 +157,11 @@ def clear(A):
 
 
 @kernel
-def join(blocks, others):
-    """blocks += others."""
-    for k in range(len(blocks)):
-        add_times(1.0, load8f(others, k, 0), blocks, k)
+def join(A, other):
+    """A += other, of the same pattern."""
+    for blocks, more in ((A.diagonal, other.diagonal), (A.upper, other.upper)):
+        for k in range(len(blocks)):
+            add_times(1.0, load8f(more, k, 0), blocks, k)
 
 
 @kernel

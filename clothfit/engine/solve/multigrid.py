@@ -162,8 +162,7 @@ def round_block(blocks, i, out, k):
 def prepare_coarse(hierarchy, anyhow):
     """The coarser levels, when the parts of all subdomains are there; returns what `prepare` does."""
     middle, last, share = hierarchy.levels[1], hierarchy.levels[2], hierarchy.share
-    coarsening.join(middle.A.diagonal, share.diagonal)
-    coarsening.join(middle.A.upper, share.upper)
+    coarsening.join(middle.A, share)
     if invert(middle, 0, len(middle.A.order), anyhow) > 0.0:
         return False
     coarsening.clear(last.A)
