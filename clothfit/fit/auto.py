@@ -180,7 +180,7 @@ def by_momentum(
         if beginning is not None and begun > beginning.cost_at_rest:
             continue
         search.own |= balances.own
-        if many and (search.own or rounded) and common_values.simplify(search, p):
+        if many and (search.own or rounded) and common_values.simplify(search, p, balances):
             takes_each_step(search)
             return [search.best.p]
         if rounded:

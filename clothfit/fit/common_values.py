@@ -2,32 +2,39 @@
 
 Values one by one carry the rounding of their target, or of the solver: of a few parts in ten thousand, which a cloth
 that buckles makes millimetres of. Most fabrics have few different values, often written with few digits. So values are
-rounded to one digit, to two, …; those that many share once they are rounded are taken for one value, their median, and
-others for the nearest of these; then the medians are rounded, too. What moves the first frames no farther from the
-target than what rounding leaves is tried on all of them. Where no short numbers reproduce these, Gauss–Newton by the
-common values alone goes on over longer and longer windows. As any point of a search, none is kept that is no nearer.
+rounded to one digit, to two, …; those that many share once they are rounded are taken for one value, and others for
+the nearest of these. The balances that have given the values say how near any others are to them (`fewest`): a value
+that hardly shows by itself goes where it fits beside its neighbours, and groups that tell no more apart than scatter
+are one. Then common values are rounded, too. What moves the first frames no farther from the target than what rounding
+leaves is tried on all of them. Where no short numbers reproduce these, Gauss–Newton by the common values alone goes on
+over longer and longer windows. As any point of a search, none is kept that is no nearer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.fit import continuation, hierarchy
 from clothfit.fit.trajectory_fit import first_window, window_lengths
 from clothfit.motion.degrade import digits
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.optimise.gauss_newton import Patience
+from clothfit.optimise.momentum import Momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.directions import Slots
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 FEWEST, SHARE = 8, 0.01
 """Values that share one, at least, and their share of all."""
@@ -45,13 +52,22 @@ LEAST_ERROR, ROUNDED = 1e-8, 0.6
 GROWTH, STEPS, SAVING, PATIENCE = 1.5, 6, 1e-3, Patience(1, 1e-3, 1e-3)
 """Of the windows of Gauss–Newton: the ratio of one to the one before, iterations in each, and what ends it."""
 
+RELATIVE_ROUNDING = 1e-12
+"""What a change of a value must at least gain, relative to what the value itself makes of the balances."""
 
-def simplify(search: Search, p: Array) -> bool:
-    """Try the simplest values near p (P,); whether some of them reproduce the target to its rounding. Raises Stop."""
+
+def simplify(search: Search, p: Array, balances: Momentum) -> bool:
+    """Try the simplest values near p (P,), which these balances have given; whether some of them reproduce the target
+    to its rounding. Raises Stop.
+    """
     whole = search.objective
-    window = whole.until(first_window(whole), whole.tolerance)
+    window, tried = whole.until(first_window(whole), whole.tolerance), np.zeros(len(p))
     try:
-        for values, labels in of_groups(search, p):
+        for labels in of_groups(search, p):
+            values, labels = fewer(search, balances, p, labels)
+            if np.allclose(values, tried, rtol=RELATIVE_ROUNDING, atol=0.0):
+                continue
+            tried = values
             if by_short_numbers(search, window, values, labels):
                 return True
             if (found := by_groups(search, values, labels)) is not None:
@@ -77,22 +93,88 @@ def by_short_numbers(search: Search, window: Objective, values: Array, labels: S
     return False
 
 
-def of_groups(search: Search, p: Array) -> Iterator[tuple[Array, Slots]]:
-    """p (P,) with common values, and the group of each (P,), −1 of those that have none: first few groups, then more.
-    """
-    before = np.zeros(0)
+def of_groups(search: Search, p: Array) -> Iterator[Slots]:
+    """The group of each of p (P,), −1 of those that have none: first few groups, then more."""
     for count in range(1, MOST_DIGITS + 1):
-        values, labels = p.copy(), np.full(len(p), -1)
+        labels = np.full(len(p), -1)
         for block in search.objective.blocks:
             if block.name in LETTERED and block.mode == "L":
                 known = np.arange(len(p))[block.part]
                 known = known[search.fitted[known] & (p[known] != search.start[known]) & (p[known] > 0)]
                 labels[known] = grouped(p[known], count, labels.max() + 1)
-        for group in range(labels.max() + 1):
-            values[labels == group] = np.median(p[labels == group])
-        if labels.max() >= 0 and not np.array_equal(values, before):
-            before = values
-            yield values, labels
+        if labels.max() >= 0:
+            yield labels
+
+
+def fewer(search: Search, balances: Momentum, p: Array, labels: Slots) -> tuple[Array, Slots]:
+    """p (P,) with common values for groups, and the group of each (P,), from `labels` (P,) on, as `fewest` of the
+    values of each cloth has them.
+    """
+    labels, values = labels.copy(), p.copy()
+    block = np.repeat(np.arange(len(search.objective.blocks)), [each.count for each in search.objective.blocks])
+    for places, H in balances.normals.values():
+        known = labels[places] >= 0
+        own, first = places[known], labels.max() + 1
+        values[own], of = fewest(H[known][:, known], p[own], labels[own], block[own])
+        labels[own] = first + of
+    return values, np.where(labels >= 0, np.unique(labels, return_inverse=True)[1] - (labels.min() < 0), -1)
+
+
+def fewest(H: csr_array, p: Array, of: Slots, block: Slots) -> tuple[Array, Slots]:
+    """The values (P,) and groups (P,), from groups `of` (P,) on, where (x - p)ᵀ H (x - p) of values x that each group
+    shares is least by the choice of these, and no less by another group of its block for one of p (P,). Groups become
+    one where that no more than doubles it: they scatter no farther than values of each do.
+    """
+    rounding = RELATIVE_ROUNDING * (p @ (H @ p))
+    while len(p):
+        _, first, of = np.unique(of, return_index=True, return_inverse=True)
+        of = rearranged(H, p, of, centres(H, p, of)[0], block[:, None] == block[first])
+        _, first, of = np.unique(of, return_index=True, return_inverse=True)
+        c, inverse, left = centres(H, p, of)
+        size, home = np.diag(inverse), block[first]
+        apart = (home[:, None] != home) | np.eye(len(c), dtype=bool)
+        rise = (c[:, None] - c) ** 2 / np.where(apart, 1.0, size[:, None] + size - 2.0 * inverse)
+        i, j = divmod(int(np.where(apart, np.inf, rise).argmin()), len(c))
+        if apart[i, j] or rise[i, j] > left + rounding:
+            return c[of], of
+        of = np.where(of == j, i, of)
+    return p, of
+
+
+def centres(H: csr_array, p: Array, of: Slots) -> tuple[Array, Array, float]:
+    """The values (K,) of the groups `of` (P,) where (x - p)ᵀ H (x - p) is least, half of the inverse of its second
+    derivative by them (K, K), and what is left.
+    """
+    from scipy.sparse import csr_array
+
+    E = csr_array((np.ones(len(p)), (np.arange(len(p)), of)))
+    x = (E.T @ p) / E.sum(axis=0)
+    inverse = np.linalg.pinv((E.T @ (H @ E)).toarray(), hermitian=True)
+    x = x + inverse @ (E.T @ (H @ (p - E @ x)))
+    away = E @ x - p
+    return x, inverse, float(away @ (H @ away))
+
+
+def rearranged(H: csr_array, p: Array, chosen: Slots, centres: Array, may: Flags) -> Slots:
+    """Which of the centres (K,) each of p (P,) has, of those that it `may` have (P, K), where (x - p)ᵀ H (x - p) of the
+    centres x (P,) becomes no less by another for one of them: from those `chosen` (P,), and of neighbours the one that
+    gains most changes first. Iterated conditional modes: J. Besag, On the statistical analysis of dirty pictures,
+    Journal of the Royal Statistical Society B 48, 1986.
+    """
+    size, each = H.diagonal(), np.arange(len(p))
+    row = np.repeat(each, np.diff(H.indptr))
+    while True:
+        x = centres[chosen]
+        step = centres - x[:, None]
+        saved = -step * (2.0 * (H @ (x - p))[:, None] + size[:, None] * step)
+        saved = np.where(may & (saved > RELATIVE_ROUNDING * size[:, None] * centres**2), saved, 0.0)
+        most, order, before = saved.max(axis=1), np.zeros(len(p), int), np.full(len(p), -1)
+        order[np.argsort(most)] = each
+        np.maximum.at(before, row, np.where(H.indices == row, -1, order[H.indices]))
+        changed = (most > 0) & (order > before)
+        if not changed.any():
+            return chosen
+        chosen = np.where(changed, saved.argmax(axis=1), chosen)
 
 
 def grouped(values: Array, count: int, first: int) -> Slots:
@@ -110,33 +192,41 @@ def grouped(values: Array, count: int, first: int) -> Slots:
 
 
 def by_groups(search: Search, values: Array, labels: Slots) -> bool | None:
-    """Gauss–Newton by the values (P,) of groups, over windows that grow as long as it comes to the rounding of each;
-    whether it does so on all frames, or short numbers near its values do. None where it does not on the first window:
-    these groups are not those of the target. Raises Stop.
+    """Gauss–Newton by the common values of groups, from `values` (P,) on, over windows that grow as long as it comes to
+    the rounding of each; whether it does so on all frames, or short numbers near its values do. None where it does not
+    on the first window: these groups are not those of the target. Raises Stop.
     """
-    whole = search.objective
+    whole, found = search.objective, np.zeros(0)
     if any(each.scene is not whole.scene for each in whole.experiments):
         return None
-    scene = with_groups(search, values, labels)
-    if all(cloth.mode("stiffness") == "n" for cloth in scene.cloths):
+    if all(cloth.mode("stiffness") == "n" for cloth in with_groups(search, values, labels).cloths):
         return None  # masses have no families by which they could be fitted
-    part = search.subsearch(whole.flagging(scene, whole.tolerance), parameters(scene), np.inf)
-    y, p, own = part.y, np.zeros(0), search.progress
     for frames in window_lengths(first_window(whole), whole.steps + 1, GROWTH):
-        along = Trajectory(part, part.objective.until(frames, whole.tolerance))
-        own.p = part.parameters(y)
-        try:
-            y = continuation.some_steps(along, y, STEPS, SAVING, PATIENCE)
-        except Diverged:
+        window = whole.until(frames, whole.tolerance)
+        values = by_window(search, frames, values, labels)
+        if not whole.rmse(window.cost_or_infinity(values)) <= limit(whole):
             break
-        finally:
-            own.p = search.best.p
-        if not along.objective.rmse(along.cost(y)) <= limit(whole):
-            break
-        p = hierarchy.as_whole(part, part.parameters(y), whole.scene)
-        if by_short_numbers(search, whole.until(frames, whole.tolerance), p, labels):
+        search.own, found = True, values
+        if by_short_numbers(search, window, values, labels):
             return True
-    return whole.rmse(search.visit(p)) <= limit(whole) if len(p) else None
+    return whole.rmse(search.visit(found)) <= limit(whole) if len(found) else None
+
+
+def by_window(search: Search, frames: int, values: Array, labels: Slots) -> Array:
+    """`values` (P,) after steps of Gauss–Newton by those of groups over so many frames; as they are, where its motions
+    do not stay finite. Raises Stop.
+    """
+    whole, progress = search.objective, search.progress
+    scene = with_groups(search, values, labels)
+    part = search.subsearch(whole.flagging(scene, whole.tolerance), parameters(scene), np.inf)
+    along = Trajectory(part, part.objective.until(frames, whole.tolerance))
+    try:
+        y = continuation.some_steps(along, part.y, STEPS, SAVING, PATIENCE)
+    except Diverged:
+        return values
+    finally:
+        progress.p = search.best.p
+    return hierarchy.as_whole(part, part.parameters(y), whole.scene)
 
 
 def with_groups(search: Search, values: Array, labels: Slots) -> Scene:

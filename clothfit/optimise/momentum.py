@@ -98,6 +98,8 @@ class Momentum:
         self._sure = False  # whether steps that agree have determined the values to the last digits
         self._forms = [plain(run.system, run.steps) for run in objective.runs]  # of the steps, until values show them
         self._typical = np.inf  # how far single steps ended with the values that showed them
+        self.normals: dict[int, tuple[Indices, csr_array]] = {}
+        """The places (Q,) of the values of each cloth, and CᵀC (Q, Q) of the steps that have given them."""
         self._kept: dict[int, tuple[Indices, Equations | None]] = {}
 
     def rows(self, cloth: int, treatment: Treatment = TREATMENTS[0]) -> tuple[Indices, Equations | None]:
@@ -164,6 +166,8 @@ class Momentum:
                 return places, found[places], True
             best = solve(rows, found[places], lower[places], upper[places], not treatment.summed, heard)
             self.own |= rows.own
+            if rows.normal is not None:
+                self.normals[cloth] = places, rows.normal
             return places, best, rows.sure
 
         made = [partial(fitted_one, cloth) for cloth in self.objective.cloths]
@@ -180,8 +184,7 @@ class Momentum:
         along = AlongTarget.of(self.objective, p, whole)
         if along is None or along.typical > ROUGHLY * self.objective.rounding:
             return p
-        found = [(places, rows.normal) for places, rows in map(self.rows, self.objective.cloths) if rows]
-        solutions = [(places, trust_region.inverse(trust_region.either(H))) for places, H in found if H is not None]
+        solutions = [(places, trust_region.inverse(trust_region.either(H))) for places, H in self.normals.values()]
 
         def balance(g: Array) -> Array:
             z = np.zeros(len(g))

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.physics import xyz
+from scipy.sparse import csr_array
 
 from clothfit import estimate, load, simulate
 from clothfit.fit import auto
-from clothfit.fit.common_values import by_groups, grouped, with_groups
+from clothfit.fit.common_values import by_groups, fewest, grouped, with_groups
 from clothfit.meshes.mesh import object_document, plane, springs
 from clothfit.motion.degrade import digits
 from clothfit.objective.objective import Objective
@@ -66,6 +67,36 @@ def test_a_rounded_motion_of_few_values_gives_them_back(stiffness, monkeypatch):
     else:
         # as short as the rounding of 5e-8 m allows, of values that move vertices by centimetres
         np.testing.assert_allclose(values, true, rtol=5e-6)
+
+
+def test_values_go_to_the_groups_that_they_share_most_simply():
+    """Of values that scatter as some metric lets them: pairs that hardly show but in their sum, which are nearer to
+    others, and groups that are parts of one.
+    """
+    rng = np.random.default_rng(0)
+    true = np.repeat([12.5, 37.5, 50.0], 40)
+    C = rng.standard_normal((400, 120))
+    C[:, 1::10] = C[:, ::10] + 0.02 * C[:, 1::10]
+    p = true + np.linalg.lstsq(C, 3.0 * rng.standard_normal(400), rcond=None)[0]
+    begun = np.abs(p[:, None] - [12.0, 13.0, 37.0, 38.5, 50.0]).argmin(axis=1)
+    assert (np.array([12.5, 12.5, 37.5, 37.5, 50.0])[begun] != true).any()
+    H = csr_array(C.T @ C)
+    values, groups = fewest(H, p, begun, np.zeros(120, int))
+    assert len(np.unique(groups)) == 3
+    for own in (groups == group for group in range(3)):
+        assert len(np.unique(true[own])) == len(np.unique(values[own])) == 1
+        # five σ of the sum of the columns of a group
+        np.testing.assert_allclose(values[own], true[own], atol=5 * 3.0 / np.linalg.norm(C[:, own].sum(axis=1)))
+
+    def left(x):
+        return (x - p) @ (H @ (x - p))
+
+    for i in range(0, 120, 7):
+        other = values.copy()
+        other[i] = values[(i + 50) % 120]
+        assert left(other) >= left(values)
+    block = np.arange(120) % 2
+    assert len(np.unique(fewest(H, p, begun + 5 * block, block)[1])) == 6  # none is shared beyond a block
 
 
 def test_values_that_are_all_different_are_left_alone(monkeypatch):
