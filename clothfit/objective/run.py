@@ -126,7 +126,7 @@ KEPT = 2
 ALIKE = 0.01
 """Relative difference of values up to which the shape at rest of the one is near that of the other."""
 
-BYTES, SHARE = 16_000_000, 0.05
+BYTES, SHARE = 64_000_000, 0.05
 """Of all states that are kept, at most, and of the memory that the objective may use."""
 
 

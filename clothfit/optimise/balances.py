@@ -469,7 +469,6 @@ class Equations:
         self.counts = np.concatenate([part.counts for part in parts])
         self.Q = parts[0].spread.shape[1]
         self.agreed: Flags | None = None  # (S,), once `momentum.consensus` has looked for them
-        self.rough = False  # whether they agree on the families of springs of a patch alone
         self.own = False  # whether some steps show that they are those of the model
         self.sure = False  # whether steps that agree, or all, balance as well as exact targets do
         self.normal: csr_array | None = None  # CᵀC (Q, Q) of the steps that `momentum.solve` has balanced

@@ -115,7 +115,7 @@ def consensus(rows: Equations, known: Flags) -> Flags:
                 found = agreeing(patch.by_families if rough else patch, rough)
                 rows.own |= found.own and not rough
                 if found.steps.any():
-                    rows.agreed[before + patch.steps], rows.rough = found.steps, rows.rough or rough
+                    rows.agreed[before + patch.steps] = found.steps
                     break
     return rows.agreed & known
 
@@ -143,17 +143,43 @@ def vote(part: Rows) -> bool:
 
 
 def balanced_beside(rows: Equations, known: Flags, agreed: Flags) -> Flags:
-    """Which of the known steps (S,) are in balance beside those that have agreed; where a patch has shown that roughly,
-    beside those of them that no others leave out of balance in the cloth as a whole.
+    """Which of the known steps (S,) are in balance beside those that have agreed in a patch, and that no others of them
+    leave out of balance in the cloth as a whole.
     """
     for _ in range(ROUNDS):
         away = relative(*rows.sizes(balanced(rows, agreed)))
         rows.sure = bool(away[agreed].max() <= EXACT)
-        even = agreed & (away <= UNEVEN * np.median(away[agreed]))
-        if not rows.rough or np.array_equal(even, agreed):
+        even = agreed & (away <= max(UNEVEN * float(np.median(away[agreed])), SHARP))
+        if np.array_equal(even, agreed):
             break
         agreed = even
     return known & is_sharp(away, away[agreed])
+
+
+class Squares(NamedTuple):
+    """The rows of the steps of a patch, and their squares."""
+
+    C: Array  # (T, R, Q)
+    r: Array  # (T, R)
+    gram: Array  # (T, Q, Q)
+
+    @classmethod
+    def of(cls, patch: Patch) -> Squares:
+        """Those of a patch."""
+        C = patch.entries @ patch.spread
+        return cls(C, patch.residual, C.swapaxes(1, 2) @ C)
+
+    def solved(self, steps: slice | Flags) -> Array:
+        """The minimum q (Q,) of |r − C q|² of some steps, but for what their rows hardly determine."""
+        from scipy.linalg import cho_factor, cho_solve
+
+        C, r, H = self.C[steps], self.r[steps], self.gram[steps].sum(axis=0)
+        size = np.sqrt(H.diagonal())
+        size[size == 0.0] = 1.0
+        factor, q = cho_factor(H / np.outer(size, size) + DAMPED * np.eye(len(size))), np.zeros(len(size))
+        for _ in range(REFINEMENTS):
+            q = q + cho_solve(factor, np.tensordot(r - C @ (q / size), C, 2) / size)
+        return np.asarray(q / size)
 
 
 class Agreeing(NamedTuple):
@@ -171,19 +197,19 @@ def agreeing(patch: Patch, rough: bool = False) -> Agreeing:
     """
     T, R, Q = len(patch.steps), patch.entries.shape[1], patch.spread.shape[1]
     fewest, enough = (max(RUN, int(np.ceil(each * Q / max(R, 1)))) for each in (BEGIN, SURELY))
-    own = False
+    own, rows = False, Squares.of(patch)
     for steps in sorted({fewest, enough, 2 * enough}) if Q else ():
         if steps <= T:
-            found = agreeing_with_runs(patch, steps, rough)
+            found = agreeing_with_runs(patch, rows, steps, rough)
             own |= found.own
             if found.steps.any():
                 return found
     return Agreeing(np.zeros(T, bool), own)
 
 
-def agreeing_with_runs(patch: Patch, length: int, rough: bool) -> Agreeing:
+def agreeing_with_runs(patch: Patch, rows: Squares, length: int, rough: bool) -> Agreeing:
     """The same with runs of so many steps."""
-    C = patch.entries @ patch.spread
+    C = rows.C
     (T, R, Q), best = C.shape, np.zeros(len(C), bool)
     sharp, share = (ROUGH, ROUGH_SHARE) if rough else (SHARP, SHARE)
 
@@ -192,12 +218,12 @@ def agreeing_with_runs(patch: Patch, length: int, rough: bool) -> Agreeing:
         return (away <= sharp if rough else is_sharp(away, others)) & sharply
 
     runs = [slice(first, first + length) for first in range(T - length + 1)]
-    found = patch.away(np.array([solved(C[run], patch.residual[run]) for run in runs]).reshape(len(runs), Q).T)
+    found = patch.away(np.array([rows.solved(run) for run in runs]).reshape(len(runs), Q).T)
     own = any(away[run].max() <= EXACT and shows_more(C[run]) for away, run in zip(found.T, runs, strict=True))
     for away, run in zip(found.T, runs, strict=True):
         best = max(best, beside(away, away[run]), key=np.sum)
     for _ in range(ROUNDS if best.any() else 0):
-        away = patch.away(solved(C[best], patch.residual[best])[:, None])[:, 0]
+        away = patch.away(rows.solved(best)[:, None])[:, 0]
         before, best = best, beside(away, away[best])
         if not best.any() or np.array_equal(best, before):
             break
@@ -217,19 +243,6 @@ def shows_more(C: Array) -> bool:
     shown = np.linalg.eigvalsh(flat.T @ flat)
     rank = int((shown > DETERMINED * shown.max(initial=0.0)).sum())
     return bool(C.shape[1] < rank <= others * C.shape[1] / SURELY)
-
-
-def solved(C: Array, r: Array) -> Array:
-    """The minimum q (Q,) of |r − C q|², but for what the rows C (K, R, Q) hardly determine, with r (K, R)."""
-    from scipy.linalg import cho_factor, cho_solve
-
-    flat = C.reshape(-1, C.shape[2])
-    size = np.linalg.norm(flat, axis=0)
-    flat, q = flat / np.where(size > 0, size, 1.0), np.zeros(len(size))
-    factor = cho_factor(flat.T @ flat + DAMPED * np.eye(len(q)))
-    for _ in range(REFINEMENTS):
-        q = q + cho_solve(factor, flat.T @ (r.ravel() - flat @ q))
-    return np.asarray(q / np.where(size > 0, size, 1.0))
 
 
 def nearest_half(rows: Equations, known: Flags, q: Array) -> Array:
