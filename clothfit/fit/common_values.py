@@ -142,8 +142,8 @@ def fewest(H: csr_array, p: Array, of: Slots, block: Slots) -> tuple[Array, Slot
 
 
 def centres(H: csr_array, p: Array, of: Slots) -> tuple[Array, Array, float]:
-    """The values (K,) of the groups `of` (P,) where (x - p)ᵀ H (x - p) is least, half of the inverse of its second
-    derivative by them (K, K), and what is left.
+    """The values (K,) of the groups `of` (P,), between the least and the largest of each, where (x - p)ᵀ H (x - p) is
+    least, half of the inverse of its second derivative by them (K, K), and what is left.
     """
     from scipy.sparse import csr_array
 
@@ -151,6 +151,10 @@ def centres(H: csr_array, p: Array, of: Slots) -> tuple[Array, Array, float]:
     x = (E.T @ p) / E.sum(axis=0)
     inverse = np.linalg.pinv((E.T @ (H @ E)).toarray(), hermitian=True)
     x = x + inverse @ (E.T @ (H @ (p - E @ x)))
+    least, most = np.full(len(x), np.inf), np.full(len(x), -np.inf)
+    np.minimum.at(least, of, p)
+    np.maximum.at(most, of, p)
+    x = np.clip(x, least, most)
     away = E @ x - p
     return x, inverse, float(away @ (H @ away))
 

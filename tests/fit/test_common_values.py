@@ -99,6 +99,16 @@ def test_values_go_to_the_groups_that_they_share_most_simply():
     assert len(np.unique(fewest(H, p, begun + 5 * block, block)[1])) == 6  # none is shared beyond a block
 
 
+def test_a_common_value_lies_among_those_of_its_group():
+    # of columns that nearly cancel, least squares takes values of any sign
+    rng = np.random.default_rng(3)
+    common = rng.standard_normal((60, 1))
+    C = csr_array(common * np.tile([1.0, -0.9], 10))
+    p = np.exp(rng.standard_normal(20))
+    values, _ = fewest(csr_array(C.T @ C), p, np.zeros(20, int), np.zeros(20, int))
+    assert p.min() <= values[0] == values[-1] <= p.max()
+
+
 def test_values_that_are_all_different_are_left_alone(monkeypatch):
     monkeypatch.setattr(auto, "MANY", 0)
     made = sheet((12.5, 50.0))
