@@ -456,6 +456,16 @@ class Rows:
         return np.asarray(self.spread.T @ out)
 
 
+    def squares_along(self, q: Array, d: Array, kept: Flags) -> Array:
+        """|C d|² and (C d)ᵀ(r − C q) of the steps (T,) that are kept, for changes q and d (Q,)."""
+        change, way, sums = self.spread @ q, self.spread @ d, np.zeros(2)
+        for part in chunks(self.found):
+            away = self.left(part, change)[kept[part]]
+            along = away - self.left(part, change + way)[kept[part]]
+            sums += [np.vdot(along, along), np.vdot(along, away)]
+        return sums
+
+
 ANCHOR = 1e6
 """Weight of a mass that is held, relative to the largest of CᵀC."""
 
@@ -509,3 +519,11 @@ class Equations:
         found = zip(self.parts, self.of_parts(kept), strict=True)
         right = np.asarray(sum((part.right(q, own) for part, own in found), start=np.zeros(self.Q)))
         return right - self.anchor * (self.anchor @ q) if len(self.anchor) else right
+
+    def length(self, q: Array, d: Array, kept: Flags) -> float:
+        """The α with which |r − C (q + α d)|² of the steps (S,) that are kept is least; 1 where d changes nothing."""
+        parts = zip(self.parts, self.of_parts(kept), strict=True)
+        sums = sum((part.squares_along(q, d, own) for part, own in parts), start=np.zeros(2))
+        if len(self.anchor):
+            sums = sums + self.anchor @ d * np.array([self.anchor @ d, -self.anchor @ q])
+        return float(sums[1] / sums[0]) if sums[0] > 0.0 else 1.0

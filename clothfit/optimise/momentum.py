@@ -307,7 +307,7 @@ def solve(
     that can be in balance.
 
     What the rows do not determine stays as it is in p. Two rounds of refinement with the rows themselves undo what
-    squaring the matrix costs.
+    squaring the matrix costs, each as long as is best: what the rows hardly show is short by what keeps H regular.
     """
     kept: Flags = rows.counts > 0
     if not kept.any():
@@ -328,7 +328,8 @@ def solve(
     scaled, q = trust_region.either(H.multiply(1.0 / scale).multiply(1.0 / scale[:, None]).tocsr()), np.zeros(len(p))
     for _ in range(REFINEMENTS):
         g = -rows.right(q / scale, kept) / scale
-        q = q + trust_region.solve(scaled, g, low - q, high - q, waiting=waiting)
+        way = trust_region.solve(scaled, g, low - q, high - q, waiting=waiting)
+        q = np.clip(q + rows.length(q / scale, way / scale, kept) * way, low, high)
     inner = np.clip(p + q / scale, lower, upper)
     ended = np.where(q >= high * NEARLY, upper, np.where(q <= low * NEARLY, lower, inner))  # to the bit
     return np.asarray(np.where(determined, ended, p))
