@@ -33,7 +33,7 @@ from clothfit.objective.run import Run
 from clothfit.optimise import trust_region
 from clothfit.optimise.along_target import AlongTarget, nearer
 from clothfit.optimise.balances import Equations, Rows, balances, plain, smoothed, summed_twice, track
-from clothfit.optimise.consensus import REFINEMENTS, balanced_beside, consensus, in_balance, trimmed
+from clothfit.optimise.consensus import balanced_beside, consensus, in_balance, trimmed
 from clothfit.scene.block import Block
 from clothfit.scene.families import spring_groups
 from clothfit.scene.fit_vector import bounds
@@ -55,6 +55,9 @@ NEARLY = 1.0 - 4.0 * np.finfo(float).eps
 
 ROUGHLY = 100.0
 """Roundings of positions that single steps of values by balances may leave: what these values make of rounding."""
+
+ROUNDS, UNCHANGED = 10, 1e-9
+"""Rounds of a solution, at most, and the relative change that is the last: the next would be rounding."""
 
 TRIES, HALF = 3, 0.5
 """Times, at most, that the forms of steps are looked for anew with values that they have led to; and the share of what
@@ -306,8 +309,9 @@ def solve(
     """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); with `trim` over the steps
     that can be in balance.
 
-    What the rows do not determine stays as it is in p. Two rounds of refinement with the rows themselves undo what
-    squaring the matrix costs, each as long as is best: what the rows hardly show is short by what keeps H regular.
+    What the rows do not determine stays as it is in p. Refinement with the rows themselves undoes what squaring the
+    matrix costs; each way is as long as is best, as what the rows hardly show is short by what keeps H regular, or
+    drowns: above all the common factor of masses and stiffnesses, which only the air shows.
     """
     kept: Flags = rows.counts > 0
     if not kept.any():
@@ -326,10 +330,15 @@ def solve(
     scale = np.where(determined, size, 1.0)
     low, high = (lower - p) * scale, (upper - p) * scale
     scaled, q = trust_region.either(H.multiply(1.0 / scale).multiply(1.0 / scale[:, None]).tocsr()), np.zeros(len(p))
-    for _ in range(REFINEMENTS):
-        g = -rows.right(q / scale, kept) / scale
-        way = trust_region.solve(scaled, g, low - q, high - q, waiting=waiting)
-        q = np.clip(q + rows.length(q / scale, way / scale, kept) * way, low, high)
+    def along(way: Array) -> Array:
+        return np.clip(q + rows.length(q / scale, way / scale, kept) * way, low, high)
+
+    for _ in range(ROUNDS):
+        before, g = q, -rows.right(q / scale, kept) / scale
+        q = along(trust_region.solve(scaled, g, low - q, high - q, waiting=waiting))
+        q = along(p * scale + q)
+        if np.linalg.norm(q - before) <= UNCHANGED * np.linalg.norm(q):
+            break
     inner = np.clip(p + q / scale, lower, upper)
     ended = np.where(q >= high * NEARLY, upper, np.where(q <= low * NEARLY, lower, inner))  # to the bit
     return np.asarray(np.where(determined, ended, p))
