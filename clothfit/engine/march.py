@@ -14,7 +14,7 @@ from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
 from clothfit.engine.step import bdf2, explicit, guard, implicit
 from clothfit.engine.step.states import state_before, velocity
-from clothfit.engine.work import moved, rise
+from clothfit.engine.work import energy_before, moved, rise
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, sub
 from clothfit.kernels.vectors import combine, copy, dot
@@ -220,8 +220,9 @@ def gain(inputs, system, part, t, work):
     """How much the energy rises in Euler step t beyond the work that is done in it, J; 0 where that is tolerated, and
     where colliders grow, whose work is not known.
     """
-    more, before = rise(system, system, part, t, False, velocity(part, t + 1), work)
-    return more if guard.rises(before, before + more, 0.0) and not collider_rows.some_grow(system.colliders) else 0.0
+    begun = energy_before(system, part, t)
+    more = rise(system, system, part, t, False, velocity(part, t + 1), begun, work)
+    return more if guard.rises(begun, begun + more, 0.0) and not collider_rows.some_grow(system.colliders) else 0.0
 
 
 @kernel(empty=False, apart=False)
