@@ -26,8 +26,8 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine import march
 from clothfit.engine.forces import collider_rows, contact
 from clothfit.engine.forces.selfcontact import pairs, rows, zones
-from clothfit.engine.inputs.tables import draws, place_pins, set_inputs
-from clothfit.engine.solve import contact_blocks, guess, linear
+from clothfit.engine.inputs.tables import draws, place_pins
+from clothfit.engine.solve import contact_blocks, linear
 from clothfit.engine.step import bdf2, guard, implicit, states
 from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
@@ -132,10 +132,10 @@ def pressed(
     where pairs would pass through each other, or the energy rises. `safe`: with the clamped system.
     """
     whole = forms.form(False, False)
-    x, v, after, h = part.x[t], part.velocity(t), part.x[t + 1], whole.h
-    begin(whole, part, t, work)
+    x, after, h = part.x[t], part.x[t + 1], whole.h
+    march.begin(whole, part, t, work)
     part.euler[t], part.clamped[t] = not second, part.clamped[t] or safe
-    system, attempted = bdf2.forms(forms.form(False, safe))[second], attempt_second if second else attempt
+    system, attempt = bdf2.forms(forms.form(False, safe))[second], attempt_second if second else march.attempt
     first, pushing, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
     middle, margin = x + h * first, 0.0  # a first guess is seldom so near that looking farther serves
     view, turn = pairs.around(surface, x, middle, margin), 0
@@ -146,7 +146,7 @@ def pressed(
         own, room = with_pairs(system, work, surface, x, numbers, on)
         deep, left = rows.depths(own.contact, x, 0.0 * x), rows.depths(own.contact, x, h * first)
         on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pushing)
-        if not attempted(own, room, part, t, v, first, implicit.ROUGH if rough else tolerance):
+        if not attempt(own, room, part, t, first, implicit.ROUGH if rough else tolerance, part.w[t]):
             if part.clamped[t] or second:
                 return NO_PAIRS, march.REFUSED
             system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
@@ -202,9 +202,22 @@ class Ending:
         return w
 
     def separate(self) -> None:
-        """Join what would pass through each other."""
-        if self.surface is not None:
-            self.made = separated(self.system, self.surface, self.part, self.t, self.numbers)
+        """Join what would pass through each other, at first of its pairs: writes the velocity and the positions after
+        the step.
+        """
+        if self.surface is None:
+            return
+        x, after, w, known = self.part.x[self.t], self.part.x[self.t + 1], self.w, NOBODY
+        found, hit = w.copy(), pairs.crossing(self.surface, x, after, self.numbers)
+        while len(hit):
+            interrupts.check()
+            known = np.concatenate([known, hit])
+            self.made = zones.of_pairs(pairs.of_numbers(self.surface, x, known).vertices, len(x), found)
+            w[:] = found
+            zones.join(self.made, self.system.vertex, w)
+            march.arrive(self.system, x, w, after)
+            hit = np.setdiff1d(pairs.colliding(self.surface, x, after), known)
+            hit = pairs.crossing(self.surface, x, after, hit)
 
     def gain(self) -> float:
         """How much the energy rises, J, 0 where that is tolerated."""
@@ -300,8 +313,8 @@ def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
     """
     if Ending(forms.at(part, t), work, part, t).end_well(tolerance) and not part.clamped[t]:
         part.clamped[t], part.theta[t] = True, 1.0
-        own, v = bdf2.forms(forms.at(part, t))[0], part.velocity(t)
-        attempt(own, work, part, t, v, v.copy(), tolerance)  # which succeeds
+        own = bdf2.forms(forms.at(part, t))[0]
+        march.attempt(own, work, part, t, part.velocity(t).copy(), tolerance, part.w[t])  # which succeeds
         Ending(forms.at(part, t), work, part, t).end_well(tolerance)
 
 
@@ -311,27 +324,6 @@ def hits(system: System, part: Rollout, t: int, surface: pairs.Surface, near: In
     new = pairs.of_numbers(surface, x, np.setdiff1d(active.numbers, near))
     stopped = rows.stopped(new, system.vertex.mass, x, v) > march.HIT * guard.moving(system.vertex, v)[0]
     return bool(stopped or march.hits(system.colliders, system.vertex, x, v, part.x[t + 1]))
-
-
-def separated(
-    system: System, surface: pairs.Surface, part: Rollout, t: int, hit: Indices
-) -> zones.Zones | None:
-    """Join what would pass through each other in step t, at first the pairs `hit`: writes its velocity and the
-    positions after it.
-    """
-    x, after, w = part.x[t], part.x[t + 1], part.w[t, part.used[t] - 1]
-    made, found, known = None, w.copy(), NOBODY
-    hit = pairs.crossing(surface, x, after, hit)
-    while len(hit):
-        interrupts.check()
-        known = np.concatenate([known, hit])
-        made = zones.of_pairs(pairs.of_numbers(surface, x, known).vertices, len(x), found)
-        w[:] = found
-        zones.join(made, system.vertex, w)
-        march.arrive(system, x, w, after)
-        hit = np.setdiff1d(pairs.colliding(surface, x, after), known)
-        hit = pairs.crossing(surface, x, after, hit)
-    return made
 
 
 class Taken(NamedTuple):
@@ -356,40 +348,12 @@ def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Ta
 
 
 @kernel(nogil=True)
-def begin(system, part, t, work):
-    """Set the inputs of a step, write a first guess of the velocity to the workspace, and note an ordinary step."""
-    set_inputs(system.inputs, system, part.first + t)
-    part.theta[t], part.clamped[t], part.predicted[t] = 1.0, system.springs.cap <= 1.0, False
-    part.hit[t] = False
-    part.euler[t] = True
-    part.guard_state[t + 1, guard.POWER] = 0.0
-    part.solves[t] = 0
-    copy(states.velocity(part, t), work.solution)
-    guess.next_guess(work.past, part.first + t, work.solution)
-
-
-@kernel(nogil=True)
-def attempt(system, work, part, t, v, first, tolerance):
-    """Take step t from a first guess; whether its matrix is not seen to be indefinite."""
-    set_inputs(system.inputs, system, part.first + t)
-    contact.clear(system.colliders)
-    implicit.prepare(system, part.x[t], v, work)
-    used, iterations, direct = implicit.step(system, part.x[t], v, first, tolerance, work, part.w[t])
-    contact.save_active(system.colliders, part.active, t)
-    march.count(part, t, used, iterations, direct)
-    if used == 0:
-        return False
-    march.arrive(system, part.x[t], part.w[t, used - 1], part.x[t + 1])
-    return True
-
-
-@kernel(nogil=True)
-def attempt_second(system, work, part, t, v, first, tolerance):
-    """The same for a BDF2 step, of which `system` is the inner one; the inputs are set."""
+def attempt_second(system, work, part, t, first, tolerance, iterates):
+    """What `march.attempt` does for a BDF2 step, of which `system` is the inner one."""
     contact.clear(system.colliders)
     x_before, v_before = states.state_before(part, t)
     used, iterations, direct, _, _, _ = bdf2.step(
-        system, part.x[t], v, x_before, v_before, first, tolerance, work, part.w[t], part.x[t + 1]
+        system, part.x[t], states.velocity(part, t), x_before, v_before, first, tolerance, work, iterates, part.x[t + 1]
     )
     contact.save_active(system.colliders, part.active, t)
     march.count(part, t, used, iterations, direct)
