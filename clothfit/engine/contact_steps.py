@@ -165,7 +165,7 @@ def pressed(
         rough = rough and len(new) > 0 and turn < ROUNDS - 1
         numbers = np.union1d(numbers, new)
     whole = forms.at(part, t)._replace(contact=own.contact)
-    end, left = Ending(whole, room, part, t, surface, numbers, second), 0.0
+    end, left = Ending(whole, room, part, t, surface, np.union1d(view, numbers), second), 0.0
     if second and (end.made is not None or end.gain()):
         return NO_PAIRS, march.CONTACTS
     if not second and whole.guarded and not (draws(whole.inputs, whole.applied) or len(surface.drawn)):
@@ -187,7 +187,7 @@ class Ending:
         numbers: Indices = NOBODY, second: bool = False,
     ) -> None:  # fmt: skip
         """Step t of a part, of `second` order or not, for the system that it was taken with and, for a cloth that
-        touches itself, its pairs: all that are near before it or where it ends are among them.
+        touches itself, its pairs: all that are near before it, on its way or where it ends are among them.
         """
         self.system, self.forms, self.work, self.part, self.t = system, bdf2.forms(system), work, part, t
         self.surface, self.numbers, self.second = surface, numbers, second
@@ -240,7 +240,7 @@ class Ending:
         if self.surface is None:
             return 0.0
         numbers = self.numbers
-        if self.part.theta[self.t] < 1.0 or self.made is not None:  # others may be near on the way
+        if self.made is not None:  # others may be near
             numbers = np.union1d(numbers, pairs.near(self.surface, y))
         return float(contact.energy(pairs.of_numbers(self.surface, y, numbers), y))
 
@@ -282,7 +282,7 @@ class Ending:
         good = good and bool(march.go_on(self.forms[0], tolerance, self.work, self.part.bare(), self.t))
         if good and self.surface is not None:
             now = self.part.x[self.t], self.part.x[self.t + 1]
-            self.numbers = np.union1d(self.numbers, pairs.colliding(self.surface, *now))
+            self.numbers = np.union1d(self.numbers, pairs.around(self.surface, *now, 0.0))
         self.end_with(int(self.part.used[self.t]))
         return good
 
