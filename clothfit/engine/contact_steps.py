@@ -7,9 +7,11 @@ ends in, as with colliders (`forces.contact`). What still would pass through bec
 that draw it through itself and for explicit methods, of whose steps only the forces of near pairs are part.
 
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that goes
-on with more of Newton's iterations: its springs turned, and its contacts were met, elsewhere than its model knew. Where
-these do not help it is shortened, as `step.guard` does; where something moves, which may press into a shorter step, to
-a sixteenth at the least. Then it is taken anew with the clamped matrix. Of all ends the one that gains least is kept.
+on with more of Newton's iterations while they converge: its springs turned, and its contacts were met, elsewhere than
+its model knew. Where these do not help it is shortened, as `step.guard` does; where something moves, which may press
+into a shorter step, to a sixteenth at the least. Then it is taken anew with the clamped matrix, which mostly is what it
+was taken with: a matrix that is indefinite is seen before the first iteration of its solve. Of all ends the one that
+gains least is kept.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
@@ -144,7 +146,7 @@ def pressed(
         interrupts.check()
         on = np.zeros((part.w.shape[1], len(numbers)), bool)
         own, room = with_pairs(system, work, surface, x, numbers, on)
-        deep, left = rows.depths(own.contact, x, 0.0 * x), rows.depths(own.contact, x, h * first)
+        deep, left = contact.depths_along(own.contact, x, x + h * first)
         on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pushing)
         if not attempt(own, room, part, t, first, implicit.ROUGH if rough else tolerance, part.w[t]):
             if part.clamped[t] or second:

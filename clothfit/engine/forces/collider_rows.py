@@ -646,17 +646,6 @@ def depths(colliders, y):
     return depth, normal
 
 
-@kernel
-def depths_along(colliders, y, end):
-    """Depth (C, n), m, where vertices are linearised, and for the planes there at their `end`; y and end (n, 3)."""
-    depth = np.zeros((len(colliders.rows), len(y)))
-    left = np.zeros_like(depth)
-    for k in range(count(colliders, y)):
-        (i, _, _, _), _, n, deep, _, _, _, (c, _, _, _, _, _) = row(colliders, y, k)
-        depth[c, i], left[c, i] = deep, deep - dot(n, sub(load3(end, i), place(colliders, y, k)))
-    return depth, left
-
-
 def contact_points(colliders: Colliders, y: Array) -> Indices:
     """Where on meshes points y (n, 3) are, (C, n): seven times the nearest triangle, and the part of it (`triangle`);
     −1 at other colliders. Of the triangles that share an edge or a corner the first counts.

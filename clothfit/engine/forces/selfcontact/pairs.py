@@ -272,7 +272,7 @@ def around(surface: Surface, x: Array, after: Array, margin: float) -> Indices:
     """
     motion = x, after - x, surface.thickness, margin
 
-    def of_kind(kind: int, one: Parts, other: Parts) -> Indices:
+    def of_kind(kind: int, one: Parts, other: Parts) -> npt.NDArray[np.int64]:
         pairs = overlapping(one, other, *motion)
         numbers = np.empty(len(pairs), np.int64)
         return numbers[: reach(surface, x, after, 2.0 * margin, kind, pairs, numbers)]
