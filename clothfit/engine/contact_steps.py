@@ -9,9 +9,8 @@ that draw it through itself and for explicit methods, of whose steps only the fo
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that goes
 on with more of Newton's iterations while they converge: its springs turned, and its contacts were met, elsewhere than
 its model knew. Where these do not help it is shortened, as `step.guard` does; where something moves, which may press
-into a shorter step, to a sixteenth at the least. Then it is taken anew with the clamped matrix, which mostly is what it
-was taken with: a matrix that is indefinite is seen before the first iteration of its solve. Of all ends the one that
-gains least is kept.
+into a shorter step, to a sixteenth at the least. Then it is taken anew with the clamped matrix. Of all ends the one
+that gains least is kept.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
