@@ -68,15 +68,15 @@ def gradient(
         for chunk in reversed(segment.parts()):
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
             at_start = by_position[0]
-            if chunk.active_pairs is not None:
-                from clothfit.derivative import contact  # which few scenes need
-
-                contact.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
-                continue
             with linear.served(work.A, work.solver):
-                for begin, end in reversed(alike(chunk)):
-                    own = forms(taken.at(chunk, begin))
-                    sweep(*own, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
+                if chunk.active_pairs is not None:
+                    from clothfit.derivative import contact  # which few scenes need
+
+                    contact.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
+                else:
+                    for begin, end in reversed(alike(chunk)):
+                        own = forms(taken.at(chunk, begin))
+                        sweep(*own, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
             counted.add(work_of(chunk))
             interrupts.check()
     tables.pull_start(system.inputs, system.h, state[0] + at_start, state[1], grad)
@@ -139,17 +139,17 @@ class Sweep:
         skipped = self.begins - chunk.first
         if skipped >= chunk.steps:
             return change
-        if chunk.active_pairs is not None:
-            from clothfit.derivative import contact  # which few scenes need
-
-            given = self.direction, self.tolerance, self.work
-            contact.forward(self.sweep, self.taken, chunk, *given, self.state, change)
-            return change
+        given = self.direction, self.tolerance, self.work
         with linear.served(self.work.A, self.work.solver):
-            for begin, end in alike(chunk):
-                if end > skipped:
-                    steps, given = (max(begin, skipped), end), (self.direction, self.tolerance, self.work)
-                    self.sweep(*forms(self.taken.at(chunk, begin)), chunk, *steps, *given, *self.state, change)
+            if chunk.active_pairs is not None:
+                from clothfit.derivative import contact  # which few scenes need
+
+                contact.forward(self.sweep, self.taken, chunk, *given, self.state, change)
+            else:
+                for begin, end in alike(chunk):
+                    if end > skipped:
+                        own, steps = forms(self.taken.at(chunk, begin)), (max(begin, skipped), end)
+                        self.sweep(*own, chunk, *steps, *given, *self.state, change)
         counted.add(work_of(chunk))
         interrupts.check()
         return change

@@ -7,9 +7,10 @@ ends in, as with colliders (`forces.contact`). What still would pass through bec
 that draw it through itself and for explicit methods, of whose steps only the forces of near pairs are part.
 
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that goes
-on with more of Newton's iterations: its springs turned, and its contacts were met, elsewhere than its model knew. Where
-these do not help it is shortened, as `step.guard` does; where something moves, which may press into a shorter step, to
-a sixteenth at the least. Then it is taken anew with the clamped matrix. Of all ends the one that gains least is kept.
+on with more of Newton's iterations while they converge: its springs turned, and its contacts were met, elsewhere than
+its model knew. Where these do not help it is shortened, as `step.guard` does; where something moves, which may press
+into a shorter step, to a sixteenth at the least. Then it is taken anew with the clamped matrix. Of all ends the one
+that gains least is kept.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
@@ -24,10 +25,10 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine import march
-from clothfit.engine.forces import contact
+from clothfit.engine.forces import collider_rows, contact
 from clothfit.engine.forces.selfcontact import pairs, rows, zones
-from clothfit.engine.inputs.tables import draws, place_pins, set_inputs
-from clothfit.engine.solve import contact_blocks, guess, linear
+from clothfit.engine.inputs.tables import draws, place_pins
+from clothfit.engine.solve import contact_blocks, linear
 from clothfit.engine.step import bdf2, guard, implicit, states
 from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
@@ -132,10 +133,10 @@ def pressed(
     where pairs would pass through each other, or the energy rises. `safe`: with the clamped system.
     """
     whole = forms.form(False, False)
-    x, v, after, h = part.x[t], part.velocity(t), part.x[t + 1], whole.h
-    begin(whole, part, t, work)
+    x, after, h = part.x[t], part.x[t + 1], whole.h
+    march.begin(whole, part, t, work)
     part.euler[t], part.clamped[t] = not second, part.clamped[t] or safe
-    system, attempted = bdf2.forms(forms.form(False, safe))[second], attempt_second if second else attempt
+    system, attempt = bdf2.forms(forms.form(False, safe))[second], attempt_second if second else march.attempt
     first, pushing, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
     middle, margin = x + h * first, 0.0  # a first guess is seldom so near that looking farther serves
     view, turn = pairs.around(surface, x, middle, margin), 0
@@ -144,9 +145,9 @@ def pressed(
         interrupts.check()
         on = np.zeros((part.w.shape[1], len(numbers)), bool)
         own, room = with_pairs(system, work, surface, x, numbers, on)
-        deep, left = rows.depths(own.contact, x, 0.0 * x), rows.depths(own.contact, x, h * first)
+        deep, left = contact.depths_along(own.contact, x, x + h * first)
         on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pushing)
-        if not attempted(own, room, part, t, v, first, implicit.ROUGH if rough else tolerance):
+        if not attempt(own, room, part, t, first, implicit.ROUGH if rough else tolerance, part.w[t]):
             if part.clamped[t] or second:
                 return NO_PAIRS, march.REFUSED
             system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
@@ -165,12 +166,11 @@ def pressed(
         rough = rough and len(new) > 0 and turn < ROUNDS - 1
         numbers = np.union1d(numbers, new)
     whole = forms.at(part, t)._replace(contact=own.contact)
-    passing = second and len(pairs.crossing(surface, x, after, numbers)) > 0
-    if second and (passing or gains(whole, part, t, surface, numbers, work, True)):
+    end, left = Ending(whole, room, part, t, surface, np.union1d(view, numbers), second), 0.0
+    if second and (end.made is not None or end.gain()):
         return NO_PAIRS, march.CONTACTS
-    end, left = Ending(whole, room, part, t, surface, numbers), 0.0
     if not second and whole.guarded and not (draws(whole.inputs, whole.applied) or len(surface.drawn)):
-        left = end.end_well(tolerance, guard.SHORTEST if guard.applies(whole) else SHORTEST)
+        left = end.end_well(tolerance)
         if left and not part.clamped[t]:
             return pressed(forms, tolerance, work, part, t, surface, False, safe=True)
     some = on.any(axis=0)
@@ -185,11 +185,14 @@ class Ending:
 
     def __init__(
         self, system: System, work: implicit.Workspace, part: Rollout, t: int, surface: pairs.Surface | None = None,
-        numbers: Indices = NOBODY,
+        numbers: Indices = NOBODY, second: bool = False,
     ) -> None:  # fmt: skip
-        """Step t of a part, for the system that it was taken with and, for a cloth that touches itself, its pairs."""
-        self.system, self.euler, self.work, self.part, self.t = system, bdf2.forms(system)[0], work, part, t
-        self.surface, self.numbers = surface, numbers
+        """Step t of a part, of `second` order or not, for the system that it was taken with and, for a cloth that
+        touches itself, its pairs: all that are near before it, on its way or where it ends are among them.
+        """
+        self.system, self.forms, self.work, self.part, self.t = system, bdf2.forms(system), work, part, t
+        self.surface, self.numbers, self.second = surface, numbers, second
+        self.before: float | None = None  # the energy before the step, J, once it is asked for
         self.made: zones.Zones | None = None  # what moves as one
         self.separate()
 
@@ -200,44 +203,87 @@ class Ending:
         return w
 
     def separate(self) -> None:
-        """Join what would pass through each other."""
-        if self.surface is not None:
-            self.made = separated(self.system, self.surface, self.part, self.t, self.numbers)
+        """Join what would pass through each other, at first of its pairs: writes the velocity and the positions after
+        the step.
+        """
+        if self.surface is None:
+            return
+        x, after, w, known = self.part.x[self.t], self.part.x[self.t + 1], self.w, NOBODY
+        found, hit = w.copy(), pairs.crossing(self.surface, x, after, self.numbers)
+        while len(hit):
+            interrupts.check()
+            known = np.concatenate([known, hit])
+            self.made = zones.of_pairs(pairs.of_numbers(self.surface, x, known).vertices, len(x), found)
+            w[:] = found
+            zones.join(self.made, self.system.vertex, w)
+            march.arrive(self.system, x, w, after)
+            hit = np.setdiff1d(pairs.colliding(self.surface, x, after), known)
+            hit = pairs.crossing(self.surface, x, after, hit)
 
     def gain(self) -> float:
         """How much the energy rises, J, 0 where that is tolerated."""
-        if self.surface is None:
-            return float(march.gain(self.euler.inputs, self.euler, self.part, self.t, self.work))
-        own = self.part, self.t, self.surface, self.numbers, self.work
-        return gains(self.system, *own, False, self.made)
+        from clothfit.engine.work import energy_before, rise  # which few scenes need
 
-    def end_well(self, tolerance: float, halvings: int) -> float:
-        """Take more of Newton's iterations until the energy rises no more; where all that there is room for do not
-        help, halve the step, but not more often than that. What moves may press into a shorter step, so of all ends the
-        one is kept that gains the least, which is returned, J.
+        part, t, joined, given = self.part, self.t, self.w.copy(), 0.0
+        if self.before is None:
+            self.before = float(energy_before(self.forms[0], part, t)) + self.stored(part.x[t])
+        if self.made is not None:
+            given = zones.work(self.made, self.system.vertex, joined)
+            self.w[self.made.member] = self.made.found
+        more = rise(*self.forms, part, t, self.second, joined, self.before, self.work) - given
+        self.w[:] = joined
+        more += self.stored(part.x[t + 1])
+        unknown = self.surface is None and collider_rows.some_grow(self.system.colliders)
+        return more if guard.rises(self.before, self.before + more, 0.0) and not unknown else 0.0
+
+    def stored(self, y: Array) -> float:
+        """What pairs store at y (n, 3), J: those that are near there, on whichever side, as none has passed through."""
+        if self.surface is None:
+            return 0.0
+        numbers = self.numbers
+        if self.made is not None:  # others may be near
+            numbers = np.union1d(numbers, pairs.near(self.surface, y))
+        return float(contact.energy(pairs.of_numbers(self.surface, y, numbers), y))
+
+    def end_well(self, tolerance: float) -> float:
+        """Take more of Newton's iterations until the energy rises no more; where they do not help, halve the step.
+        What moves may press into a shorter step: the energy is about convex along it, so that of halves that gain more
+        the next gains still more. Of all ends the one is kept that gains the least, which is returned, J.
         """
-        tried, first = [self.gain()], int(self.part.used[self.t])
-        while tried[-1] and self.go_on(tolerance):
-            tried.append(self.gain())
-        if other := tried[-1] != min(tried):
-            self.end_with(first + int(np.argmin(tried)))
-        tried = [min(tried)]
-        while tried[-1] and len(tried) <= halvings:
+        best = self.tried()
+        while best[0] and self.go_on(tolerance):
+            best = min(best, self.tried())
+        if self.part.used[self.t] != best[2]:
+            self.end_with(best[2])
+        last, still = best, guard.applies(self.system)
+        for _ in range(guard.SHORTEST if still else SHORTEST):
+            if not best[0] or (last[0] > best[0] and not still):
+                break
             self.shorten(0.5)
-            tried.append(self.gain())
-        if longer := len(tried) - 1 - int(np.argmin(tried)):
-            self.shorten(2.0**longer)
-        if other or longer:
-            self.gain()  # notes the power
-        return min(tried)
+            last = self.tried()
+            best = min(best, last)
+        if last[1] != best[1]:
+            self.shorten(2.0 ** (last[1] - best[1]))
+        self.part.guard_state[self.t + 1, guard.POWER] = best[3]
+        return best[0]
+
+    def tried(self) -> tuple[float, int, int, float]:
+        """The gain of an end, J, how often it is halved, its iterations, and the power in it."""
+        part, t = self.part, self.t
+        return self.gain(), int(-np.log2(part.theta[t])), int(part.used[t]), float(part.guard_state[t + 1, guard.POWER])
 
     def go_on(self, tolerance: float) -> bool:
-        """Take one more iteration, if there is room for one; whether that ended well."""
+        """Take one more iteration, if there is room for one and Newton's method converges: its last iteration changed
+        less than the one before (P. Deuflhard, Newton methods for nonlinear problems, 2004); whether that ended well.
+        """
         self.split()
-        good = bool(march.go_on(self.euler, tolerance, self.work, self.part.bare(), self.t))
+        last = np.diff(self.part.w[self.t, max(self.part.used[self.t] - 3, 0) : self.part.used[self.t]], axis=0)
+        change = np.einsum("i,kij,kij->k", self.system.vertex.mass, last, last)
+        good = len(change) < 2 or change[1] < change[0]
+        good = good and bool(march.go_on(self.forms[0], tolerance, self.work, self.part.bare(), self.t))
         if good and self.surface is not None:
             now = self.part.x[self.t], self.part.x[self.t + 1]
-            self.numbers = np.union1d(self.numbers, pairs.colliding(self.surface, *now))
+            self.numbers = np.union1d(self.numbers, pairs.around(self.surface, *now, 0.0))
         self.end_with(int(self.part.used[self.t]))
         return good
 
@@ -266,41 +312,11 @@ def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
     """Take more iterations of Euler step t of a part, after which the energy is higher than what moves has given it, or
     shorten it, or take it with the clamped system; for a cloth that does not touch itself.
     """
-    if Ending(forms.at(part, t), work, part, t).end_well(tolerance, SHORTEST) and not part.clamped[t]:
+    if Ending(forms.at(part, t), work, part, t).end_well(tolerance) and not part.clamped[t]:
         part.clamped[t], part.theta[t] = True, 1.0
-        own, v = bdf2.forms(forms.at(part, t))[0], part.velocity(t)
-        attempt(own, work, part, t, v, v.copy(), tolerance)  # which succeeds
-        Ending(forms.at(part, t), work, part, t).end_well(tolerance, SHORTEST)
-
-
-def gains(
-    system: System, part: Rollout, t: int, surface: pairs.Surface, numbers: Indices, work: implicit.Workspace,
-    second: bool, made: zones.Zones | None = None,
-) -> float:  # fmt: skip
-    """How much the energy rises in step t of a part, J, 0 where that is tolerated, of `second` order or not and with
-    what zones joined, where all pairs that are near before it and where it would end are among the `numbers`.
-    """
-    from clothfit.engine.work import rise  # which few scenes need
-
-    w = part.w[t, part.used[t] - 1]
-    merged, given = w.copy(), 0.0
-    if made is not None:
-        given = zones.work(made, system.vertex, w)
-        w[made.member] = made.found
-    one, other = bdf2.forms(system)
-    more, before = rise(one, other, part, t, second, merged, work)
-    w[:] = merged
-    held = stored(surface, part.x[t], part.x[t], numbers)
-    if part.theta[t] < 1.0 or made is not None:  # others may be near on the way
-        numbers = np.union1d(numbers, pairs.near(surface, part.x[t + 1]))
-    after = stored(surface, part.x[t], part.x[t + 1], numbers)
-    more += after - held - given
-    return more if guard.rises(before + held, before + held + more, 0.0) else 0.0
-
-
-def stored(surface: pairs.Surface, x: Array, y: Array, numbers: Indices) -> float:
-    """What pairs store at y in a step that begins at x, (n, 3) each, J."""
-    return float(contact.energy(pairs.of_numbers(surface, x, numbers), y))
+        own = bdf2.forms(forms.at(part, t))[0]
+        march.attempt(own, work, part, t, part.velocity(t).copy(), tolerance, part.w[t])  # which succeeds
+        Ending(forms.at(part, t), work, part, t).end_well(tolerance)
 
 
 def hits(system: System, part: Rollout, t: int, surface: pairs.Surface, near: Indices, active: ActivePairs) -> bool:
@@ -309,27 +325,6 @@ def hits(system: System, part: Rollout, t: int, surface: pairs.Surface, near: In
     new = pairs.of_numbers(surface, x, np.setdiff1d(active.numbers, near))
     stopped = rows.stopped(new, system.vertex.mass, x, v) > march.HIT * guard.moving(system.vertex, v)[0]
     return bool(stopped or march.hits(system.colliders, system.vertex, x, v, part.x[t + 1]))
-
-
-def separated(
-    system: System, surface: pairs.Surface, part: Rollout, t: int, hit: Indices
-) -> zones.Zones | None:
-    """Join what would pass through each other in step t, at first the pairs `hit`: writes its velocity and the
-    positions after it.
-    """
-    x, after, w = part.x[t], part.x[t + 1], part.w[t, part.used[t] - 1]
-    made, found, known = None, w.copy(), NOBODY
-    hit = pairs.crossing(surface, x, after, hit)
-    while len(hit):
-        interrupts.check()
-        known = np.concatenate([known, hit])
-        made = zones.of_pairs(pairs.of_numbers(surface, x, known).vertices, len(x), found)
-        w[:] = found
-        zones.join(made, system.vertex, w)
-        march.arrive(system, x, w, after)
-        hit = np.setdiff1d(pairs.colliding(surface, x, after), known)
-        hit = pairs.crossing(surface, x, after, hit)
-    return made
 
 
 class Taken(NamedTuple):
@@ -354,40 +349,12 @@ def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Ta
 
 
 @kernel(nogil=True)
-def begin(system, part, t, work):
-    """Set the inputs of a step, write a first guess of the velocity to the workspace, and note an ordinary step."""
-    set_inputs(system.inputs, system, part.first + t)
-    part.theta[t], part.clamped[t], part.predicted[t] = 1.0, system.springs.cap <= 1.0, False
-    part.hit[t] = False
-    part.euler[t] = True
-    part.guard_state[t + 1, guard.POWER] = 0.0
-    part.solves[t] = 0
-    copy(states.velocity(part, t), work.solution)
-    guess.next_guess(work.past, part.first + t, work.solution)
-
-
-@kernel(nogil=True)
-def attempt(system, work, part, t, v, first, tolerance):
-    """Take step t from a first guess; whether its matrix is not seen to be indefinite."""
-    set_inputs(system.inputs, system, part.first + t)
-    contact.clear(system.colliders)
-    implicit.prepare(system, part.x[t], v, work)
-    used, iterations, direct = implicit.step(system, part.x[t], v, first, tolerance, work, part.w[t])
-    contact.save_active(system.colliders, part.active, t)
-    march.count(part, t, used, iterations, direct)
-    if used == 0:
-        return False
-    march.arrive(system, part.x[t], part.w[t, used - 1], part.x[t + 1])
-    return True
-
-
-@kernel(nogil=True)
-def attempt_second(system, work, part, t, v, first, tolerance):
-    """The same for a BDF2 step, of which `system` is the inner one; the inputs are set."""
+def attempt_second(system, work, part, t, first, tolerance, iterates):
+    """What `march.attempt` does for a BDF2 step, of which `system` is the inner one."""
     contact.clear(system.colliders)
     x_before, v_before = states.state_before(part, t)
     used, iterations, direct, _, _, _ = bdf2.step(
-        system, part.x[t], v, x_before, v_before, first, tolerance, work, part.w[t], part.x[t + 1]
+        system, part.x[t], states.velocity(part, t), x_before, v_before, first, tolerance, work, iterates, part.x[t + 1]
     )
     contact.save_active(system.colliders, part.active, t)
     march.count(part, t, used, iterations, direct)

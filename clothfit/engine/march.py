@@ -14,7 +14,7 @@ from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
 from clothfit.engine.step import bdf2, explicit, guard, implicit
 from clothfit.engine.step.states import state_before, velocity
-from clothfit.engine.work import moved, rise
+from clothfit.engine.work import energy_before, moved, rise
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, sub
 from clothfit.kernels.vectors import combine, copy, dot
@@ -104,6 +104,37 @@ def run_explicit(system, part, start, stop):
     return stop, DONE
 
 
+@kernel(nogil=True)
+def begin(system, part, t, work):
+    """Set the inputs of a step, write a first guess of the velocity to the workspace, and note an ordinary step; where
+    the system is clamped, another one has made that guess.
+    """
+    set_inputs(system.inputs, system, part.first + t)
+    part.theta[t], part.clamped[t], part.predicted[t] = 1.0, system.springs.cap <= 1.0, False
+    part.hit[t], part.euler[t] = False, True
+    part.guard_state[t + 1, guard.POWER] = 0.0
+    if not part.clamped[t]:
+        part.solves[t] = 0
+        copy(velocity(part, t), work.solution)
+        guess.next_guess(work.past, part.first + t, work.solution)
+
+
+@kernel(nogil=True)
+def attempt(system, work, part, t, first, tolerance, iterates):
+    """Take Euler step t, whose inputs are set, from a first guess, and write the `iterates` (N, n, 3) of it; whether
+    its matrix is not seen to be indefinite.
+    """
+    v = velocity(part, t)
+    contact.clear(system.colliders)
+    implicit.prepare(system, part.x[t], v, work)
+    used, iterations, direct = implicit.step(system, part.x[t], v, first, tolerance, work, iterates)
+    contact.save_active(system.colliders, part.active, t)
+    count(part, t, used, iterations, direct)
+    if used > 0:
+        arrive(system, part.x[t], iterates[used - 1], part.x[t + 1])
+    return used > 0
+
+
 @kernel
 def given_in(system, t, v):
     """The power of the weight and of the applied forces in step t, at velocities v (n, 3), W."""
@@ -144,15 +175,9 @@ def retake(predictive, tolerance, work, part, t):
     x, v, bound = part.x, velocity(part, t), part.guard_state[t, guard.BOUND]
     energy = guard.energy(predictive, x[t], v)
     part.predicted[t], part.clamped[t] = True, predictive.springs.cap <= 1.0
-    contact.clear(predictive.colliders)
-    implicit.prepare(predictive, x[t], v, work)
-    used, iterations, direct = implicit.step(predictive, x[t], v, v, tolerance, work, part.w[t, :1])
-    contact.save_active(predictive.colliders, part.active, t)
-    count(part, t, used, iterations, direct)
-    if used == 0:
+    if not attempt(predictive, work, part, t, v, tolerance, part.w[t, :1]):
         return REFUSED
     w = part.w[t, 0]
-    combine(1.0, x[t], predictive.h, w, x[t + 1])
     if not finite(x[t + 1]):
         return FAILED
     if guard.fault(predictive, part.first + t, energy, bound, x[t], w, x[t + 1]) != guard.NONE:
@@ -165,24 +190,17 @@ def retake(predictive, tolerance, work, part, t):
 @kernel(nogil=True)
 def run_bdf2(euler, inner, tolerance, work, part, start, stop):
     """What `run` does, for the two `bdf2.forms`."""
-    x, first, safe = part.x, work.solution, euler.springs.cap <= 1.0
-    guarded, watched = guard.applies(euler), guard.watches(euler.inputs, euler)
+    x, guarded, watched = part.x, guard.applies(euler), guard.watches(euler.inputs, euler)
     set_frame(euler.inputs, euler, part.first + start)
     energy = guard.energy(euler, x[start], velocity(part, start)) if guarded or watched else 0.0
     if part.first + start == 0:
         part.guard_state[0, guard.BOUND] = energy
     for t in range(start, stop):
         v = velocity(part, t)
-        set_inputs(euler.inputs, euler, part.first + t)
-        contact.clear(euler.colliders)
-        if not safe:
-            copy(v, first)
-            guess.next_guess(work.past, part.first + t, first)
-            part.solves[t] = 0
-        part.theta[t], part.clamped[t], part.predicted[t], part.hit[t] = 1.0, safe, False, False
-        part.guard_state[t + 1, guard.POWER] = 0.0
+        begin(euler, part, t, work)
         part.euler[t] = part.theta[t - 1] < 1.0 or part.predicted[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
         if not part.euler[t]:
+            contact.clear(euler.colliders)
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded, watched)
             contact.save_active(euler.colliders, part.active, t)
             if part.used[t] == 0:
@@ -190,16 +208,9 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
             if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
                 continue
             part.euler[t] = True
-        contact.clear(euler.colliders)
-        implicit.prepare(euler, x[t], v, work)
-        used, iterations, direct = implicit.step(euler, x[t], v, first, tolerance, work, part.w[t])
-        contact.save_active(euler.colliders, part.active, t)
-        count(part, t, used, iterations, direct)
-        if used == 0:
+        if not attempt(euler, work, part, t, work.solution, tolerance, part.w[t]):
             return t, REFUSED
-        w = part.w[t, used - 1]
-        combine(1.0, x[t], euler.h, w, x[t + 1])
-        place_pins(euler.inputs, euler, x[t + 1])
+        w = velocity(part, t + 1)
         if not finite(x[t + 1]):
             return t, FAILED
         part.hit[t] = hits(euler.colliders, euler.vertex, x[t], v, x[t + 1])
@@ -220,8 +231,9 @@ def gain(inputs, system, part, t, work):
     """How much the energy rises in Euler step t beyond the work that is done in it, J; 0 where that is tolerated, and
     where colliders grow, whose work is not known.
     """
-    more, before = rise(system, system, part, t, False, velocity(part, t + 1), work)
-    return more if guard.rises(before, before + more, 0.0) and not collider_rows.some_grow(system.colliders) else 0.0
+    begun = energy_before(system, part, t)
+    more = rise(system, system, part, t, False, velocity(part, t + 1), begun, work)
+    return more if guard.rises(begun, begun + more, 0.0) and not collider_rows.some_grow(system.colliders) else 0.0
 
 
 @kernel(empty=False, apart=False)

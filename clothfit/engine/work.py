@@ -49,17 +49,22 @@ def power(euler, inner, part, t, second, work):
 
 
 @kernel
-def rise(euler, inner, part, t, second, w, work):
-    """How much the energy rises in step t, after which the velocity is w (n, 3), beyond the work that is done in it,
-    and what it is before, both without pairs, J.
-    """
+def energy_before(euler, part, t):
+    """The energy before step t of a part, without pairs, J."""
     set_frame(euler.inputs, euler, part.first + t)
+    return guard.energy(euler, part.x[t], velocity(part, t))
+
+
+@kernel
+def rise(euler, inner, part, t, second, w, begun, work):
+    """How much the energy rises in step t, after which the velocity is w (n, 3), from what it has `begun` with, J
+    (`energy_before`), beyond the work that is done in it, without pairs, J.
+    """
     x, after = part.x[t], part.x[t + 1]
-    before = guard.energy(euler, x, velocity(part, t))
     done = moved(euler.inputs, euler, inner, part, t, second, w, work)
     done += work_done(euler.inputs, part.first + t, x, after)
     done += vertex.energy(euler.vertex, x) - vertex.energy(euler.vertex, after)
-    return guard.energy(euler, after, w) - before - done, before
+    return guard.energy(euler, after, w) - begun - done
 
 
 @kernel(absent=0.0, apart=0.0)

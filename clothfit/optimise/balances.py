@@ -189,8 +189,8 @@ def active_rows(system: System, colliders: collider_rows.Colliders, x: Array, v:
         set_inputs(system.inputs, system, t)
         y = begun(system, x, v, t, first_order)
         collider_rows.begin(colliders, system.h if first_order else 0.0)
-        depth, left = collider_rows.depths_along(colliders, y, np.ascontiguousarray(x[t + 1]))
-        met[t] = ((depth <= 0) & (left > 0)).any(axis=0)
+        depth, left = contact.depths_along(colliders, y, np.ascontiguousarray(x[t + 1]))
+        met[t] = ((depth <= 0) & (left > 0)).reshape(-1, len(y)).any(axis=0)
     return met
 
 
@@ -219,13 +219,13 @@ def pressing_pairs(system: System, x: Array, v: Array, euler: Flags, valid: Flag
         y = end if system.newton_iterations > 1 else begun(system, x, v, t, first_order)
         view = pairs.around(surface, begin, end, 0.0)
         near = pairs.of_numbers(surface, begin, view)
-        presses, still = rows.depths(near, y, end - y) > 0.0, np.zeros_like(end)
+        depth, left = contact.depths_along(near, y, end)
         known = np.isin(view, np.union1d(pairs.near(surface, begin, view), pairs.colliding(surface, begin, end, view)))
-        deep = rows.depths(near, end, still) > rows.FLAT * surface.thickness
-        known &= deep | (rows.depths(near, y, still) > 0.0)  # as `rows.may_change` asks
+        deep = contact.depths_along(near, end, end)[0] > rows.FLAT * surface.thickness
+        known &= deep | (depth > 0.0)  # as `rows.may_change` asks
         seen = (valid[t] | ~system.vertex.free)[near.vertices].all(axis=1)
-        valid[t, near.vertices[presses & ~(known & seen)]] = False
-        if (sure := presses & known & seen).any():
+        valid[t, near.vertices[(left > 0.0) & ~(known & seen)]] = False
+        if (sure := (left > 0.0) & known & seen).any():
             found[t] = view[sure]
     return found
 

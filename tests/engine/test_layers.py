@@ -189,6 +189,30 @@ def test_derivatives_of_steps_that_go_on_as_their_energy_rises(tmp_path, seed, s
         assert np.array_equal(np.concatenate([own.x[1:] for own in again.forward()]), part.x[1:])
 
 
+def test_what_an_end_gains_is_what_its_states_do_whatever_pairs_other_ends_have_met(tmp_path, monkeypatch):
+    """Pairs that go round a rim come to each other's other side without passing through."""
+    rng, found, own = np.random.default_rng(22), {}, contact_steps.Ending.end_well
+
+    def end_well(self, tolerance):
+        x = self.part.x[self.t]
+        self.numbers = pairs.around(self.surface, x, x, 10.0)  # all
+        left = own(self, tolerance)
+        with monkeypatch.context() as patched:
+            patched.setattr(contact_steps.guard, "rises", lambda *_: True)  # what is tolerated too
+            found[self.t] = self.gain()
+        return left
+
+    monkeypatch.setattr(contact_steps.Ending, "end_well", end_well)
+    cloths = [sheet(6, 0.9, 0.22 + 0.03 * k, 0.02 * rng.normal(size=2), stiffness=60.0) for k in range(2)]
+    ring = twisting(tmp_path, 16, 1.5, 20.0)
+    made = layers(*cloths, colliders=[ring], integrationMethod=2, delta=0.02, optimizationIterations=16)
+    motion = simulate(made)
+    counted = energies(made, motion)
+    assert motion.remedies.longer_steps > 0
+    assert len(found) == 15
+    np.testing.assert_allclose([found[t] for t in range(15)], counted.rises[1:], rtol=0.0, atol=1e-9 * counted.scale)
+
+
 @pytest.mark.parametrize(
     ("seed", "alone", "method"),
     [(13, False, 2), (22, False, 2), (10, True, 2), (15, True, 2), (20, True, 3), (25, True, 3)],

@@ -110,7 +110,7 @@ def fitted(own: Parts, low: Array, high: Array) -> Array:
     return tree.box
 
 
-@kernel
+@kernel(nogil=True)
 def search(one, other, own, others, alike, low, high, found):
     """Write the pairs that may meet, as many as there is room for; returns how many there are."""
     count = 0
@@ -166,7 +166,7 @@ def meet(one, other, slack):
     return lane0(gap) <= 0.0 and lane1(gap) <= 0.0 and lane2(gap) <= 0.0
 
 
-@kernel
+@kernel(nogil=True)
 def refit(tree, root, end, parts, low, high):
     """Set the boxes of the nodes `root` to below `end` about parts (T, m) of vertices from low to high (V, 3)."""
     for node in range(end - 1, root - 1, -1):

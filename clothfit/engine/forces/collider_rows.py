@@ -73,7 +73,7 @@ class Colliders(NamedTuple):
     span: Array  # (2,), h, s, of a step that is linearised where it begins, else 0; and of the last such step
     point: Array  # (C n, 3), m, p of each vertex in such a step, found when it is asked for
     origin: Array  # (C n, 3), m, the x that it belongs to, NaN where it is not known
-    posed: Array  # (C, 10, 3), the rows that all p belong to
+    posed: Array  # (C, 10, 3), the rows that all p belong to, NaN where meshes have changed since
     bodies: meshes.Bodies  # the meshes
     begin: Array  # (C, n, 4), d, m, and n of each vertex at the start, 0 where it may be pushed at once; or (0, 0, 4)
     release: Array  # (C,), s, in which what begins inside leaves
@@ -279,22 +279,14 @@ def begin(colliders, h):
     colliders.span[0] = h
     if h > 0.0:
         same = h == colliders.span[1]
-        for c in range(len(colliders.rows)):
-            for j in range(colliders.rows.shape[1]):
-                for axis in range(3):
-                    same = same and colliders.rows[c, j, axis] == colliders.posed[c, j, axis]
+        for j in range(colliders.rows.size):
+            same = same and colliders.rows.flat[j] == colliders.posed.flat[j]
         if not same:
-            forget_places(colliders)
             colliders.span[1] = h
             for c in range(len(colliders.rows)):
                 copy(colliders.rows[c], colliders.posed[c])
-
-
-@kernel(absent=None)
-def forget_places(colliders):
-    """Where vertices are carried to is to be found anew."""
-    for k in range(len(colliders.origin)):
-        colliders.origin[k, 0] = np.nan
+            for k in range(len(colliders.origin)):
+                colliders.origin[k, 0] = np.nan
 
 
 @kernel
@@ -652,17 +644,6 @@ def depths(colliders, y):
             depth[c, i], _, _, n, _, _ = contact(colliders, y, i, c)
             store3(n, normal[c], i)
     return depth, normal
-
-
-@kernel
-def depths_along(colliders, y, end):
-    """Depth (C, n), m, where vertices are linearised, and for the planes there at their `end`; y and end (n, 3)."""
-    depth = np.zeros((len(colliders.rows), len(y)))
-    left = np.zeros_like(depth)
-    for k in range(count(colliders, y)):
-        (i, _, _, _), _, n, deep, _, _, _, (c, _, _, _, _, _) = row(colliders, y, k)
-        depth[c, i], left[c, i] = deep, deep - dot(n, sub(load3(end, i), place(colliders, y, k)))
-    return depth, left
 
 
 def contact_points(colliders: Colliders, y: Array) -> Indices:

@@ -339,6 +339,16 @@ def left_of(part, k, found, y, end):
 
 
 @kernel
+def depths_along(part, y, end):
+    """How deep rows (R,) are where they are linearised, and for the model of a step from there to `end` (n, 3), m."""
+    depth, left = np.zeros(count(part, y)), np.zeros(count(part, y))
+    for k in range(len(depth)):
+        found = row(part, y, k)
+        depth[k], left[k] = found[3], left_of(part, k, found, y, end)
+    return depth, left
+
+
+@kernel
 def led(free, own, c):
     """The weights c where a row is fixed, 0 where it is free."""
     one, other = 0.0 if free[own[0]] else c[0], 0.0 if free[own[1]] else c[1]

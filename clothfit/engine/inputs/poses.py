@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import NO_VECTORS, Array, Indices
 from clothfit.engine.forces import bodies as meshes
-from clothfit.engine.forces import collider_rows
 from clothfit.engine.inputs.interpolation import splined
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sub
@@ -116,7 +115,7 @@ def pose(poses, colliders, row, lead, h):
             meshes.arrange(bodies, b)
             for i in range(bodies.clear.shape[1]):
                 bodies.clear[b, i, 3] -= sqrt(change) / meshes.NEAR
-            collider_rows.forget_places(colliders)
+            colliders.posed[:] = np.nan
 
 
 @kernel

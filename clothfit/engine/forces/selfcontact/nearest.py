@@ -28,7 +28,7 @@ import numpy as np
 from clothfit.engine.forces import triangle
 from clothfit.engine.solve.contact_blocks import mixed, spread
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import fma, load3, mul, splat, sub
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
 
 CORNER, EDGE = 0, 1
@@ -128,8 +128,8 @@ def passes(kind, own, x, after, thick, thickness):
         if t >= 1.0:
             return False
         for e in range(4):
-            for c in range(3):
-                y[e, c] = x[own[e], c] + t * (after[own[e], c] - x[own[e], c])
+            way = sub(load3(after, own[e]), load3(x, own[e]))
+            store3(add(load3(x, own[e]), mul(splat(t), way)), y, e)
         delta = distance(kind, corners, y)
         if not delta > least:
             break
@@ -139,17 +139,12 @@ def passes(kind, own, x, after, thick, thickness):
 @kernel
 def past_each_other(kind, own, x, after):
     """How far the two of a pair move past each other at most, without what all four vertices do."""
-    mean0, mean1, mean2 = 0.0, 0.0, 0.0
+    mean, one, other = splat(0.0), 0.0, 0.0
     for e in range(4):
-        i = own[e]
-        mean0 += 0.25 * (after[i, 0] - x[i, 0])
-        mean1 += 0.25 * (after[i, 1] - x[i, 1])
-        mean2 += 0.25 * (after[i, 2] - x[i, 2])
-    one, other = 0.0, 0.0
+        mean = add(mean, mul(splat(0.25), sub(load3(after, own[e]), load3(x, own[e]))))
     for e in range(4):
-        i = own[e]
-        w0, w1, w2 = after[i, 0] - x[i, 0] - mean0, after[i, 1] - x[i, 1] - mean1, after[i, 2] - x[i, 2] - mean2
-        size = w0 * w0 + w1 * w1 + w2 * w2
+        way = sub(sub(load3(after, own[e]), load3(x, own[e])), mean)
+        size = dot(way, way)
         if e == 0 or (e == 1 and kind == EDGE):
             one = max(one, size)
         else:

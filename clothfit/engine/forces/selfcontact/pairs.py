@@ -15,6 +15,7 @@ Both are looked for where boxes overlap (`boxes`), in time about proportional to
 
 from __future__ import annotations
 
+from functools import partial
 from math import sqrt
 from typing import NamedTuple
 
@@ -28,8 +29,10 @@ from clothfit.engine.forces.law import remaining
 from clothfit.engine.forces.selfcontact import nearest
 from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, LEFT, distance, past_each_other
 from clothfit.engine.forces.selfcontact.rows import Contact
+from clothfit.engine.solve.sparse import MULTIGRID_FROM
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, mul, splat
+from clothfit.kernels.parallel import together
 from clothfit.kernels.vectors import dot
 
 FASTEST = 0.5
@@ -268,16 +271,18 @@ def around(surface: Surface, x: Array, after: Array, margin: float) -> Indices:
     they end, no vertex farther than `margin`, m, from `after`, (n, 3).
     """
     motion = x, after - x, surface.thickness, margin
-    corners = overlapping(surface.points, surface.faces, *motion)
-    edges = overlapping(surface.lines, surface.lines, *motion)
-    found = []
-    for kind, pairs in ((CORNER, corners), (EDGE, edges)):
+
+    def of_kind(kind: int, one: Parts, other: Parts) -> npt.NDArray[np.int64]:
+        pairs = overlapping(one, other, *motion)
         numbers = np.empty(len(pairs), np.int64)
-        found.append(numbers[: reach(surface, x, after, 2.0 * margin, kind, pairs, numbers)])
-    return np.sort(np.concatenate(found))
+        return numbers[: reach(surface, x, after, 2.0 * margin, kind, pairs, numbers)]
+
+    kinds = (CORNER, surface.points, surface.faces), (EDGE, surface.lines, surface.lines)
+    each = [partial(of_kind, *own) for own in kinds]
+    return np.sort(np.concatenate(together(each) if len(x) >= MULTIGRID_FROM else [part() for part in each]))
 
 
-@kernel
+@kernel(nogil=True)
 def reach(surface, x, after, more, kind, pairs, numbers):
     """Write the numbers of the pairs that may come within their thickness, or pass, where they come nearer by no more
     than from x to `after` and by `more`, m; returns how many there are.

@@ -164,16 +164,6 @@ def pass_on(contact, k, free, at, h, end):
 
 
 @kernel
-def depths(contact, y, s):
-    """d − n·S (P,): how deep, m, each pair is for the model of a step that ends at y + s."""
-    found = np.zeros(len(contact.kind))
-    for k in range(len(contact.kind)):
-        own, c, n, depth, _, _, _, _ = row(contact, y, k)
-        found[k] = depth - dot(n, mixed(c, own, s))
-    return found
-
-
-@kernel
 def stopped(contact, mass, x, v):
     """The kinetic energy, J, of the two of each pair towards each other, at x with velocities v (n, 3)."""
     total = 0.0

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Indices
+from clothfit.base.eigen import connected_components
 from clothfit.engine.forces.vertex import Vertex
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import copy_row
@@ -29,11 +30,7 @@ class Zones(NamedTuple):
 
 def of_pairs(vertices: Indices, n: int, found: Array) -> Zones:
     """The zones of pairs with these vertices (P, 4), of a cloth with n, whose velocities are `found` (n, 3)."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    ends = np.repeat(vertices[:, 0], 3), vertices[:, 1:].ravel()
-    label = connected_components(coo_array((np.ones(len(ends[0])), ends), shape=(n, n)), directed=False)[1]
+    label = connected_components(np.stack([np.repeat(vertices[:, 0], 3), vertices[:, 1:].ravel()], 1), n)
     touched = np.unique(vertices)
     member = touched[np.argsort(label[touched], kind="stable")].astype(np.int32)
     first = np.flatnonzero(np.diff(label[member], prepend=-1, append=-1)).astype(np.int32)
