@@ -70,7 +70,7 @@ RESTING = 30
 """Times that points are tied to a cloth at rest, whose shape by other values may have other folds."""
 
 TOLERANCE = 1e-5
-"""Of the linear systems of the steps, relative."""
+"""Of linear systems, relative: of the steps, and of the changes, whose edges and points condition them well."""
 
 MOSTLY = 0.75
 """Share of the points of a first frame that must be within an edge of a mesh that lies there."""
@@ -309,8 +309,8 @@ class Drawing:
 
     def change(self, x: Array, found: Feet, good: Flags, points: Array, tree: Any, lengths: Array) -> Array:
         """The least change (n, 3) that brings tied points near, and leaves edges their lengths (E,)."""
-        from scipy.sparse import csc_array, csr_array, diags_array, eye_array, kron, vstack
-        from scipy.sparse.linalg import splu
+        from scipy.sparse import csr_array, diags_array, eye_array, kron, vstack
+        from scipy.sparse.linalg import cg
 
         corners, weights = self.mesh.triangles[found.faces[good]], found.weights[good]
         B, e = weights_of_corners(corners, weights, len(x)), self.along(x)
@@ -323,8 +323,8 @@ class Drawing:
         flat = SLIDING * square + diags_array(way.any(axis=1).astype(float))
         A = J.T @ J + kron(flat, eye_array(3), format="csr") + SMOOTH * unit * self.smooth
         left = np.concatenate([(1.0 + SLIDING) * found.gaps[good], root * (own - lengths)])
-        factors = splu(csc_array(A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        out = factors.solve(-(J.T @ left) - way.ravel())
+        scale = diags_array(1.0 / np.maximum(A.diagonal(), 1e-300))
+        out = np.asarray(cg(A, -(J.T @ left) - way.ravel(), rtol=TOLERANCE, M=scale)[0])
         out[self.held] = 0.0
         return np.asarray(out.reshape(x.shape))
 
