@@ -80,9 +80,6 @@ TURNS, ITERATIONS, POINTS, ALIKE, RELAXING = 3, 20, 300, 1.5, 60
 least that is as good, and steps of relaxing.
 """
 
-STIFF = 1e9
-"""What keeps held vertices where they are, relative to κ."""
-
 SEEN_WEIGHT = 0.25
 """Weight of matched points from which on a vertex counts as seen."""
 
@@ -261,9 +258,9 @@ class Drawing:
         from scipy.sparse import csr_array, diags_array, eye_array, kron
 
         edges = roughness(scene)  # G
-        square, self.held = edges.T @ edges, np.repeat(~free, 3)
-        stiff = kron(square / float(square.diagonal().mean()), eye_array(3)) + diags_array(STIFF * self.held)
-        self.mesh, self.smooth = mesh, csr_array(stiff)
+        square = edges.T @ edges
+        self.smooth = csr_array(kron(square / float(square.diagonal().mean()), eye_array(3)))
+        self.mesh, self.free = mesh, diags_array(np.repeat(free, 3).astype(float))
         self.edge = median_edge(scene)
         sides = edges_of(mesh.triangles)
         self.sides, self.hem = sides.ends, sides.hem
@@ -321,11 +318,10 @@ class Drawing:
         J = csr_array(vstack([near, rows_of(self.sides, root * np.stack([-e, e], axis=1), x.size)]))
         way = self.to_points(x, points, tree, good)
         flat = SLIDING * square + diags_array(way.any(axis=1).astype(float))
-        A = J.T @ J + kron(flat, eye_array(3), format="csr") + SMOOTH * unit * self.smooth
+        A = self.free @ (J.T @ J + kron(flat, eye_array(3), format="csr") + SMOOTH * unit * self.smooth)
         left = np.concatenate([(1.0 + SLIDING) * found.gaps[good], root * (own - lengths)])
         scale = diags_array(1.0 / np.maximum(A.diagonal(), 1e-300))
-        out = np.asarray(cg(A, -(J.T @ left) - way.ravel(), rtol=TOLERANCE, M=scale)[0])
-        out[self.held] = 0.0
+        out = cg(A, -(self.free @ (J.T @ left + way.ravel())), rtol=TOLERANCE, M=scale)[0]
         return np.asarray(out.reshape(x.shape))
 
     def to_points(self, x: Array, points: Array, tree: Any, good: Flags) -> Array:
