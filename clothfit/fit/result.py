@@ -373,7 +373,7 @@ def fitted_block(search: Search, given: Scene, block: Block, p: Array, known: Co
     become those on the scene that was `given`.
     """
     part, size = block.part, np.ones(block.count)
-    if block.factors is not None:
+    if block.factors is not None and block.cloth is not None:
         own = np.ravel(getattr(given.cloths[block.cloth], block.name))
         size = sizes_of(block, block.factors.base) / sizes_of(block, own)
     lower, upper = (end[part] for end in bounds(search.objective.scene))
