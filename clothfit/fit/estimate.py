@@ -322,7 +322,7 @@ def searched(fit: Fitting) -> Fit:
     if fit.checkpoint and fit.checkpoint.fault:
         warnings.append(fit.checkpoint.fault)
     known = assess(search, status, warnings, twin) if options.intervals else UNKNOWN
-    found = result(search, status, options.method, warnings, given, known, seconds)
+    found = result(search, fit.own.scene, status, options.method, warnings, given, known, seconds)
     if flattened:
         found = unflattened(found, search.objective, fit.as_it_is)
     models = judged(search.levels, fit.like(fit.kept_out)) if fit.judged is None else fit.judged

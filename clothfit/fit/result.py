@@ -54,6 +54,9 @@ ERROR_SECONDS = 0.5
 WIDE = float(np.exp(2.0))
 """Ratio of the ends of an interval of a stiffness from which on it has no upper end."""
 
+HARDLY = 2.0
+"""Half the width of an interval, as a factor, beyond which its value means little."""
+
 UNMOVED = 1e-9
 """Relative change up to which a parameter counts as not having moved: beyond the rounding of exp and log."""
 
@@ -74,9 +77,10 @@ class FittedBlock:
     least: list[float | None] = field(default_factory=list)  # that, N/m, of each value; of others None
     groups: list[str] | None = None  # in modes F, R and M: the names of the groups
     modes: list[int] | None = None  # in mode M: the values of each group, one for each mode of its map
-    values: list[float] | None = None  # in modes F, R and M: the factors
+    values: list[float] | None = None  # in modes F, R and M: the factors, on the values of the scene that was given
     bounds: list[float] = field(default_factory=list)  # that the values of `at_bound` are at, as `values` are meant
     start: float | list[float] | None = None  # where the fit began, as `values` are meant; one number where all agree
+    hardly_shown: list[int] = field(default_factory=list)  # values that the motion shows to a factor of 2 or worse
 
 
 @dataclass(frozen=True)
@@ -183,15 +187,10 @@ UNKNOWN = Judgement(None, None)
 
 
 def result(
-    search: Search,
-    status: Status,
-    method: str,
-    warnings: list[str],
-    started: bool,
-    judged: Judgement,
+    search: Search, given: Scene, status: Status, method: str, warnings: list[str], started: bool, judged: Judgement,
     seconds: float,
-) -> Fit:
-    """The result for the user of a search; the user gave its start where `started`."""
+) -> Fit:  # fmt: skip
+    """The result for the user of a search, whose scene was `given`; the user gave its start where `started`."""
     known = judged.known
     scene = search.objective.scene
     p, cost = (search.best.p, search.best.cost) if known is None else (known.p, known.cost)
@@ -204,7 +203,7 @@ def result(
         frames=search.objective.frames,
         evaluations=search.budget.evaluations,
         seconds=seconds,
-        parameters=[fitted_block(search, block, p, known) for block in scene.blocks],
+        parameters=[fitted_block(search, given, block, p, known) for block in scene.blocks],
         warnings=warnings,
         rank=None if known is None else known.rank,
         sigma=None if known is None else known.sigma,
@@ -242,12 +241,15 @@ def at_least(found: FittedBlock, block: Block, low: Array) -> FittedBlock:
     """A block with lower bounds (count,) of its values, as they are meant; NaN where there is none."""
     if np.isnan(low).all():
         return found
-    sizes = np.ones(block.count)
-    if block.factors is not None:
-        of = levels(block)
-        sizes = np.array([geometric_mean(block.factors.base[of == j]) for j in range(block.count)])
+    sizes = 1.0 if block.factors is None else sizes_of(block, block.factors.base)
     least = [None if np.isnan(each) else float(each) for each in low * sizes]
     return replace(found, at_least=True, least=least)
+
+
+def sizes_of(block: Block, values: Array) -> Array:
+    """The geometric mean (count,) of those of some values (E,) that have their level by a parameter of a block."""
+    of = levels(block)
+    return np.array([geometric_mean(values[of == j]) for j in range(block.count)])
 
 
 def fitted_scene(search: Search, p: Array, started: bool) -> Scene:
@@ -359,36 +361,47 @@ def with_verdict(fit: Fit, objective: Objective, tolerance: float, trial: bool) 
 
 def without_intervals(fit: Fit) -> Fit:
     """The fit without what its values' intervals say."""
-    blocks = [replace(block, interval=[None] * block.count, at_least=False, least=[]) for block in fit.parameters]
+    blocks = [
+        replace(block, interval=[None] * block.count, at_least=False, least=[], hardly_shown=[])
+        for block in fit.parameters
+    ]
     return replace(fit, parameters=blocks, rank=None, sigma=None, correlations=(), samples=None)
 
 
-def fitted_block(search: Search, block: Block, p: Array, known: Confidence | None) -> FittedBlock:
-    """The result of a block that ended at p (P,)."""
-    part = block.part
+def fitted_block(search: Search, given: Scene, block: Block, p: Array, known: Confidence | None) -> FittedBlock:
+    """The result of a block that ended at p (P,). Its factors, which may multiply values that a scan was tracked by,
+    become those on the scene that was `given`.
+    """
+    part, size = block.part, np.ones(block.count)
+    if block.factors is not None and block.cloth is not None:
+        own = np.ravel(getattr(given.cloths[block.cloth], block.name))
+        size = sizes_of(block, block.factors.base) / sizes_of(block, own)
     lower, upper = (end[part] for end in bounds(search.objective.scene))
     lost = ~search.fitted[part]
     interval: list[tuple[float, float] | None] = [None] * block.count
+    hardly = list[int]()
     if known is not None:
         lost |= known.undetermined[part]
-        ends = zip(known.low[part].tolist(), known.high[part].tolist(), strict=True)
+        low, high = known.low[part], known.high[part]
+        hardly = np.flatnonzero(block.kind.log & (high > HARDLY**2 * low)).tolist()
+        ends = zip((low * size).tolist(), (high * size).tolist(), strict=True)
         interval = [None if np.isnan(low) else (low, high) for low, high in ends]
     bound = (at_lower(p[part], lower) | at_upper(p[part], upper)) & ~lost
     start = search.origin
     still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
-    reached = np.where(at_lower(p[part], lower), lower, upper)[bound]
+    reached = (np.where(at_lower(p[part], lower), lower, upper) * size)[bound]
     at_bound, undetermined, unmoved = (np.flatnonzero(each).tolist() for each in (bound, lost, still[part] & ~lost))
-    began = start[part].tolist()
+    began = (start[part] * size).tolist()
     found = FittedBlock(
         block.cloth, block.name, block.mode, block.count, at_bound, undetermined, unmoved, interval,
-        bounds=reached.tolist(), start=began[0] if len(set(began)) == 1 else began,
+        bounds=reached.tolist(), start=began[0] if len(set(began)) == 1 else began, hardly_shown=hardly,
     )  # fmt: skip
     if known is not None and known.least is not None:
         found = at_least(found, block, known.least[part])
     if block.factors is None:
         return found
     modes = list(block.factors.modes) if block.mode == "M" else None
-    return replace(found, groups=list(block.factors.names), modes=modes, values=p[part].tolist())
+    return replace(found, groups=list(block.factors.names), modes=modes, values=(p[part] * size).tolist())
 
 
 def bound_hints(search: Search, p: Array) -> list[Hint]:

@@ -49,11 +49,8 @@ from clothfit.scene.scene import Scene, with_places
 
 Start: TypeAlias = float | Array | Scene | None
 
-STEPS, SAVING = 12, 1e-3
-"""Of Gauss–Newton in each window, and the share of the cost that a step must save."""
-
-SAME = 0.01
-"""Change of the coordinates of values up to which what was tracked before holds."""
+STEPS = 12
+"""Of Gauss–Newton in each window, at most. Each must save the variance of what is left: what noise leaves uncertain."""
 
 FEW, PART = 12, 0.5
 """Values, at most, that are fitted at once, and the part of the time in which cloths at rest are drawn."""
@@ -484,8 +481,8 @@ def by(
 def nearer(
     few: Scene, given: Sequence[Experiment], options: Request, about: Scene | None = None, pulled: bool = False
 ) -> Scene:
-    """The scene with the values that some steps lead to; the same object where they change by little, or nothing. What
-    is hardly shown stays near those of `about`, by default its own; where cloths are `pulled`, as in continuation.
+    """The scene with the values that some steps lead to; the same object where none is taken. What is hardly shown
+    stays near those of `about`, by default its own; where cloths are `pulled`, as in continuation.
     """
     objective = objective_of(few, [experiment(few, *each) for each in given], options)
     search = Search(objective, parameters(few), 0.0, options.max_evaluations, options.observer.progress)
@@ -495,5 +492,6 @@ def nearer(
     with suppress(Diverged, Stop), np.errstate(over="ignore", invalid="ignore"):
         centre = start if about is None else part.y(parameters(about))
         doubt = first(centre, [np.arange(part.size, dtype=np.int32)], (LEAST * part.residuals()) ** -0.5)
-        y = some_steps(part, start, STEPS, SAVING, prior=doubt if pulled else guard(centre, part.own_widths))
-    return few if np.abs(y - start).max(initial=0.0) <= SAME else with_parameters(few, part.parameters(y))
+        prior = doubt if pulled else guard(centre, part.own_widths)
+        y = some_steps(part, start, STEPS, 1.0 / part.residuals(), prior=prior)
+    return few if np.array_equal(y, start) else with_parameters(few, part.parameters(y))

@@ -70,7 +70,7 @@ RESTING = 30
 """Times that points are tied to a cloth at rest, whose shape by other values may have other folds."""
 
 TOLERANCE = 1e-5
-"""Of the linear systems of the steps, relative."""
+"""Of linear systems, relative: of the steps, and of the changes, whose edges and points condition them well."""
 
 MOSTLY = 0.75
 """Share of the points of a first frame that must be within an edge of a mesh that lies there."""
@@ -79,9 +79,6 @@ TURNS, ITERATIONS, POINTS, ALIKE, RELAXING = 3, 20, 300, 1.5, 60
 """Angles about the last axis that are tried, closest points for each with so many points, distance relative to the
 least that is as good, and steps of relaxing.
 """
-
-STIFF = 1e9
-"""What keeps held vertices where they are, relative to κ."""
 
 SEEN_WEIGHT = 0.25
 """Weight of matched points from which on a vertex counts as seen."""
@@ -261,9 +258,9 @@ class Drawing:
         from scipy.sparse import csr_array, diags_array, eye_array, kron
 
         edges = roughness(scene)  # G
-        square, self.held = edges.T @ edges, np.repeat(~free, 3)
-        stiff = kron(square / float(square.diagonal().mean()), eye_array(3)) + diags_array(STIFF * self.held)
-        self.mesh, self.smooth = mesh, csr_array(stiff)
+        square = edges.T @ edges
+        self.smooth = csr_array(kron(square / float(square.diagonal().mean()), eye_array(3)))
+        self.mesh, self.free = mesh, diags_array(np.repeat(free, 3).astype(float))
         self.edge = median_edge(scene)
         sides = edges_of(mesh.triangles)
         self.sides, self.hem = sides.ends, sides.hem
@@ -309,8 +306,8 @@ class Drawing:
 
     def change(self, x: Array, found: Feet, good: Flags, points: Array, tree: Any, lengths: Array) -> Array:
         """The least change (n, 3) that brings tied points near, and leaves edges their lengths (E,)."""
-        from scipy.sparse import csc_array, csr_array, diags_array, eye_array, kron, vstack
-        from scipy.sparse.linalg import splu
+        from scipy.sparse import csr_array, diags_array, eye_array, kron, vstack
+        from scipy.sparse.linalg import cg
 
         corners, weights = self.mesh.triangles[found.faces[good]], found.weights[good]
         B, e = weights_of_corners(corners, weights, len(x)), self.along(x)
@@ -321,11 +318,10 @@ class Drawing:
         J = csr_array(vstack([near, rows_of(self.sides, root * np.stack([-e, e], axis=1), x.size)]))
         way = self.to_points(x, points, tree, good)
         flat = SLIDING * square + diags_array(way.any(axis=1).astype(float))
-        A = J.T @ J + kron(flat, eye_array(3), format="csr") + SMOOTH * unit * self.smooth
+        A = self.free @ (J.T @ J + kron(flat, eye_array(3), format="csr") + SMOOTH * unit * self.smooth)
         left = np.concatenate([(1.0 + SLIDING) * found.gaps[good], root * (own - lengths)])
-        factors = splu(csc_array(A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        out = factors.solve(-(J.T @ left) - way.ravel())
-        out[self.held] = 0.0
+        scale = diags_array(1.0 / np.maximum(A.diagonal(), 1e-300))
+        out = cg(A, -(self.free @ (J.T @ left + way.ravel())), rtol=TOLERANCE, M=scale)[0]
         return np.asarray(out.reshape(x.shape))
 
     def to_points(self, x: Array, points: Array, tree: Any, good: Flags) -> Array:

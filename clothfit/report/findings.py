@@ -128,7 +128,8 @@ def blocks(summary: Mapping[str, Any]) -> Iterator[str]:
             continue
         place = block.get("object")
         name = owned(place if isinstance(place, int) else None, block["name"])
-        kinds = {"at_bound": "at a bound of the fit (--bounds)", "unidentifiable": "not shown by the motion"}
+        kinds = {"at_bound": "at a bound of the fit (--bounds)", "unidentifiable": "not shown by the motion",
+                 "hardly_shown": "hardly shown by it, to a factor of 2 or worse"}
         for key, text in kinds.items():
             found = block.get(key)
             if isinstance(found, list) and found:

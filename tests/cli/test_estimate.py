@@ -81,7 +81,7 @@ def test_the_fitted_scene_goes_beside_the_scene_and_is_described(scene, told):
     assert summary["output"] == "scene.fitted.json"
     (block,) = summary["parameters"]
     own = {"object": 0, "name": "mass", "mode": "L", "count": 16, "at_bound": [], "unidentifiable": [0, 3]}
-    none = {"groups": None, "modes": None, "values": None}  # they are of factors
+    none = {"groups": None, "modes": None, "values": None, "hardly_shown": []}  # the first three are of factors
     ends = {name: block[name] for name in ("start", "interval")}
     assert block == {**own, **none, "unmoved": [], "bounds": [], "at_least": False, "least": [], **ends}
     assert block["start"][0] == scene.cloths[0].mass[0]  # of a held vertex

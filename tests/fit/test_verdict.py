@@ -130,9 +130,6 @@ def test_what_the_model_lacks_is_seen_below_the_noise_and_the_true_model_is_not_
 
 
 def test_groups_that_a_target_hardly_shows_are_named():
-    """Half an interval is a factor √(9 / 1) = 3 for one group, √(1.2 / 0.8) for the other."""
-    block = FittedBlock(
-        0, "stiffness", "R", 2, [], [], [], [(0.8, 1.2), (1.0, 9.0)], groups=["edges", "bending"], values=[1.0, 3.0]
-    )
+    block = FittedBlock(0, "stiffness", "R", 2, [], [], [], [None, None], groups=["edges", "bending"], hardly_shown=[1])
     assert ", bending hardly shown, " in certainty(block, KIND["stiffness"])
-    assert "hardly" not in certainty(replace(block, interval=[(0.8, 1.2), None]), KIND["stiffness"])
+    assert "hardly" not in certainty(replace(block, interval=[(0.8, 1.2), None], hardly_shown=[]), KIND["stiffness"])

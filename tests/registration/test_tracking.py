@@ -10,7 +10,8 @@ from helpers.strangers import sheet
 
 from clothfit import InvalidMotion, cost_and_gradient, evaluate, simulate, with_parameters
 from clothfit.cli.parts.info_records import motion as motion_facts
-from clothfit.fit.tracked_fit import left_behind
+from clothfit.fit.options import Request
+from clothfit.fit.tracked_fit import by_windows, left_behind
 from clothfit.formats.animation import normals_at
 from clothfit.formats.axes import RIGHT, Reading, facing, from_scene
 from clothfit.motion.correspondence import SAME, SCANNED, normals
@@ -134,6 +135,13 @@ def test_noise_does_not_shake_a_cloth_that_is_where_the_points_are(tmp_path, met
     scan = load(as_npz(tmp_path, cloud(noise=2e-3, strangers=8, motion=motion)), own, Reading()).motion
     given = tracked(Experiment(scan, own)).motion
     np.testing.assert_allclose(given.positions, motion.positions, atol=1e-4)  # systems are solved to 1e-5
+
+
+def test_values_that_are_nearly_right_are_made_right_before_more_frames_follow(tmp_path):
+    """A motion may make much of a few thousandths later on. A step of Gauss–Newton leaves about their square."""
+    near = with_parameters(SCENE, np.array([1.004 * FACTOR]))
+    found, _ = by_windows([near], near, [Experiment(read(as_npz(tmp_path, cloud())), near)], Request())
+    assert found.cloths[0].stiffness == pytest.approx(FACTOR * CLOTH.stiffness, rel=1e-4)
 
 
 @pytest.mark.slow

@@ -39,9 +39,6 @@ FAILED = "fails"
 OF_UNITS = ("scale", "placement", "rest_lengths", "bounds")
 """The codes of hints that follow from another unit, or other axes."""
 
-WIDE = 2.0
-"""Half the width of an interval, as a factor, beyond which its value means little."""
-
 LISTED = 12
 """Lower bounds that are listed one by one."""
 
@@ -216,19 +213,14 @@ def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None, di
         by = f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
         scope = "not certain, as the model differs" if differs else "for this model only"
         parts.append(f"{accuracy(block, kind)} ({'median ' if block.count > 1 else ''}95 % interval{by}, {scope})")
-    if wide := hardly_shown(block, kind):
-        parts.append(f"{listed(wide)} hardly shown, to a factor of {WIDE:g} or worse")
+    if block.hardly_shown and block.groups:
+        wide = [names_of(block)[i] for i in block.hardly_shown]
+        parts.append(f"{listed(wide)} hardly shown, to a factor of 2 or worse")
     if block.unidentifiable:
         parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
     if block.unmoved:
         parts.append(f"{len(block.unmoved)} did not move: {indices(block.unmoved)}")
     return ", ".join(parts) if len(parts) > 1 else ""
-
-
-def hardly_shown(block: FittedBlock, kind: Kind) -> list[str]:
-    """The groups, of those whose logarithm a fit moves, whose intervals are so wide that their values mean little."""
-    ends = zip(names_of(block), block.interval, strict=False)
-    return [name for name, each in ends if kind.log and block.groups and each and each[1] > WIDE**2 * each[0]]
 
 
 def lower_bounds(block: FittedBlock) -> str:
