@@ -41,6 +41,7 @@ from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.correspondence import weights_of_corners
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.markers import rigid
 from clothfit.motion.motion import Motion, in_groups, rms
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
@@ -50,7 +51,7 @@ from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.prior import none
 from clothfit.registration.free_fall import other_fall
-from clothfit.registration.record import Registration, rigid, rotation, rotation_derivative, scale_between
+from clothfit.registration.record import Registration, rotation, rotation_derivative, scale_between
 from clothfit.scene.fit_vector import acting, elements, fitted_cloths
 from clothfit.scene.scene import Scene
 
