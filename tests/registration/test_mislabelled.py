@@ -47,14 +47,15 @@ def test_frames_in_another_order_are_named_and_those_of_motions_in_order_are_not
     for motion in (capture(noise=noise)[0], degrade(simulate(windy(frames=60)), noise)):
         assert disorder(motion) is None
         x, count = motion.positions, len(motion.times)
-        order = np.arange(count)
-        order[[10, 11]] = 11, 10
-        assert "frames 10 and 11 are exchanged" in disorder(replace(motion, positions=x[order]))
-        order = np.arange(count)
-        order[8:16] = order[8:16][::-1]
-        assert "frames 8 to 15 are in reverse" in disorder(replace(motion, positions=x[order]))
         order = np.random.default_rng(2).permutation(count)
         assert "in no order" in disorder(replace(motion, positions=x[order]))
+        if not noise:  # what is exchanged moves less than that
+            order = np.arange(count)
+            order[[10, 11]] = 11, 10
+            assert "frames 10 and 11 are exchanged" in disorder(replace(motion, positions=x[order]))
+            order = np.arange(count)
+            order[8:16] = order[8:16][::-1]
+            assert "frames 8 to 15 are in reverse" in disorder(replace(motion, positions=x[order]))
 
 
 def wrongly(motion, *places):
