@@ -12,8 +12,9 @@ weighted residuals, as in `fit.registration`: what is held must not move away fr
 
 What a fit must beat: the best still picture of its target, and the scene as it came.
 
-The still picture has each vertex at the mean of the compared frames, which no other picture comes nearer than. A model
-whose motion is no nearer than that explains nothing of the motion: the fit fails, whatever the search says of its end.
+The still picture has each vertex at the mean of the compared frames, which no other picture comes nearer than. Its
+squares are those of the motion. A model that leaves more of them than it explains, the half, is not one of that motion:
+the fit fails, whatever the search says of its end.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from clothfit.engine.rollout import Rollout
 from clothfit.engine.tape import Tape
 from clothfit.fit.hints import Hint
 from clothfit.fit.registered_fit import cut, few
-from clothfit.fit.registration import OFFSET, PLACE, RATE, THETA, descended, weighted
+from clothfit.fit.registration import OFFSET, PLACE, RATE, RATES, THETA, Unknowns, descended, weighted
 from clothfit.fit.result import ADEQUATE, FAILS, NEGLIGIBLE, Baselines, Fit, Verdict, without_intervals
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import in_groups
@@ -92,14 +93,28 @@ def saving(model: Model, free: Flags) -> float:
     return -float(2.0 * g @ step + step @ H @ step)
 
 
-def attribution(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Attribution | None:
-    """What one kind of registration explains of the residuals; None where the motion diverges."""
+def at_other_rates(scene: Scene, given: Sequence[Experiment], loss: Loss) -> Unknowns | None:
+    """Where values of a scene and a clock far from the given one begin; None where no such clock is nearer with these
+    values.
+    """
+    plain = few(scene, given, np.ones(THETA, bool), loss)
+    tries = {rate: plain.at(plain.p, [Registration(rate=rate)] * len(given)) for rate in RATES}
+    best = min(tries, key=lambda rate: tries[rate].cost())
+    return None if best == 1.0 else tries[best]
+
+
+def attribution(
+    scene: Scene, given: Sequence[Experiment], loss: Loss, what: str, begun: Unknowns | None = None
+) -> Attribution | None:
+    """What one kind of registration explains of the residuals, from there or from where `begun`; None where the motion
+    diverges.
+    """
     before = few(scene, given, np.ones(THETA, bool), loss)
     try:
         before = weighted(before) if what == "placement" else before
     except Diverged:
         return None
-    cost, after = before.cost(), descended(before.only(KINDS[what]), STEPS)
+    cost, after = before.cost(), descended((begun or before).only(KINDS[what]), STEPS)
     return Attribution(what, 1.0 - after.cost() / cost, after.registrations[0]) if 0 < cost < np.inf else None
 
 
@@ -161,12 +176,17 @@ def from_registration(fit: Fit, objective: Objective, said: set[str]) -> Iterato
     unmoved, best = [Registration()] * len(objective.experiments), None
     given = cut(objective.experiments, unmoved, objective.scene, fit.scene)
     shares = promised(fit.scene, given, objective.loss)
-    for what in sorted(("offset", "rate") if clock else (), key=lambda each: -shares[each]):
-        alike = what == "rate" and objective.scene.mode("gravity") != "n"  # less gravity, a slower clock
-        if shares[what] < PROMISED or alike or (best is not None and best.share >= CERTAIN):
+    alike = objective.scene.mode("gravity") != "n"  # less gravity, a slower clock
+    own = cut(objective.experiments, unmoved, objective.scene, objective.scene)
+    far = at_other_rates(objective.scene, own, objective.loss) if clock and not alike else None
+    promising = {**shares, "rate": np.inf} if far else shares
+    for what in sorted(("offset", "rate") if clock else (), key=lambda each: -promising[each]):
+        begun = far if what == "rate" else None
+        hopeless = shares[what] < PROMISED and begun is None
+        if hopeless or (alike and what == "rate") or (best is not None and best.share >= CERTAIN):
             continue
         try:
-            each = attribution(fit.scene, given, objective.loss, what)
+            each = attribution(fit.scene, given, objective.loss, what, begun)
         except interrupts.OutOfTime:
             break
         best = each if best is None or (each is not None and each.share > best.share) else best
@@ -185,7 +205,7 @@ def hint_of(each: Attribution) -> Hint:
         when = "later" if found.offset > 0 else "earlier"
         text = f"a target that begins {abs(found.offset):.2g} s {when} {part}; use --fit-time"
     elif each.what == "rate":
-        text = f"a clock with the rate {found.rate:.3g} {part}; use --fit-time"
+        text = f"a clock with the rate {found.rate:.3g} {part}; use --fit-time, or say the frame rate (--fps)"
     else:
         away = metres(float(np.linalg.norm(found.translation)))
         text = f"a target that is turned, and moved by {away}, {part}; use --fit-placement"
@@ -375,19 +395,20 @@ def as_it_came(objective: Objective) -> float | None:
 
 def with_picture(found: Fit, objective: Objective) -> Fit:
     """The fit beside the best still picture, where positions are compared. Over whole motions, where the model differs,
-    a fit that is not nearer fails.
+    a fit that leaves more of the squares than it explains fails.
     """
     own = objective.own or objective.scene.method == REST
     if own or not objective.observations or "position" not in objective.weights:
         return found
     found = replace(found, baselines=Baselines(picture_error(objective)))
-    nearer = not found.rmse >= picture_error_of(found)
-    if found.windows is not None or found.verdict is None or not found.verdict.differs or nearer:
+    explains = not 2.0 * found.rmse**2 >= picture_error_of(found) ** 2
+    if found.windows is not None or found.verdict is None or not found.verdict.differs or explains:
         return found
     chosen = any(hint.code == AUTO for hint in found.hints)
     text = (
         f"the best still picture of the target comes to {metres(picture_error_of(found))}, the fitted motion only to "
-        f"{metres(found.rmse)}: what moves the cloth is missing from the model, or the search, which ended in its "
+        f"{metres(found.rmse)}, which leaves more of its squares than it explains: what moves the cloth is missing "
+        "from the model, or its clock or its place is another one, or the search, which ended in its "
         f"stage “{found.stage}”, has not found it. {way_out(objective.scene, chosen)}"
     )
     status = Status.STALLED if found.status == Status.CONVERGED else found.status

@@ -142,7 +142,7 @@ def nearest(points: Array, start: Array) -> tuple[list[int], int]:
     """
     from scipy.spatial import KDTree
 
-    away, vertices = KDTree(start).query(points, k=[1, 2])
+    away, vertices = map(np.asarray, KDTree(start).query(points, k=[1, 2]))
     return [int(each) for each in vertices[:, 0]], int((away[:, 0] > CLEAR * away[:, 1]).sum())
 
 
@@ -163,7 +163,7 @@ def other_place(points: Array, wander: Array, start: Array, held: Flags) -> Plac
     for turn, shift in product((each.T for each in turns(start, points)), product((0.0, -edge, edge), repeat=3)):
         R, d, now = turn, start.mean(axis=0) - turn @ points.mean(axis=0) + shift, np.zeros(0, np.intp)
         for _ in range(ITERATIONS):
-            last, (away, now) = now, tree.query(points @ R.T + d)
+            last, (away, now) = now, map(np.asarray, tree.query(points @ R.T + d))
             if np.array_equal(now, last):
                 break
             R, d = rigid(points, start[now])

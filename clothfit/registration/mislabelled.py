@@ -184,7 +184,7 @@ def disorder(motion: Motion) -> str | None:
     if np.diag(D, 1).mean() > UNORDERED * D[first, last].mean():
         return "its frames are in no order, or far apart in time: each is as far from the next as from any other"
 
-    def bent(a: Array, b: Array, c: Array) -> Array:
+    def bent(a: NDArray[np.intp], b: NDArray[np.intp], c: NDArray[np.intp]) -> Array:
         """The squares of second differences of three frames each."""
         return np.asarray(2.0 * (D[a, b] + D[b, c]) - D[a, c])
 
