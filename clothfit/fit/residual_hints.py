@@ -124,6 +124,9 @@ LEAST_CLOCK, LEAST_PLACE = 0.5, 0.3
 WORSE = 9.0
 """Squares of a vertex relative to the median from which on it may be mistaken for another."""
 
+FLAT = 1e-3
+"""Extent of a scene's start across the plane in which it lies, relative to that along it."""
+
 CERTAIN = 0.9
 """Share of the squares from which on nothing else is tried."""
 
@@ -156,7 +159,7 @@ def with_residual_hints(fit: Fit, objective: Objective) -> Fit:
     framed = objective.scene.method == REST or any(each.scene.frame for each in objective.experiments)
     looks: list[Callable[..., Iterable[Hint]]] = [from_exchange]
     if not framed and fit.windows is None:
-        looks.append(from_registration)
+        looks += [from_registration, from_mirror]
     try:
         with interrupts.limited(LONGEST):
             for look in looks:
@@ -196,6 +199,27 @@ def from_registration(fit: Fit, objective: Objective, said: set[str]) -> Iterato
         moved = attribution(fit.scene, given, objective.loss, "placement")
         if moved is not None and moved.share >= LEAST_PLACE:
             yield hint_of(moved)
+
+
+def from_mirror(fit: Fit, objective: Objective, said: set[str]) -> Iterator[Hint]:
+    """Would the mirror image of a target explain it, where the scene begins in a plane, so that no first frame shows on
+    which side of it the target goes on?
+    """
+    scene = objective.scene
+    start = np.concatenate([cloth.positions for cloth in scene.cloths])
+    middle, (_, sizes, axes) = start.mean(axis=0), np.linalg.svd(start - start.mean(axis=0), full_matrices=False)
+    if CODES["placement"] in said or not sizes[-1] <= FLAT * sizes[0]:
+        return
+    mirror, came = np.eye(3) - 2.0 * np.outer(axes[-1], axes[-1]), objective.experiments
+    seen = [Experiment(motion.moved(lambda x: (x - middle) @ mirror + middle), own) for motion, own in came]
+    nothing, unmoved = np.zeros(THETA, bool), [Registration()] * len(seen)
+    given, own = (cut(each, unmoved, scene, made) for each, made in ((seen, scene), (came, fit.scene)))
+    cost = few(fit.scene, own, nothing, objective.loss).cost()
+    share = 1.0 - descended(few(scene, given, nothing, objective.loss), STEPS).cost() / cost if cost > 0 else 0.0
+    if share >= LEAST_CLOCK:
+        text = f"the target seen in a mirror would explain {100 * share:.0f} % of what is left (of its squares)"
+        text += ": look at --handedness, with --fit-placement where that turns it"
+        yield Hint("handedness", text, before_fit=False)
 
 
 def hint_of(each: Attribution) -> Hint:
@@ -361,21 +385,30 @@ MOVERS = ("damping", "drag", "wind", "gravity")
 """Kinds whose lack keeps a cloth from moving as its target does."""
 
 
-def picture_error(objective: Objective) -> float:
-    """Root mean square distance, m, of the compared positions from the mean of each vertex over its frames."""
+def picture_error(objective: Objective, shown: Objective | None = None) -> float:
+    """Root mean square distance, m, of the compared positions from the mean of each vertex over the frames, or over
+    those that another objective of the same scenes has `shown`.
+    """
     squares = 0.0
-    for run in objective.runs:
-        goal = run.comparison.goal
-        motion = in_groups(objective.experiments[run.experiment].motion, run.scene)  # in the scene's axes
-        x = motion.of(run.cloth)[: len(goal.step)]
+    for run, other in zip(objective.runs, (shown or objective).runs, strict=True):
+        y, known = compared_points(shown or objective, other)
+        mean = y.sum(axis=0, where=known) / np.maximum(known.sum(axis=0), 1)
+        x, seen = compared_points(objective, run)
         if isinstance(run.comparison.surface, Cloud):
-            x = np.where(np.isfinite(x), x, run.system.x0)  # there was no time to track it
-            squares += run.comparison.cost_of(np.broadcast_to(x.mean(axis=0), x.shape))
+            squares += run.comparison.cost_of(np.broadcast_to(mean, x.shape))
             continue
-        x, seen = run.comparison.points_of(x), run.comparison.observed[..., None]
-        mean = x.sum(axis=0, where=seen) / np.maximum(seen.sum(axis=0), 1)
         squares += sum(float(((each - mean) ** 2).sum(where=here)) for each, here in zip(x, seen, strict=True))
     return float(np.sqrt(squares / max(objective.observations, 1)))
+
+
+def compared_points(objective: Objective, run: Run) -> tuple[Array, Flags]:
+    """The points (F, m, 3), m, of a target that a run compares, in the scene's axes, and which are seen (F, m, 1)."""
+    motion = in_groups(objective.experiments[run.experiment].motion, run.scene)
+    x = motion.of(run.cloth)[: len(run.comparison.goal.step)]
+    if isinstance(run.comparison.surface, Cloud):
+        x = np.where(np.isfinite(x), x, run.system.x0)  # there was no time to track it
+        return x, np.ones((*x.shape[:2], 1), bool)
+    return run.comparison.points_of(x), run.comparison.observed[..., None]
 
 
 def as_it_came(objective: Objective) -> float | None:

@@ -70,6 +70,16 @@ def test_a_frame_rate_that_is_mistaken_for_its_half_or_double_is_named(rate, mon
     assert again.rmse < 1e-6 < 0.1 * found.rmse  # m: nothing else is wrong
 
 
+def test_the_mirror_image_of_a_sheet_is_named_though_the_first_frame_does_not_show_it(monkeypatch):
+    monkeypatch.setattr(residual_hints, "LONGEST", 120.0)  # s: whatever else the machine does
+    target = motion()
+    mirrored = replace(target, positions=target.positions * [1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(mirrored.positions[0], target.positions[0])
+    hints = late_hints(mirrored)
+    assert "the target seen in a mirror would explain 100 %" in hints["handedness"]
+    assert "handedness" not in late_hints(stranger(target, offset=0.1))
+
+
 def test_a_place_that_the_first_frame_does_not_show_is_said():
     moved = stranger(motion(), move=np.array([0.0, 0.02, 0.01]))
     seen = np.ones(moved.positions.shape[:2], bool)
