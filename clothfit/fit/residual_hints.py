@@ -12,9 +12,10 @@ weighted residuals, as in `fit.registration`: what is held must not move away fr
 
 What a fit must beat: the best still picture of its target, and the scene as it came.
 
-The still picture has each vertex at the mean of the compared frames, which no other picture comes nearer than. Its
-squares are those of the motion. A model that leaves more of them than it explains, the half, is not one of that motion:
-the fit fails, whatever the search says of its end.
+The still picture has each vertex at the mean of the compared frames, which no other picture comes nearer than; where
+what is held moves on, as on a body that walks, a picture that is carried along may be nearer. Its squares are those of
+the motion. A model that leaves more of them than it explains, the half, is not one of that motion: the fit fails,
+whatever the search says of its end.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import listed, metres
 from clothfit.derivative.adjoint import Observer
 from clothfit.engine.rollout import Rollout
+from clothfit.engine.system import mobile
 from clothfit.engine.tape import Tape
 from clothfit.fit.hints import Hint
 from clothfit.fit.registered_fit import cut, few
@@ -387,13 +389,19 @@ MOVERS = ("damping", "drag", "wind", "gravity")
 
 def picture_error(objective: Objective, shown: Objective | None = None) -> float:
     """Root mean square distance, m, of the compared positions from the mean of each vertex over the frames, or over
-    those that another objective of the same scenes has `shown`.
+    those that another objective of the same scenes has `shown`: as it stands, or carried along by what is held, if that
+    is nearer.
     """
+    return min(picture_distance(objective, shown or objective, carried) for carried in (False, True))
+
+
+def picture_distance(objective: Objective, shown: Objective, carried: bool) -> float:
+    """The same for one of both."""
     squares = 0.0
-    for run, other in zip(objective.runs, (shown or objective).runs, strict=True):
-        y, known = compared_points(shown or objective, other)
+    for run, other in zip(objective.runs, shown.runs, strict=True):
+        y, known = compared_points(shown, other, carried)
         mean = y.sum(axis=0, where=known) / np.maximum(known.sum(axis=0), 1)
-        x, seen = compared_points(objective, run)
+        x, seen = compared_points(objective, run, carried)
         if isinstance(run.comparison.surface, Cloud):
             squares += run.comparison.cost_of(np.broadcast_to(mean, x.shape))
             continue
@@ -401,13 +409,19 @@ def picture_error(objective: Objective, shown: Objective | None = None) -> float
     return float(np.sqrt(squares / max(objective.observations, 1)))
 
 
-def compared_points(objective: Objective, run: Run) -> tuple[Array, Flags]:
-    """The points (F, m, 3), m, of a target that a run compares, in the scene's axes, and which are seen (F, m, 1)."""
+def compared_points(objective: Objective, run: Run, carried: bool) -> tuple[Array, Flags]:
+    """The points (F, m, 3), m, of a target that a run compares, in the scene's axes, and which are seen (F, m, 1).
+    `carried`: vertices without the mean way of the held ones that are always seen.
+    """
     motion = in_groups(objective.experiments[run.experiment].motion, run.scene)
     x = motion.of(run.cloth)[: len(run.comparison.goal.step)]
     if isinstance(run.comparison.surface, Cloud):
         x = np.where(np.isfinite(x), x, run.system.x0)  # there was no time to track it
         return x, np.ones((*x.shape[:2], 1), bool)
+    held = ~mobile(run.system) & np.isfinite(x).all(axis=(0, 2))
+    if carried and run.comparison.surface is None and held.any():
+        way = x[:, held].mean(axis=1, keepdims=True)
+        x = x - (way - way[:1])
     return run.comparison.points_of(x), run.comparison.observed[..., None]
 
 
