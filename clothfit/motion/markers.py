@@ -160,8 +160,9 @@ def other_place(points: Array, wander: Array, start: Array, held: Flags) -> Plac
     before = float(np.mean(tree.query(points)[0] ** 2)) * (1.0 - 2.0 / len(points))  # a place takes six unknowns
     size = float(np.linalg.norm(np.ptp(start, axis=0)))
     edge, found = float(np.median(tree.query(start, k=[2])[0])), dict[bytes, tuple[float, float, Array, Array]]()
-    for turn, shift in product((each.T for each in turns(start, points)), product((0.0, -edge, edge), repeat=3)):
-        R, d, now = turn, start.mean(axis=0) - turn @ points.mean(axis=0) + shift, np.zeros(0, np.intp)
+    begun = [(each.T, start.mean(axis=0) - each.T @ points.mean(axis=0)) for each in turns(start, points)]
+    for (R, d), shift in product([*begun, (np.eye(3), np.zeros(3))], product((0.0, -edge, edge), repeat=3)):
+        d, now = d + shift, np.zeros(0, np.intp)
         for _ in range(ITERATIONS):
             last, (away, now) = now, map(np.asarray, tree.query(points @ R.T + d))
             if np.array_equal(now, last):
