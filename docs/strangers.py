@@ -84,7 +84,7 @@ def row(shot: Shot, own: dict[str, Any]) -> str:
 def says(shot: Shot, own: dict[str, Any]) -> str:
     """What the fit says of itself."""
     verdict = {"adequate": "the model explains the shot", "differs": "the model cannot follow the shot in all",
-               "fails": "the fit is no better than a still picture, and says so"}[own["verdict"]]  # fmt: skip
+               "fails": "the fit leaves more of the motion than it explains, and says so"}[own["verdict"]]  # fmt: skip
     share = f"{own['error'] / own['travel']:.1%} of the way that it moves"
     return f"{shot.program}. The fit ends {1e3 * own['error']:.3g} mm off, {share}; its verdict: {verdict}."
 

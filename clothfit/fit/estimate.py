@@ -32,6 +32,7 @@ from clothfit.fit.options import AUTO, FitOptions, Request, requested, resolved
 from clothfit.fit.preparation import flagged, followed, in_time, in_windows, with_start_velocity, with_whole
 from clothfit.fit.registered_fit import SAME_FALL, Refinement, begun, put_right
 from clothfit.fit.residual_hints import (
+    picture_error,
     with_floor,
     with_own_motion,
     with_picture,
@@ -304,7 +305,7 @@ def assessed(found: Fit, fit: Fitting, whole: Objective | None) -> Fit:
         found = looked_at(found, with_step_hint, objective, options=options)
     if kept_out is None:
         return found
-    known = looked_at(found, with_holdout, kept_out, options, options=options)
+    known = looked_at(found, with_holdout, kept_out, whole or objective, options, options=options)
     if known is found:
         return replace(found, warnings=[*found.warnings, "no holdout, as the fit was ended"])
     return known
@@ -428,7 +429,15 @@ def assess(search: Search, status: Status, warnings: list[str], twin: bool) -> J
     return found
 
 
-def with_holdout(fit: Fit, kept_out: Objective, options: Request) -> Fit:
-    """The fit with how far its motion is from what was kept out of it."""
+def with_holdout(fit: Fit, kept_out: Objective, fitted: Objective, options: Request) -> Fit:
+    """The fit with how far its motion, and the best still picture of what is `fitted`, are from what was kept out."""
     rmse = error_of(kept_out, parameters(fit.scene, kept_out.scene))
-    return replace(fit, holdout=HeldOut(options.holdout_of, options.holdout or 0.0, kept_out.observations, rmse))
+    still = picture_error(kept_out, fitted) if fit.baselines and options.holdout_of == "frames" else None
+    held = HeldOut(options.holdout_of, options.holdout or 0.0, kept_out.observations, rmse, still)
+    if still is None or rmse < still:
+        return replace(fit, holdout=held)
+    text = (
+        f"frames kept out are {metres(rmse)} from the fitted motion, and {metres(still)} from the best still picture "
+        "of the fitted ones: the motion is not to be trusted after the frames that it is fitted to"
+    )
+    return replace(fit, holdout=held, warnings=[*fit.warnings, text])

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, listed, metres
+from clothfit.motion.markers import rigid
 from clothfit.motion.motion import Motion, rms
 from clothfit.objective.experiment import Experiment
 from clothfit.registration.free_fall import other_fall
-from clothfit.registration.mislabelled import changes
-from clothfit.registration.record import named, rigid, scale_between
+from clothfit.registration.mislabelled import changes, disorder
+from clothfit.registration.record import named, scale_between
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.scene.scene import Scene
@@ -87,7 +88,9 @@ def hints_of(scene: Scene, motion: Motion) -> Iterator[Hint]:
     elif late := int((motion.times > end + (1.0 + STARTS) * scene.delta).sum()):
         text = f"the scene ends at {end:.4g} s: {late} of {len(motion.times)} frames of the target come later and are"
         yield Hint("ends_early", f"{text} not compared; give it more steps, by optimizationIterations or new --frames")
-    moved = list(placed(scene, motion))
+    mixed = [disorder(motion) or begins_later(scene, motion)]
+    yield from (Hint("frame_order", f"the target: {text}") for text in mixed if text)
+    moved = [] if mixed[0] else list(placed(scene, motion))
     yield from moved or elsewhere(scene, motion)
     for swap in islice(changes(motion, 1), 1):
         names = listed([named(vertex, motion.vertex_counts) for vertex in swap.vertices])
@@ -125,6 +128,20 @@ def placed(scene: Scene, motion: Motion) -> Iterator[Hint]:
             f"the target's first frame is {metres(distance)} (RMS) away from the scene's start, and {metres(left)} "
             "when it is moved and turned as a whole; use --fit-placement",
         )
+
+
+def begins_later(scene: Scene, motion: Motion) -> str | None:
+    """Which frame of the target, not the first, shows the scene's start without being moved; None where none does."""
+    start, seen = np.concatenate([cloth.positions for cloth in scene.cloths]), motion.seen()
+    known, last = seen & seen[0], len(seen) - 1
+    squares = np.where(known, ((motion.positions - start) ** 2).sum(axis=2), 0.0).sum(axis=1)
+    count = known.sum(axis=1)
+    away = np.sqrt(np.divide(squares, count, out=np.full(len(count), np.inf), where=count >= 3))
+    near, size = int(away.argmin()), float(np.linalg.norm(np.ptp(start, axis=0)))
+    if motion.times[0] > STARTS * scene.delta or not max(away[near] / RIGID**2, AWAY * size) < away[0] < np.inf:
+        return None
+    what = "are its frames in reverse?" if near == last else f"leave out what is before (--frames {near}:)"
+    return f"its frame {near} of {last + 1}, not the first, is where the scene begins: {what}"
 
 
 def elsewhere(scene: Scene, motion: Motion) -> Iterator[Hint]:

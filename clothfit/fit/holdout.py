@@ -43,6 +43,7 @@ class HeldOut:
     fraction: float  # that was asked for
     observations: int  # positions kept out
     rmse: float  # m, over them; inf where the fitted motion does not stay finite
+    still: float | None = None  # m, of frames: RMS distance of the mean of the fitted ones; None: vertices are kept out
 
 
 def split(

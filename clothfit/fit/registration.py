@@ -41,6 +41,7 @@ from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.correspondence import weights_of_corners
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.markers import rigid
 from clothfit.motion.motion import Motion, in_groups, rms
 from clothfit.objective.comparison import Loss
 from clothfit.objective.experiment import Experiment
@@ -50,7 +51,7 @@ from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.prior import none
 from clothfit.registration.free_fall import other_fall
-from clothfit.registration.record import Registration, rigid, rotation, rotation_derivative, scale_between
+from clothfit.registration.record import Registration, rotation, rotation_derivative, scale_between
 from clothfit.scene.fit_vector import acting, elements, fitted_cloths
 from clothfit.scene.scene import Scene
 
@@ -63,6 +64,11 @@ RATE, OFFSET, SCALE, TIME, PLACE, SPACE = 0, 1, 8, slice(0, 2), slice(2, 8), sli
 LARGE = 0.3, 0.1
 """What counts as a large change: of log rate and of an angle, rad; of the offset relative to the target's duration, of
 the translation relative to its size, and of the logarithm of the scale.
+"""
+
+RATES = 0.5, 0.5**0.5, 1.0, 2.0**0.5, 2.0
+"""Of a clock, which a search begins with where the fall of the target shows none: a frame rate is mostly mistaken for a
+half or the double.
 """
 
 TOLERANCE = 1e-8
@@ -383,13 +389,16 @@ def first_guesses(given: Experiment, free: Flags) -> list[Registration]:
         return [place]
     begun = replace(place, offset=first).applied(motion, scene.delta)
     fall = other_fall(scene, begun)
-    clocks = [(1.0, 0.0), (1.0, first)] if fall is None else [(fall.rate, first)]
+    clocks = [(1.0, 0.0), *((rate, first) for rate in RATES)] if fall is None else [(fall.rate, first)]
     return [replace(place, rate=rate, offset=offset) for rate, offset in dict.fromkeys(clocks)]
 
 
 def find(begun: Unknowns) -> list[Registration]:
     """The registrations of targets beside values from which a search begins; none where nothing lowers the cost."""
     guesses = [first_guesses(each, begun.free) for each in begun.given]
-    tries = [begun.at(begun.p, [each[min(i, len(each) - 1)] for each in guesses]) for i in range(2)]
-    found = reweighted(min(tries, key=lambda each: each.cost()))
-    return list((found if found.cost() < begun.cost() else begun).registrations)
+    count = max(len(each) for each in guesses)
+    tries = [begun.at(begun.p, [each[min(i, len(each) - 1)] for each in guesses]) for i in range(count)]
+    tries.sort(key=lambda each: each.cost())
+    on_time = (each for each in tries if all(own.rate == 1.0 for own in each.registrations))  # not by chance another
+    ends = [begun, *(reweighted(each) for each in dict.fromkeys([tries[0], next(on_time, tries[0])]))]
+    return list(min(ends, key=lambda each: each.cost()).registrations)

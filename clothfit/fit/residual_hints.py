@@ -12,8 +12,10 @@ weighted residuals, as in `fit.registration`: what is held must not move away fr
 
 What a fit must beat: the best still picture of its target, and the scene as it came.
 
-The still picture has each vertex at the mean of the compared frames, which no other picture comes nearer than. A model
-whose motion is no nearer than that explains nothing of the motion: the fit fails, whatever the search says of its end.
+The still picture has each vertex at the mean of the compared frames, which no other picture comes nearer than; where
+what is held moves on, as on a body that walks, a picture that is carried along may be nearer. Its squares are those of
+the motion. A model that leaves more of them than it explains, the half, is not one of that motion: the fit fails,
+whatever the search says of its end.
 """
 
 from __future__ import annotations
@@ -30,10 +32,11 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import listed, metres
 from clothfit.derivative.adjoint import Observer
 from clothfit.engine.rollout import Rollout
+from clothfit.engine.system import mobile
 from clothfit.engine.tape import Tape
 from clothfit.fit.hints import Hint
 from clothfit.fit.registered_fit import cut, few
-from clothfit.fit.registration import OFFSET, PLACE, RATE, THETA, descended, weighted
+from clothfit.fit.registration import OFFSET, PLACE, RATE, RATES, THETA, Unknowns, descended, weighted
 from clothfit.fit.result import ADEQUATE, FAILS, NEGLIGIBLE, Baselines, Fit, Verdict, without_intervals
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import in_groups
@@ -92,14 +95,28 @@ def saving(model: Model, free: Flags) -> float:
     return -float(2.0 * g @ step + step @ H @ step)
 
 
-def attribution(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Attribution | None:
-    """What one kind of registration explains of the residuals; None where the motion diverges."""
+def at_other_rates(scene: Scene, given: Sequence[Experiment], loss: Loss) -> Unknowns | None:
+    """Where values of a scene and a clock far from the given one begin; None where no such clock is nearer with these
+    values.
+    """
+    plain = few(scene, given, np.ones(THETA, bool), loss)
+    tries = {rate: plain.at(plain.p, [Registration(rate=rate)] * len(given)) for rate in RATES}
+    best = min(tries, key=lambda rate: tries[rate].cost())
+    return None if best == 1.0 else tries[best]
+
+
+def attribution(
+    scene: Scene, given: Sequence[Experiment], loss: Loss, what: str, begun: Unknowns | None = None
+) -> Attribution | None:
+    """What one kind of registration explains of the residuals, from there or from where `begun`; None where the motion
+    diverges.
+    """
     before = few(scene, given, np.ones(THETA, bool), loss)
     try:
         before = weighted(before) if what == "placement" else before
     except Diverged:
         return None
-    cost, after = before.cost(), descended(before.only(KINDS[what]), STEPS)
+    cost, after = before.cost(), descended((begun or before).only(KINDS[what]), STEPS)
     return Attribution(what, 1.0 - after.cost() / cost, after.registrations[0]) if 0 < cost < np.inf else None
 
 
@@ -108,6 +125,9 @@ LEAST_CLOCK, LEAST_PLACE = 0.5, 0.3
 
 WORSE = 9.0
 """Squares of a vertex relative to the median from which on it may be mistaken for another."""
+
+FLAT = 1e-3
+"""Extent of a scene's start across the plane in which it lies, relative to that along it."""
 
 CERTAIN = 0.9
 """Share of the squares from which on nothing else is tried."""
@@ -141,7 +161,7 @@ def with_residual_hints(fit: Fit, objective: Objective) -> Fit:
     framed = objective.scene.method == REST or any(each.scene.frame for each in objective.experiments)
     looks: list[Callable[..., Iterable[Hint]]] = [from_exchange]
     if not framed and fit.windows is None:
-        looks.append(from_registration)
+        looks += [from_registration, from_mirror]
     try:
         with interrupts.limited(LONGEST):
             for look in looks:
@@ -161,12 +181,17 @@ def from_registration(fit: Fit, objective: Objective, said: set[str]) -> Iterato
     unmoved, best = [Registration()] * len(objective.experiments), None
     given = cut(objective.experiments, unmoved, objective.scene, fit.scene)
     shares = promised(fit.scene, given, objective.loss)
-    for what in sorted(("offset", "rate") if clock else (), key=lambda each: -shares[each]):
-        alike = what == "rate" and objective.scene.mode("gravity") != "n"  # less gravity, a slower clock
-        if shares[what] < PROMISED or alike or (best is not None and best.share >= CERTAIN):
+    alike = objective.scene.mode("gravity") != "n"  # less gravity, a slower clock
+    own = cut(objective.experiments, unmoved, objective.scene, objective.scene)
+    far = at_other_rates(objective.scene, own, objective.loss) if clock and not alike else None
+    promising = {**shares, "rate": np.inf} if far else shares
+    for what in sorted(("offset", "rate") if clock else (), key=lambda each: -promising[each]):
+        begun = far if what == "rate" else None
+        hopeless = shares[what] < PROMISED and begun is None
+        if hopeless or (alike and what == "rate") or (best is not None and best.share >= CERTAIN):
             continue
         try:
-            each = attribution(fit.scene, given, objective.loss, what)
+            each = attribution(fit.scene, given, objective.loss, what, begun)
         except interrupts.OutOfTime:
             break
         best = each if best is None or (each is not None and each.share > best.share) else best
@@ -178,6 +203,27 @@ def from_registration(fit: Fit, objective: Objective, said: set[str]) -> Iterato
             yield hint_of(moved)
 
 
+def from_mirror(fit: Fit, objective: Objective, said: set[str]) -> Iterator[Hint]:
+    """Would the mirror image of a target explain it, where the scene begins in a plane, so that no first frame shows on
+    which side of it the target goes on?
+    """
+    scene = objective.scene
+    start = np.concatenate([cloth.positions for cloth in scene.cloths])
+    middle, (_, sizes, axes) = start.mean(axis=0), np.linalg.svd(start - start.mean(axis=0), full_matrices=False)
+    if CODES["placement"] in said or not sizes[-1] <= FLAT * sizes[0]:
+        return
+    mirror, came = np.eye(3) - 2.0 * np.outer(axes[-1], axes[-1]), objective.experiments
+    seen = [Experiment(motion.moved(lambda x: (x - middle) @ mirror + middle), own) for motion, own in came]
+    nothing, unmoved = np.zeros(THETA, bool), [Registration()] * len(seen)
+    given, own = (cut(each, unmoved, scene, made) for each, made in ((seen, scene), (came, fit.scene)))
+    cost = few(fit.scene, own, nothing, objective.loss).cost()
+    share = 1.0 - descended(few(scene, given, nothing, objective.loss), STEPS).cost() / cost if cost > 0 else 0.0
+    if share >= LEAST_CLOCK:
+        text = f"the target seen in a mirror would explain {100 * share:.0f} % of what is left (of its squares)"
+        text += ": look at --handedness, with --fit-placement where that turns it"
+        yield Hint("handedness", text, before_fit=False)
+
+
 def hint_of(each: Attribution) -> Hint:
     """The hint on what a registration explains."""
     found, part = each.registration, f"would explain {100 * each.share:.0f} % of what is left (of its squares)"
@@ -185,7 +231,7 @@ def hint_of(each: Attribution) -> Hint:
         when = "later" if found.offset > 0 else "earlier"
         text = f"a target that begins {abs(found.offset):.2g} s {when} {part}; use --fit-time"
     elif each.what == "rate":
-        text = f"a clock with the rate {found.rate:.3g} {part}; use --fit-time"
+        text = f"a clock with the rate {found.rate:.3g} {part}; use --fit-time, or say the frame rate (--fps)"
     else:
         away = metres(float(np.linalg.norm(found.translation)))
         text = f"a target that is turned, and moved by {away}, {part}; use --fit-placement"
@@ -341,21 +387,42 @@ MOVERS = ("damping", "drag", "wind", "gravity")
 """Kinds whose lack keeps a cloth from moving as its target does."""
 
 
-def picture_error(objective: Objective) -> float:
-    """Root mean square distance, m, of the compared positions from the mean of each vertex over its frames."""
+def picture_error(objective: Objective, shown: Objective | None = None) -> float:
+    """Root mean square distance, m, of the compared positions from the mean of each vertex over the frames, or over
+    those that another objective of the same scenes has `shown`: as it stands, or carried along by what is held, if that
+    is nearer.
+    """
+    return min(picture_distance(objective, shown or objective, carried) for carried in (False, True))
+
+
+def picture_distance(objective: Objective, shown: Objective, carried: bool) -> float:
+    """The same for one of both."""
     squares = 0.0
-    for run in objective.runs:
-        goal = run.comparison.goal
-        motion = in_groups(objective.experiments[run.experiment].motion, run.scene)  # in the scene's axes
-        x = motion.of(run.cloth)[: len(goal.step)]
+    for run, other in zip(objective.runs, shown.runs, strict=True):
+        y, known = compared_points(shown, other, carried)
+        mean = y.sum(axis=0, where=known) / np.maximum(known.sum(axis=0), 1)
+        x, seen = compared_points(objective, run, carried)
         if isinstance(run.comparison.surface, Cloud):
-            x = np.where(np.isfinite(x), x, run.system.x0)  # there was no time to track it
-            squares += run.comparison.cost_of(np.broadcast_to(x.mean(axis=0), x.shape))
+            squares += run.comparison.cost_of(np.broadcast_to(mean, x.shape))
             continue
-        x, seen = run.comparison.points_of(x), run.comparison.observed[..., None]
-        mean = x.sum(axis=0, where=seen) / np.maximum(seen.sum(axis=0), 1)
         squares += sum(float(((each - mean) ** 2).sum(where=here)) for each, here in zip(x, seen, strict=True))
     return float(np.sqrt(squares / max(objective.observations, 1)))
+
+
+def compared_points(objective: Objective, run: Run, carried: bool) -> tuple[Array, Flags]:
+    """The points (F, m, 3), m, of a target that a run compares, in the scene's axes, and which are seen (F, m, 1).
+    `carried`: vertices without the mean way of the held ones that are always seen.
+    """
+    motion = in_groups(objective.experiments[run.experiment].motion, run.scene)
+    x = motion.of(run.cloth)[: len(run.comparison.goal.step)]
+    if isinstance(run.comparison.surface, Cloud):
+        x = np.where(np.isfinite(x), x, run.system.x0)  # there was no time to track it
+        return x, np.ones((*x.shape[:2], 1), bool)
+    held = ~mobile(run.system) & np.isfinite(x).all(axis=(0, 2))
+    if carried and run.comparison.surface is None and held.any():
+        way = x[:, held].mean(axis=1, keepdims=True)
+        x = x - (way - way[:1])
+    return run.comparison.points_of(x), run.comparison.observed[..., None]
 
 
 def as_it_came(objective: Objective) -> float | None:
@@ -375,19 +442,20 @@ def as_it_came(objective: Objective) -> float | None:
 
 def with_picture(found: Fit, objective: Objective) -> Fit:
     """The fit beside the best still picture, where positions are compared. Over whole motions, where the model differs,
-    a fit that is not nearer fails.
+    a fit that leaves more of the squares than it explains fails.
     """
     own = objective.own or objective.scene.method == REST
     if own or not objective.observations or "position" not in objective.weights:
         return found
     found = replace(found, baselines=Baselines(picture_error(objective)))
-    nearer = not found.rmse >= picture_error_of(found)
-    if found.windows is not None or found.verdict is None or not found.verdict.differs or nearer:
+    explains = not 2.0 * found.rmse**2 >= picture_error_of(found) ** 2
+    if found.windows is not None or found.verdict is None or not found.verdict.differs or explains:
         return found
     chosen = any(hint.code == AUTO for hint in found.hints)
     text = (
         f"the best still picture of the target comes to {metres(picture_error_of(found))}, the fitted motion only to "
-        f"{metres(found.rmse)}: what moves the cloth is missing from the model, or the search, which ended in its "
+        f"{metres(found.rmse)}, which leaves more of its squares than it explains: what moves the cloth is missing "
+        "from the model, or its clock or its place is another one, or the search, which ended in its "
         f"stage “{found.stage}”, has not found it. {way_out(objective.scene, chosen)}"
     )
     status = Status.STALLED if found.status == Status.CONVERGED else found.status

@@ -107,7 +107,7 @@ class Verdict:
 
     @property
     def fails(self) -> bool:
-        """Whether the fit is no nearer than the best still picture of its target."""
+        """Whether the fit leaves more of the motion than it explains."""
         return self.model == FAILS
 
 

@@ -13,7 +13,6 @@ import os
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
 from typing import IO, Any
 
 import numpy as np
@@ -29,9 +28,6 @@ READER = "clothfit.formats.usd_reader"
 
 ALONE = {"PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
 """Environment of that process: threads, and what each reserves, would count against its memory."""
-
-SHORTEST_TIMEOUT, READ_SPEED = 60.0, 1e6
-"""Reading may take this many seconds, and one more for so many bytes; it needs a hundredth of that."""
 
 CODES_PER_SECOND = 24.0
 """Time codes per second where frames are not at an even rate; a code may be any number."""
@@ -83,14 +79,10 @@ def arrays_of(path: str | os.PathLike[str], *asked: str) -> dict[str, Any]:
         arrays = os.path.join(folder, "arrays.npz")
         command = [sys.executable, "-P", "-m", READER, copy, arrays, name, *asked]
         around = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "TMPDIR": folder}
-        code, reason, seconds = -1, b"", SHORTEST_TIMEOUT + len(data) / READ_SPEED
-        with suppress(subprocess.TimeoutExpired):
-            done = subprocess.run(command, env={**around, **ALONE}, stdin=subprocess.DEVNULL, capture_output=True,
-                                  timeout=seconds)  # fmt: skip
-            code, reason = done.returncode, done.stdout
-        if code == 3 and reason:
-            raise InvalidMotion(json.loads(reason))
-        if code:
+        done = subprocess.run(command, env={**around, **ALONE}, stdin=subprocess.DEVNULL, capture_output=True)
+        if done.returncode == 3 and done.stdout:
+            raise InvalidMotion(json.loads(done.stdout))
+        if done.returncode:
             raise InvalidMotion(f"{name}: the USD library cannot read it; it is damaged, or of another format")
         with np.load(arrays, allow_pickle=False) as loaded:
             return {key: loaded[key] for key in loaded.files}

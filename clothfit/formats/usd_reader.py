@@ -45,6 +45,9 @@ PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]"
 STALE = ("normals", "velocities", "accelerations", "primvars:normals")
 """What belongs to the points that a copy has no more."""
 
+SHORTEST_TIME, READ_SPEED = 60.0, 1e6
+"""Reading may take this many seconds, and one more for so many bytes; it needs a hundredth of that."""
+
 OPENING_BYTES, OPENING_RATIO = 1 << 29, 100
 """Bytes that opening a file may take: a fixed number, and some for each byte of the file, whose arrays are packed."""
 
@@ -359,6 +362,16 @@ def limit_memory(room: int, only_if_limited: bool = False) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
+def limit_time(seconds: float) -> None:
+    """Let this process compute no longer: a damaged file may keep the library busy. Waiting for others is no computing,
+    so a busy machine reads every file.
+    """
+    with suppress(ImportError, OSError, ValueError):
+        import resource  # not on Windows
+
+        resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), resource.getrlimit(resource.RLIMIT_CPU)[1]))
+
+
 def main(path: str, arrays: str, name: str, *wanted: str) -> int:
     """Read a file, or what is `wanted` of it, such as joint and its name, into an `.npz` of arrays; returns 3, with the
     reason on standard output, when that fails.
@@ -366,6 +379,7 @@ def main(path: str, arrays: str, name: str, *wanted: str) -> int:
     from pxr import Usd, UsdGeom, UsdSkel  # noqa: F401  they take some hundred MB of addresses before they read anything
 
     limit_memory(OPENING_BYTES + OPENING_RATIO * os.path.getsize(path))
+    limit_time(SHORTEST_TIME + os.path.getsize(path) / READ_SPEED)
     try:
         what, *names = wanted or ("mesh",)
         made = READ[what](path, name, *names)

@@ -1,4 +1,5 @@
-"""Which markers of a target are mistaken, from the target and the scene's start alone, before any simulation.
+"""Which markers of a target are mistaken, and which of its frames, from the target and the scene's start alone, before
+any simulation.
 
 Swapped at the start: where the first frame is the scene's start, but for its place, most markers are at their vertices
 once it is moved and turned, so that the nearer half of them is nearest (by concentration steps: P. J. Rousseeuw, K. Van
@@ -13,6 +14,9 @@ Jumping: in one frame or two far from the way between the frames before and afte
 
 Each asks for a multiple of what all other markers show, and for a part of the way to the next marker, so that noise, a
 cloth that stretches, and one that whips are none of these.
+
+Frames: where some are in another order than they were recorded in, the second differences of all positions at the two
+ends of that part nearly vanish when it is reversed.
 """
 
 from __future__ import annotations
@@ -23,8 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.motion.markers import rigid
 from clothfit.motion.motion import Motion
-from clothfit.registration.record import Jump, Markers, Swap, rigid
+from clothfit.registration.record import Jump, Markers, Swap
 from clothfit.scene.scene import Scene
 
 FEWEST, MOST_MISLABELLED = 5, 64
@@ -55,6 +60,10 @@ the jump explains these.
 JUMPS = {1: (0.2, 0.5), 2: (1.0, 0.25)}
 """How far, relative to the median length of springs, a marker jumps for one frame and for two, in which a fine cloth
 shivers and a corner whips; and how far it then is from where it was, relative to the jump.
+"""
+
+UNORDERED, MOST_FRAMES = 0.5, 1000
+"""Squares of the ways from frame to frame, in those between any two, that show no order; and frames that are looked at.
 """
 
 
@@ -154,6 +163,43 @@ def changes(motion: Motion, first: int) -> Iterator[Swap]:
         for i, j in ((i, int(j)) for i, j in enumerate(other) if other[j] == i < j):
             if across[i, j] + across[j, i] < EXCHANGE * (jump[wide[i]] + jump[wide[j]]):
                 yield Swap(tuple(both[wide[[i, j]]].tolist()), frame)
+
+
+def apart(x: Array, seen: Flags) -> Array:
+    """The mean squares D (F, F), m², of the ways of points x (F, k, 3), `seen` (F, k), between any two frames."""
+    known = seen.astype(float)
+    middle = x.sum(axis=(0, 1), where=seen[..., None]) / max(known.sum(), 1.0)
+    own = np.where(seen[..., None], x - middle, 0.0)
+    squares, flat = (own**2).sum(axis=2) @ known.T, own.reshape(len(x), -1)
+    return np.asarray(np.maximum(squares + squares.T - 2.0 * flat @ flat.T, 0.0) / np.maximum(known @ known.T, 1.0))
+
+
+def disorder(motion: Motion) -> str | None:
+    """What is wrong with the order of a target's frames; None where a motion goes through them."""
+    seen, x = motion.seen()[:MOST_FRAMES], motion.positions[:MOST_FRAMES]
+    if len(x) < FEWEST + 2 or seen.any(axis=0).sum() < FEWEST:
+        return None
+    D = apart(x, seen)
+    first, last = np.triu_indices(len(x), 1)
+    if np.diag(D, 1).mean() > UNORDERED * D[first, last].mean():
+        return "its frames are in no order, or far apart in time: each is as far from the next as from any other"
+
+    def bent(a: NDArray[np.intp], b: NDArray[np.intp], c: NDArray[np.intp]) -> Array:
+        """The squares of second differences of three frames each."""
+        return np.asarray(2.0 * (D[a, b] + D[b, c]) - D[a, c])
+
+    inside = (first >= 2) & (last <= len(x) - 3)
+    i, j = first[inside], last[inside]
+    frames = np.arange(1, len(x) - 1)
+    now = np.concatenate([[0.0], bent(frames - 1, frames, frames + 1)])
+    before = now[i - 1] + now[i] + now[j] + now[j + 1]
+    after = bent(i - 2, i - 1, j) + bent(i - 1, j, j - 1) + bent(i + 1, i, j + 1) + bent(i, j + 1, j + 2)
+    share = np.divide(after, before, out=np.full(len(i), np.inf), where=before > 4.0 * now[1:].mean())
+    if share.min() < EXCHANGE:
+        a, b = (int(each[share.argmin()]) for each in (i, j))
+        what = f"frames {a} and {b} are exchanged" if b == a + 1 else f"frames {a} to {b} are in reverse"
+        return f"its {what}: in the other order the motion goes on smoothly; put them so"
+    return None
 
 
 def out_of_reach(scene: Scene, motion: Motion, suspects: list[int]) -> list[int]:

@@ -110,18 +110,6 @@ class Registration:
         return {**{name: numbers[part].tolist() for name, part in NUMBERS.items()}, "intervals": self.intervals()}
 
 
-def rigid(points: Array, others: Array) -> tuple[Array, Array]:
-    """The rotation (3, 3) and translation (3,), m, that bring points (n, 3) nearest to others (n, 3).
-
-    W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A 32 (1976).
-    """
-    centre, other = points.mean(axis=0), others.mean(axis=0)
-    u, _, v = np.linalg.svd((points - centre).T @ (others - other))
-    turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v)) or 1.0])
-    R = (u @ turn @ v).T
-    return R, other - R @ centre
-
-
 def scale_between(points: Array, others: Array) -> float:
     """How much larger points (n, 3) are than others (n, 3), moved and turned as they may be; 1 where none have a size.
     """

@@ -31,11 +31,11 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import System, build
 from clothfit.motion.correspondence import Correspondence, roughness, weights_of_corners
 from clothfit.motion.feet import Faces, Feet
+from clothfit.motion.markers import rigid, turns
 from clothfit.motion.motion import in_scene, in_world, rms
 from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.measures import rows_of
-from clothfit.registration.record import rigid
 from clothfit.scene.directions import edges_of
 from clothfit.scene.kinds import REST
 from clothfit.scene.scene import Scene, with_places
@@ -75,9 +75,9 @@ TOLERANCE = 1e-5
 MOSTLY = 0.75
 """Share of the points of a first frame that must be within an edge of a mesh that lies there."""
 
-TURNS, ITERATIONS, POINTS, ALIKE, RELAXING = 3, 20, 300, 1.5, 60
-"""Angles about the last axis that are tried, closest points for each with so many points, distance relative to the
-least that is as good, and steps of relaxing.
+ITERATIONS, POINTS, ALIKE, RELAXING = 20, 300, 1.5, 60
+"""Closest points for each turn with so many points, distance relative to the least that is as good, and steps of
+relaxing.
 """
 
 SEEN_WEIGHT = 0.25
@@ -211,20 +211,6 @@ def lies_off(held: Array, points: Array, edge: float) -> bool:
     from scipy.spatial import KDTree
 
     return len(held) > 0 and float(np.median(KDTree(points).query(held)[0])) > edge
-
-
-def turns(start: Array, points: Array) -> list[Array]:
-    """Rotations (3, 3) that may bring a mesh at `start` (n, 3) to points (m, 3): none, and those between principal
-    axes, turned about the last one as well.
-    """
-    own, other = (np.linalg.eigh(np.cov(each.T))[1][:, ::-1] for each in (start, points))
-    found = [np.eye(3)]
-    for a, b in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
-        signs = np.diag([a, b, a * b * np.linalg.det(own) * np.linalg.det(other)])
-        for angle in np.linspace(0.0, 0.5 * np.pi, TURNS, endpoint=False):
-            c, s = np.cos(angle), np.sin(angle)
-            found.append(other @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ signs @ own.T)
-    return found
 
 
 def moved_to(mesh: Faces, points: Array, start: Array, R: Array) -> tuple[float, Array, Array]:

@@ -177,7 +177,9 @@ def ended(summary: Mapping[str, Any]) -> list[list[str]]:
     rows += captures.registered(summary)
     kept_out = number(entry(summary, "holdout", "rmse"))
     if kept_out is not None and kept_out >= 0:
-        rows.append(["kept out of the fit", f"RMSE {metres(kept_out)}"])
+        still = number(entry(summary, "holdout", "still"))
+        beside = "" if still is None else f"; {metres(still)} from the best still picture of the fitted frames"
+        rows.append(["kept out of the fit", f"RMSE {metres(kept_out)}{beside}"])
     if sigma is not None and sigma > 0:
         rows.append(["noise", f"{metres(sigma)} per coordinate, where the model is right"])
     return rows

@@ -80,7 +80,7 @@ def judged(summary: Mapping[str, Any]) -> tuple[str, str]:
     if left is not None and model == DIFFERS:
         return WARN, f"The model differs from the target: {percent(left)} of the motion is unexplained."
     if left is not None and model == FAILS:
-        return WARN, f"The fit fails, no nearer than a still picture: {percent(left)} of the motion is unexplained."
+        return WARN, f"The fit fails, leaving more than it explains: {percent(left)} of the motion."
     if left is not None and model == ADEQUATE:
         return GOOD, "The fit explains the target: what is left is noise or rounding."
     return PLAIN, ""

@@ -10,7 +10,7 @@ from helpers.scenes import even
 from clothfit import as_motion, load, parameters
 from clothfit.cli.parts.estimate_results import ending
 from clothfit.fit.estimate import record_target
-from clothfit.fit.residual_hints import as_it_came, picture_error
+from clothfit.fit.residual_hints import as_it_came, picture_distance, picture_error
 from clothfit.objective.objective import Objective
 from clothfit.optimise.status import Status
 
@@ -33,6 +33,17 @@ def test_the_still_picture_is_the_mean_of_each_vertex_over_the_frames_that_show_
     mean[shown] = [motion.positions[motion.observed[:, i], i].mean(axis=0) for i in np.flatnonzero(shown)]
     squares = ((motion.positions - mean) ** 2).sum(axis=2)[motion.observed]
     assert picture_error(Objective(scene, motion)) == pytest.approx(np.sqrt(squares.mean()), rel=1e-12)  # rounding
+
+
+def test_the_picture_is_carried_along_by_what_is_held_where_that_is_nearer():
+    """Positions that only travel with what is held leave nothing to a picture that travels with it."""
+    scene, motion = gaps()
+    on = np.linspace(0.0, 3.0, len(motion.times))[:, None, None] * [1.0, 0.0, 0.5]
+    moved = replace(motion, positions=motion.positions + on)
+    assert picture_error(Objective(scene, moved)) == pytest.approx(picture_error(Objective(scene, motion)), rel=1e-12)
+    across = replace(motion, positions=np.where(scene.cloths[0].fixed[:, None], moved.positions, motion.positions))
+    plain = picture_error(Objective(scene, across))
+    assert plain < picture_distance(Objective(scene, across), Objective(scene, across), carried=True)
 
 
 def test_the_scene_as_it_came_is_judged_by_its_own_values_whatever_is_flagged():

@@ -46,6 +46,15 @@ def test_the_model_itself_gives_no_hint(held, noise):
         assert codes(sheet(held=held, windVel={"x": 0.0, "y": wind, "z": 0.0}), seen) == []
 
 
+def test_a_frame_that_is_not_the_first_but_shows_the_start_is_named():
+    scene = sheet(frames=12)
+    motion = simulate(scene)
+    (hint,) = hints_of(scene, replace(motion, positions=motion.positions[::-1]))
+    assert (hint.code, "its frame 11 of 12" in hint.text, "in reverse?" in hint.text) == ("frame_order", True, True)
+    late = replace(motion, positions=np.concatenate([motion.positions[4:0:-1], motion.positions[:8]]))
+    assert "frames 4:" in next(hints_of(scene, late)).text
+
+
 @pytest.mark.parametrize("damping", [0.0, 3.0])
 @pytest.mark.parametrize("held", ["side", "corners", None])
 def test_nor_does_it_by_bdf2_whose_first_step_is_half_a_step_ahead(held, damping):

@@ -55,6 +55,11 @@ def test_a_fit_without_the_last_frames_is_that_of_a_shorter_target_and_they_are_
     # two simulations that are solved to 1e-10 each
     assert found.holdout.rmse == pytest.approx(rmse_over(found, noisy, late), rel=1e-6)
     assert found.frames == 15
+    mean = noisy.positions[:15].mean(axis=0)
+    squares = ((noisy.positions[15:] - mean) ** 2).sum(axis=2)
+    # 1 mm of noise on what is held, by which a picture may be carried, of some 30 cm
+    assert found.holdout.still == pytest.approx(np.sqrt(squares.mean()), rel=2e-3)
+    assert not any("kept out" in each for each in found.warnings)
 
 
 def test_vertices_that_are_kept_out_do_not_touch_the_fit(noisy):

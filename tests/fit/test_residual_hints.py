@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.fits import estimate
-from helpers.strangers import sheet, small, stranger, with_finer_steps
+from helpers.strangers import sheet, small, stranger, windy, with_finer_steps
 
 from clothfit import Fit, degrade, simulate
+from clothfit.fit import residual_hints
 from clothfit.fit.residual_hints import SHIFT, around, way_out, with_own_motion, with_stall_hint
 from clothfit.motion.motion import at_frames
 from clothfit.optimise.along_target import SingleSteps
@@ -50,6 +51,33 @@ def test_a_target_that_begins_late_or_early_is_said_to(target, said):
     assert list(hints) == ["time_offset"] or "earlier" in said
     assert said in hints["time_offset"]
     assert "--fit-time" in hints["time_offset"]
+
+
+@pytest.mark.parametrize("rate", [0.5, 2.0])
+def test_a_frame_rate_that_is_mistaken_for_its_half_or_double_is_named(rate, monkeypatch):
+    """In wind no fall shows it, and from the rate 1 no step leads there."""
+    monkeypatch.setattr(residual_hints, "LONGEST", 120.0)  # s: whatever else the machine does
+    scene = windy(frames=60, delta=0.02, fit={})
+    target = stranger(simulate(windy(frames=60, delta=0.02, stiffness=12.0)), rate)
+    found = estimate(scene, target, intervals=False)
+    (text,) = (hint.text for hint in found.hints if hint.code == "time_scale")
+    said = float(text.split("a clock with the rate ")[1].split()[0])
+    assert said == pytest.approx(rate, rel=0.05)  # a few steps of the search
+    assert "--fit-time, or say the frame rate (--fps)" in text
+    assert found.verdict.differs
+    again = estimate(scene, target, intervals=False, fit_time=True)
+    assert again.registration[0].rate == pytest.approx(rate, rel=1e-3)
+    assert again.rmse < 1e-6 < 0.1 * found.rmse  # m: nothing else is wrong
+
+
+def test_the_mirror_image_of_a_sheet_is_named_though_the_first_frame_does_not_show_it(monkeypatch):
+    monkeypatch.setattr(residual_hints, "LONGEST", 120.0)  # s: whatever else the machine does
+    target = motion()
+    mirrored = replace(target, positions=target.positions * [1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(mirrored.positions[0], target.positions[0])
+    hints = late_hints(mirrored)
+    assert "the target seen in a mirror would explain 100 %" in hints["handedness"]
+    assert "handedness" not in late_hints(stranger(target, offset=0.1))
 
 
 def test_a_place_that_the_first_frame_does_not_show_is_said():

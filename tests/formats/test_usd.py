@@ -228,6 +228,16 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_reading_ends_by_its_own_time_and_not_while_other_work_keeps_it_waiting():
+    code = "import time; from clothfit.formats.usd_reader import limit_time; limit_time(1.0 + time.process_time())\n"
+    waits, computes = (
+        subprocess.run([sys.executable, "-c", code + then], check=False, timeout=300).returncode
+        for then in ("time.sleep(3.0)", "while True: pass")
+    )
+    assert waits == 0
+    assert computes == -signal.SIGXCPU
+
+
 @pytest.mark.parametrize("where", ["vertex", "faceVarying"])
 @pytest.mark.parametrize("turned", [False, True])
 def test_texture_coordinates_and_subsets(stage, where, turned):

@@ -65,6 +65,33 @@ def test_a_marker_counts_from_where_it_is_first_seen(read):
     assert found.motion.observed[0, 5]
 
 
+RECTANGLE = load(document(cloth(nx=7, ny=5, spacing=0.1, vertIsFixed=[i >= 28 for i in range(35)])))
+
+
+@pytest.mark.parametrize(("degrees", "way"), [(4.0, 0.06), (25.0, 0.4), (80.0, 2.0)])
+def test_markers_in_another_place_are_matched_once_they_are_moved_and_turned(read, degrees, way):
+    """A rectangle fits in four ways, of which two turn it by a right angle at most, and one of these leaves what is
+    held still.
+    """
+    chosen = np.array([0, 3, 6, 9, 12, 15, 18, 26, 28, 31, 34])
+    y, c, s = initial(RECTANGLE)[chosen], *(f(np.radians(degrees)) for f in (np.cos, np.sin))
+    frames = y + np.sin(np.arange(6.0))[:, None, None] * 0.05 * (chosen < 28)[:, None]
+    noise = np.random.default_rng(1).normal(0.0, 2e-3, frames.shape)
+    elsewhere = (frames + noise) @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T + way * np.array([0.6, 0.0, 0.8])
+    found = read(elsewhere, names=[str(i) for i in range(len(chosen))], scene=RECTANGLE)
+    assert [match.vertex for match in found.interpretation.matches.each] == chosen.tolist()
+    assert "once they are moved and turned as a whole" in str(found.interpretation)
+    np.testing.assert_allclose(found.motion.positions[:, chosen], elsewhere)  # they stay where they are
+
+
+def test_other_places_that_fit_as_well_are_named(read):
+    """Markers inside fit one edge farther as well."""
+    chosen = np.array([8, 9, 10, 15, 17, 22])
+    found = read([initial(RECTANGLE)[chosen] + [0.03, 0.2, 0.0]] * 2, names=tuple("abcdef"), scene=RECTANGLE)
+    assert found.interpretation.matches.place.others > 0
+    assert "as well, and the nearest is taken (--set map says which vertex each is)" in str(found.interpretation)
+
+
 def test_gaps_are_not_observed_and_a_marker_that_is_never_seen_is_left_out_and_told(read):
     positions, observed = moved(), np.ones((4, 3), bool)
     positions[1, 0] = np.nan

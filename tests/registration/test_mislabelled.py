@@ -9,10 +9,11 @@ from helpers.fits import estimate
 from helpers.strangers import sheet, stranger, windy
 
 from clothfit.motion.degrade import degrade
+from clothfit.motion.markers import rigid
 from clothfit.motion.simulate import simulate
 from clothfit.registration import mislabelled as mistaken_module
-from clothfit.registration.mislabelled import alone, mislabelled
-from clothfit.registration.record import Jump, Markers, Swap, rigid, rotation
+from clothfit.registration.mislabelled import alone, disorder, mislabelled
+from clothfit.registration.record import Jump, Markers, Swap, rotation
 
 pytestmark = pytest.mark.slow  # compiles a simulation
 
@@ -39,6 +40,22 @@ def capture(seed=1, observed=0.5, noise=NOISE):
     """Markers of it, and the vertices that have them."""
     motion = degrade(exact(), noise, observed=observed, seed=seed)
     return motion, np.flatnonzero(motion.seen().all(axis=0))
+
+
+@pytest.mark.parametrize("noise", [0.0, NOISE])
+def test_frames_in_another_order_are_named_and_those_of_motions_in_order_are_not(noise):
+    for motion in (capture(noise=noise)[0], degrade(simulate(windy(frames=60)), noise)):
+        assert disorder(motion) is None
+        x, count = motion.positions, len(motion.times)
+        order = np.random.default_rng(2).permutation(count)
+        assert "in no order" in disorder(replace(motion, positions=x[order]))
+        if not noise:  # what is exchanged moves less than that
+            order = np.arange(count)
+            order[[10, 11]] = 11, 10
+            assert "frames 10 and 11 are exchanged" in disorder(replace(motion, positions=x[order]))
+            order = np.arange(count)
+            order[8:16] = order[8:16][::-1]
+            assert "frames 8 to 15 are in reverse" in disorder(replace(motion, positions=x[order]))
 
 
 def wrongly(motion, *places):

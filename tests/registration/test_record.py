@@ -8,8 +8,9 @@ import pytest
 from helpers.scenes import document, load_text
 
 from clothfit.meshes.mesh import turned
+from clothfit.motion.markers import rigid
 from clothfit.motion.motion import as_motion
-from clothfit.registration.record import Registration, rigid, rotation, rotation_derivative
+from clothfit.registration.record import Registration, rotation, rotation_derivative
 
 
 def random_rotation(seed):

@@ -103,7 +103,9 @@ def describe(fit: Fit, out: Output, console: Console, named: bool = False) -> No
     console.say(*late, of="hint")
     if fit.holdout:
         kept = counted(fit.holdout.observations, "position", "positions")
-        console.say(f"holdout: RMSE {metres(fit.holdout.rmse)} over {kept} kept out of the fit")
+        still = fit.holdout.still
+        beside = "" if still is None else f", {metres(still)} by the best still picture of the fitted frames"
+        console.say(f"holdout: RMSE {metres(fit.holdout.rmse)} over {kept} kept out of the fit{beside}")
     if fit.verdict is None or fit.verdict.model != FAILED:
         describe_fabrics(fit, console)
     for block in fit.parameters:
