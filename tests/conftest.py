@@ -8,14 +8,11 @@ from pathlib import Path
 
 import pytest
 from helpers.scenes import trial, write_scene
-from hypothesis import HealthCheck, settings
 
 from clothfit.base import interrupts, threads
 from clothfit.kernels.helper import ALONE
 
-# a busy machine is no reason to fail; the same examples at every run: to look for others is what `make fuzz` is for
-settings.register_profile("tests", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("tests")
+gc.disable()  # until all tests are collected
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # the others compile as well: no process needs a helper
     os.environ[ALONE] = "1"
@@ -30,8 +27,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """Leave what all tests are made of out of the search for garbage: it took a fifth of the time of compiling."""
-    gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(20_000)
 
 
