@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from helpers.paths import TESTS
 from helpers.scenes import trial, write_scene
 
 from clothfit.base import interrupts, threads
@@ -18,8 +19,20 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # the others compile as well: no proces
     os.environ[ALONE] = "1"
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Let each of several processes begin to collect all tests at another folder: a module whose asserts one of them
+    has rewritten the others read as it is.
+    """
+    worker = getattr(config, "workerinput", None)
+    if worker and [Path(each).resolve() for each in config.args] == [TESTS]:
+        folders = sorted(str(each) for each in TESTS.iterdir() if each.is_dir() and not each.name.startswith("_"))
+        first = int(worker["workerid"][2:]) * len(folders) // worker["workercount"]
+        config.args = folders[first:] + folders[:first]
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as quick what is not marked as slow, so that `-m quick` selects it."""
+    """Mark as quick what is not marked as slow, so that `-m quick` selects it; in one order."""
+    items.sort(key=lambda item: item.path)
     for item in items:
         if item.get_closest_marker("slow") is None:
             item.add_marker("quick")
