@@ -77,7 +77,7 @@ lint: $(VENV)/installed-test $(VENV)/installed-dev
 # What compiles rests on parts of numba that may change with any version (clothfit/kernels/__init__.py).
 newest: $(VENV)/made
 	@$(PYTHON) -m venv --clear $(VENV)-newest
-	@$(VENV)-newest/bin/python -m pip --disable-pip-version-check --quiet install --editable . pytest hypothesis tornado 2>/dev/null
+	@$(VENV)-newest/bin/python -m pip --disable-pip-version-check --quiet install --editable . pytest tornado 2>/dev/null
 	@$(VENV)-newest/bin/python -m pip --disable-pip-version-check --quiet install --upgrade --pre numba 2>/dev/null
 	@$(VENV)-newest/bin/python -c 'import numba; print("numba", numba.__version__)'
 	NUMBA_CACHE_DIR=$(CURDIR)/build/newest $(VENV)-newest/bin/python -m pytest -q tests/kernels/test_records.py \
@@ -104,7 +104,7 @@ build/shots/made:
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(VENV)-newest $(BLENDER) build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-newest $(BLENDER) build dist .pytest_cache .ruff_cache .mypy_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: each is written when all of its recipe has succeeded.

@@ -12,6 +12,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.fit import common_values, hierarchy
+from clothfit.fit.options import RMSE_TOLERANCE
 from clothfit.fit.trajectory_fit import (
     FAR_ERROR,
     NEAR_ERROR,
@@ -39,9 +40,9 @@ EXACT = 1e-5
 steps of minutes would only follow how a cloth that buckles makes more of that.
 """
 
-STEP, ROUNDINGS = 1e-8, 8.0
-"""Error of a single step, m, that no noise of a target is below, and how many roundings of positions it may make of
-them: the weights of the positions that lead to a BDF2 step are 24, 22, 8 and 1 ninth, and its end is one more.
+ROUNDINGS = 8.0
+"""How many roundings of positions a single step may be from its end: the weights of the positions that lead to a BDF2
+step are 24, 22, 8 and 1 ninth, and its end is one more.
 """
 
 MANY = 1500
@@ -227,7 +228,7 @@ def takes_each_step(search: Search) -> bool:
     other values are nearer, however far a motion that makes more and more of any difference ends from the target.
     """
     along = AlongTarget.of(search.objective, search.best.p)
-    if along is not None and along.steps.largest <= ROUNDINGS * max(STEP, search.objective.rounding):
+    if along is not None and along.steps.largest <= ROUNDINGS * max(RMSE_TOLERANCE, search.objective.rounding):
         search.single, search.own = (search.best.p, along.steps), True
     return search.proven is not None
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.fit import continuation, hierarchy
+from clothfit.fit.options import RMSE_TOLERANCE
 from clothfit.fit.trajectory_fit import first_window, window_lengths
 from clothfit.motion.degrade import digits
 from clothfit.motion.divergence import Diverged
@@ -45,9 +46,8 @@ COVERED = 0.6
 MOST_DIGITS = 9
 """Of single precision, in which the editor writes."""
 
-LEAST_ERROR, ROUNDED = 1e-8, 0.6
-"""Error, m, that is none; and that of what is rounded, relative to the largest that rounding leaves: √⅓ in the mean.
-"""
+ROUNDED = 0.6
+"""Error of what is rounded, relative to the largest that rounding leaves: √⅓ in the mean."""
 
 GROWTH, STEPS, SAVING, PATIENCE = 1.5, 6, 1e-3, Patience(1, 1e-3, 1e-3)
 """Of the windows of Gauss–Newton: the ratio of one to the one before, iterations in each, and what ends it."""
@@ -79,7 +79,7 @@ def simplify(search: Search, p: Array, balances: Momentum) -> bool:
 
 def limit(objective: Objective) -> float:
     """Error of a motion, m, that is rounding."""
-    return max(LEAST_ERROR, ROUNDED * objective.rounding)
+    return max(RMSE_TOLERANCE, ROUNDED * objective.rounding)
 
 
 def by_short_numbers(search: Search, window: Objective, values: Array, labels: Slots) -> bool:

@@ -44,6 +44,7 @@ from clothfit.base.eigen import eigen
 from clothfit.engine.system import mobile
 from clothfit.fit import inextensible
 from clothfit.fit.alternatives import Alternatives
+from clothfit.fit.options import RMSE_TOLERANCE
 from clothfit.fit.posterior import CHAOS, MOST_VALUES, Local, Posterior, blocks_of, half_width, learned_prior, posterior
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.identifiability import Correlation, strongest
@@ -62,9 +63,6 @@ NULL_SHARE = 1e-4
 
 SAME_COST = 1e-2
 """Rise of the cost, in variances of a residual, that means nothing."""
-
-EXACT = 1e-8
-"""Error, m, that no noise of a target is below."""
 
 
 LOOSE = 1e-5
@@ -252,7 +250,7 @@ def without_intervals(known: Posterior, noise: float, why: str) -> Confidence:
 
 def is_exact(search: Search, cost: float) -> bool:
     """Whether a cost is that of an exact target, and good enough."""
-    return search.objective.rmse(cost) <= min(search.rmse_tolerance, EXACT)
+    return search.objective.rmse(cost) <= min(search.rmse_tolerance, RMSE_TOLERANCE)
 
 
 def balances(search: Search) -> tuple[Model, float, int] | None:

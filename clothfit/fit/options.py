@@ -36,7 +36,11 @@ AUTO = "auto"
 MODELS = (AUTO, "F", "G", "R", "M", "L")
 """The models that can take the place of a scene's flags; auto: the smallest that no finer one beats."""
 
-RMSE_TOLERANCE = 1e-8  # m; the rounding of the target's numbers where that is more (`Objective.rounding`)
+RMSE_TOLERANCE = 1e-8
+"""Error, m, that no noise of a target is below; good enough, but for the rounding of the target's numbers where that is
+more (`Objective.rounding`).
+"""
+
 MAX_EVALUATIONS = 1000
 
 RESIDUALS_METHOD, OWN_METHOD = "gauss-newton", "l-bfgs-b"

@@ -21,7 +21,7 @@ from clothfit.base.messages import counted, metres, owned
 from clothfit.base.notebook import html_of
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.alternatives import Alternatives, alternatives, in_words
-from clothfit.fit.confidence import EXACT, Confidence, Samples, confidence, residual_variance
+from clothfit.fit.confidence import Confidence, Samples, confidence, is_exact, residual_variance
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut, Judged
 from clothfit.fit.inextensible import by_strains, hardly_stretching, levels
@@ -292,7 +292,7 @@ def judgement(search: Search, trial: bool) -> Judgement:
     rmse, travel = position_rmse(search, p, cost), objective.rms_displacement
     if not (travel > 0 and np.isfinite(rmse)):
         return UNKNOWN
-    exact = bool(search.proven) or objective.rmse(cost) <= min(search.rmse_tolerance, EXACT)
+    exact = bool(search.proven) or is_exact(search, cost)
     shown = search.proven.rmse if search.proven else rmse
     left = Verdict(ADEQUATE, shown / travel) if exact else verdict(objective, p, rmse / travel)
     if left is None:

@@ -136,7 +136,7 @@ class Trial:
             if fits and balances_can_hold(search, balances, first_frames(objective)):
                 by_momentum(search, search.start, momentum.TREATMENTS[:1], balances=balances)
             single = hierarchy.model_of(objective.scene) == "L"
-            self.explains = is_near(search) or search.proven is not None or (single and may_leave_noise(search, None))
+            self.explains = is_near(search) or search.proven is not None or (single and may_leave_noise(search))
             if not (self.explains or single):
                 hierarchy.run_subproblem(search, hierarchy.subproblem(search, model, search.start), by_windows_of_noise)
 

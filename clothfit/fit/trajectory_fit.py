@@ -174,7 +174,7 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
             status = ended
         if remaining is not None:
             last, may_turn = [parts[-1]], False
-            found = by_nudging(search, descent.prior) if not watched or may_leave_noise(search, None) else None
+            found = by_nudging(search, descent.prior) if not watched or may_leave_noise(search) else None
             if watched and found is None and remaining.differs:
                 raise ModelDiffers
             routes = [Route(last, y, prior, learned=True) for y, prior in found or []]
@@ -305,7 +305,7 @@ def may_nudge(search: Search) -> bool:
     return can_nudge(search.objective) and not is_long(search)
 
 
-def may_leave_noise(search: Search, tau: float | None) -> bool:
+def may_leave_noise(search: Search) -> bool:
     """Whether what single values leave of the first frames may be noise, where springs pull these to their target: what
     is wrong with a model shows there, what a motion makes of small differences does not. One that takes too long says
     no. Raises Stop.
@@ -326,7 +326,7 @@ def may_leave_noise(search: Search, tau: float | None) -> bool:
             raise StepLimit
 
     try:
-        model, _, _ = minimise(problem, y, part.prior(y, tau), accepted, WINDOW_ITERATIONS)
+        model, _, _ = minimise(problem, y, part.prior(y, None), accepted, WINDOW_ITERATIONS)
     except StepLimit:
         return False
     test = residual_test(part.objective, search.parameters(model.y))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.eigen import connected_components
 from clothfit.meshes.mesh import any_sides
 
 TOLERANCE = 2e-5
@@ -103,8 +104,6 @@ def seeds(triangles: Indices, count: int) -> Iterator[Indices]:
 
 def shifted(frames: Array, left: Flags, near: float) -> list[Indices]:
     """Groups of two or more of the vertices that are left, which do not turn, wherever they are."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
     own = np.flatnonzero(left)
@@ -112,6 +111,5 @@ def shifted(frames: Array, left: Flags, near: float) -> list[Indices]:
     few = ways[np.unique(np.linspace(0, len(ways) - 1, FEW_FRAMES).astype(int))]
     pairs = KDTree(np.swapaxes(few, 0, 1).reshape(len(own), 3 * len(few))).query_pairs(near, output_type="ndarray")
     pairs = pairs[[bool((np.linalg.norm(ways[:, a] - ways[:, b], axis=1) <= near).all()) for a, b in pairs]]
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(own),) * 2)
-    _, label = connected_components(graph, directed=False)
+    label = connected_components(pairs, len(own))
     return [own[label == k].astype(np.int32) for k in np.unique(label[pairs.reshape(-1)])]

@@ -175,7 +175,7 @@ HELD, RIM = (0.5 * each for each in reversed(SIZES[DRAPE]))
 ])  # fmt: skip
 def test_fabrics_drape_as_the_literature_has_it(name, bending, low, high):
     """Light cloth 20 to 40 %, wool 40 to 70, denim, of common bending, 70 to 90 (docs/fabrics.md)."""
-    scene = hung(DRAPE, 20, stuff=preset(name))
+    scene = hung(DRAPE, 14, stuff=preset(name))
     scene = clothfit.with_parameters(scene, np.where(np.arange(6) < 3, 1.0, bending))
     assert low < drape_coefficient(scene, clothfit.simulate(scene)) < high
 

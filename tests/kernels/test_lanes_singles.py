@@ -4,8 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from clothfit.kernels.lanes import compiled
-from clothfit.kernels.lanes import compiled_singles as lanes
+from clothfit.kernels.lanes import compiled as lanes
 
 
 @numba.njit
@@ -71,8 +70,8 @@ def test_operations_on_rows_of_four_and_of_eight():
 
 def test_rows_of_double_precision_and_indices():
     def run(a, b, i, out):
-        compiled.store4(compiled.load4(a, compiled.index(i, 1)), out, 0)
-        compiled.store_column(compiled.column(b, 1, 2), b, 0, 3)
+        lanes.store4(lanes.load4(a, lanes.index(i, 1)), out, 0)
+        lanes.store_column(lanes.column(b, 1, 2), b, 0, 3)
 
     a, b, out = np.arange(12.0).reshape(3, 4), np.arange(24.0).reshape(3, 8), np.zeros((1, 4))
     numba.njit(run)(a, b, np.array([0, 2], np.int32), out)

@@ -1,6 +1,7 @@
 """Targets whose points are the scene's vertices in another order, or lie in or over its triangles."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,17 +16,22 @@ from clothfit.registration.record import rotation
 
 SCENE = sheet(letters="nF", frames=24)
 (CLOTH,) = SCENE.cloths
-MOTION = simulate(with_parameters(SCENE, np.array([2.0])), tolerance=1e-12)
 TRIANGLES = CLOTH.triangles.reshape(-1, 3)
 RNG = np.random.default_rng(0)
 CHOSEN, WEIGHTS = RNG.integers(len(TRIANGLES), size=200), RNG.dirichlet([1, 1, 1], 200)
+ORDER = RNG.permutation(36)
+
+
+@cache
+def recorded():
+    return simulate(with_parameters(SCENE, np.array([2.0])), tolerance=1e-12)
 
 
 def points(off=0.0):
     """Points of the motion inside triangles, so far from them, m."""
     corners = TRIANGLES[CHOSEN]
-    on = np.einsum("pk,fpkc->fpc", WEIGHTS, MOTION.positions[:, corners])
-    return on + off * np.stack([normals(x, corners) for x in MOTION.positions])
+    on = np.einsum("pk,fpkc->fpc", WEIGHTS, recorded().positions[:, corners])
+    return on + off * np.stack([normals(x, corners) for x in recorded().positions])
 
 
 @pytest.fixture
@@ -33,7 +39,7 @@ def seen(tmp_path):
     """What a file with some points shows of the scene."""
 
     def read(positions, bind=None):
-        np.savez(tmp_path / "a.npz", positions=positions, times=MOTION.times)
+        np.savez(tmp_path / "a.npz", positions=positions, times=recorded().times)
         return load(tmp_path / "a.npz", SCENE, Reading(bind=bind)).motion
 
     return read
@@ -41,16 +47,16 @@ def seen(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("positions", "kind", "within"),
+    ("shown", "kind", "within"),
     [
-        (MOTION.positions, "same", 1e-9),
-        (MOTION.positions[:, RNG.permutation(36)], "permuted", 1e-9),
-        (points(), "surface", 1e-6),
-        (points(1e-3), "surface", 1e-2),
+        (lambda: recorded().positions, "same", 1e-9),
+        (lambda: recorded().positions[:, ORDER], "permuted", 1e-9),
+        (points, "surface", 1e-6),
+        (lambda: points(1e-3), "surface", 1e-2),
     ],
 )
-def test_a_fit_to_points_has_the_values_of_one_to_vertices(seen, positions, kind, within):
-    fit = estimate(SCENE, seen(positions), intervals=False)
+def test_a_fit_to_points_has_the_values_of_one_to_vertices(seen, shown, kind, within):
+    fit = estimate(SCENE, seen(shown()), intervals=False)
     assert (fit.correspondence.kind, fit.correspondence.share) == (kind, 1.0)
     assert fit.scene.cloths[0].stiffness == pytest.approx(2.0 * CLOTH.stiffness, rel=within)
 
@@ -75,6 +81,7 @@ def test_a_mesh_that_is_bound_moves_as_its_triangles_do():
     found = embedded(x, SCENE, others, "render.obj")
     wanted = np.stack([others @ R.T + [k, 0.0, -k] for k, R in enumerate(turns)])
     np.testing.assert_allclose(found, wanted, atol=1e-12)  # rounding
-    np.testing.assert_allclose(embedded(MOTION.positions, SCENE, CLOTH.positions, "a"), MOTION.positions, atol=1e-12)
+    x = recorded().positions
+    np.testing.assert_allclose(embedded(x, SCENE, CLOTH.positions, "a"), x, atol=1e-12)
     with pytest.raises(TooFar):
         embedded(x, replace(SCENE, name="a.json"), others + 1.0, "render.obj")

@@ -1,5 +1,7 @@
 """What a degraded motion keeps, loses and gets."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from helpers.scenes import cloth, document, even
@@ -7,21 +9,24 @@ from helpers.scenes import cloth, document, even
 from clothfit import InvalidInput, Motion, load, simulate
 from clothfit.motion.degrade import degrade, rounding
 
-MOTION = simulate(load(even("nn", 21, 6, 6)))
+
+@cache
+def recorded():
+    return simulate(load(even("nn", 21, 6, 6)))
 
 
 def test_without_wishes_nothing_changes_and_the_original_stays():
-    same, before = degrade(MOTION), MOTION.positions.copy()
+    same, before = degrade(recorded()), recorded().positions.copy()
     np.testing.assert_array_equal(same.positions, before)
-    np.testing.assert_array_equal(same.times, MOTION.times)
+    np.testing.assert_array_equal(same.times, recorded().times)
     assert same.observed is None
-    degrade(MOTION, 0.1, 0.5, 2).times[:] = 0.0
-    np.testing.assert_array_equal(MOTION.positions, before)
-    assert MOTION.times[-1] > 0
+    degrade(recorded(), 0.1, 0.5, 2).times[:] = 0.0
+    np.testing.assert_array_equal(recorded().positions, before)
+    assert recorded().times[-1] > 0
 
 
 def test_noise_has_its_spread_in_every_coordinate_and_no_bias():
-    noise = degrade(MOTION, 0.01, seed=3).positions - MOTION.positions
+    noise = degrade(recorded(), 0.01, seed=3).positions - recorded().positions
     count = noise[..., 0].size  # 756 of each coordinate
     # Four standard errors: sigma / sqrt(2 N) for the spread, sigma / sqrt(N) for the mean.
     np.testing.assert_allclose(noise.std(axis=(0, 1)), 0.01, rtol=4 / np.sqrt(2 * count))
@@ -30,19 +35,19 @@ def test_noise_has_its_spread_in_every_coordinate_and_no_bias():
 
 @pytest.mark.parametrize("every", [1, 2, 3, 7, 20, 100])
 def test_every_kth_frame_is_kept_with_its_time(every):
-    thinned = degrade(MOTION, every=every)
-    np.testing.assert_array_equal(thinned.positions, MOTION.positions[::every])
-    np.testing.assert_array_equal(thinned.times, MOTION.times[::every])
+    thinned = degrade(recorded(), every=every)
+    np.testing.assert_array_equal(thinned.positions, recorded().positions[::every])
+    np.testing.assert_array_equal(thinned.times, recorded().times[::every])
 
 
 @pytest.mark.parametrize("fraction", [0.25, 0.5, 0.99, 1e-9])
 def test_a_fraction_of_the_vertices_is_seen_the_same_in_all_frames(fraction):
-    half = degrade(MOTION, observed=fraction)
+    half = degrade(recorded(), observed=fraction)
     assert half.observed.shape == (21, 36)
     assert (half.observed == half.observed[0]).all()
     assert half.observed[0].sum() == max(1, round(fraction * 36))
     np.testing.assert_array_equal(np.isnan(half.positions).all(axis=2), ~half.observed)
-    np.testing.assert_array_equal(half.positions[half.observed], MOTION.positions[half.observed])
+    np.testing.assert_array_equal(half.positions[half.observed], recorded().positions[half.observed])
 
 
 def test_of_every_object_at_least_one_vertex_is_seen():
@@ -52,7 +57,7 @@ def test_of_every_object_at_least_one_vertex_is_seen():
 
 
 def test_a_seed_gives_the_same_again_and_another_another():
-    first, again, other = (degrade(MOTION, 1e-3, 0.5, seed=seed) for seed in (1, 1, 2))
+    first, again, other = (degrade(recorded(), 1e-3, 0.5, seed=seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.positions, again.positions)
     np.testing.assert_array_equal(first.observed, again.observed)
     assert (first.observed != other.observed).any()
@@ -76,22 +81,22 @@ def test_a_seed_gives_the_same_again_and_another_another():
 def test_values_out_of_range_are_refused(values, message):
     noise, seen, every, *fps = values
     with pytest.raises(InvalidInput, match=message):
-        degrade(MOTION, noise, seen, every, fps=fps[0] if fps else None)
+        degrade(recorded(), noise, seen, every, fps=fps[0] if fps else None)
 
 
 @pytest.mark.parametrize("fps", [10, 30, 50, 72.5, 240])
 def test_a_frame_rate_gives_the_lines_between_the_frames(fps):
-    found = degrade(MOTION, fps=fps)
+    found = degrade(recorded(), fps=fps)
     assert len(found.times) == int(0.4 * fps + 1e-9) + 1  # of 0.4 s
     np.testing.assert_allclose(np.diff(found.times), 1 / fps, rtol=1e-12)  # rounding of times
-    lines = [np.interp(found.times, MOTION.times, x) for x in MOTION.positions.reshape(21, -1).T]
+    lines = [np.interp(found.times, recorded().times, x) for x in recorded().positions.reshape(21, -1).T]
     np.testing.assert_allclose(found.positions.reshape(len(found.times), -1), np.transpose(lines), atol=1e-14)
 
 
 def test_between_frames_is_seen_what_was_seen_before_and_after():
     seen, weights = np.ones((21, 36), bool), np.full((21, 36), 2.0)
     seen[4, 7], weights[6, 9], weights[8, 3] = False, 0.0, 4.0
-    whole = Motion(MOTION.positions, MOTION.times, MOTION.vertex_counts, seen, weights=weights)
+    whole = Motion(recorded().positions, recorded().times, recorded().vertex_counts, seen, weights=weights)
     found = degrade(whole, fps=100.0)  # two frames a step
     assert np.flatnonzero(~found.observed[:, 7]).tolist() == [7, 8, 9]
     assert np.flatnonzero(found.weights[:, 9] == 0).tolist() == [11, 12, 13]

@@ -2,6 +2,7 @@
 
 import io
 from dataclasses import replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -21,8 +22,12 @@ from clothfit.motion import foreign
 from clothfit.scene.mesh_numbering import numberings
 
 SCENE = clothfit.load(trial("nG", 5))
-MOTION = clothfit.simulate(SCENE)
 AXES = [Axes(up, hand, scale) for up, hand, scale in product("yz", ("left", "right"), (1.0, 0.01))]
+
+
+@cache
+def recorded():
+    return clothfit.simulate(SCENE)
 
 
 def convention(axes):
@@ -43,7 +48,7 @@ def there(tmp_path, monkeypatch):
 
 
 def test_the_axes_of_obj_are_y_up_and_right_handed(there):
-    clothfit.save_motion(MOTION, "a_*.obj", SCENE)
+    clothfit.save_motion(recorded(), "a_*.obj", SCENE)
     first = (there / "a_0000.obj").read_text().splitlines()
     x, y, z = SCENE.cloths[0].positions[5].tolist()
     assert first[5] == f"v {-x!r} {y!r} {z!r}"
@@ -53,18 +58,18 @@ def test_the_axes_of_obj_are_y_up_and_right_handed(there):
 
 def test_files_without_a_known_suffix_are_this_programs(there):
     for name in ("a.npz", "a.dat", "a"):
-        clothfit.save_motion(MOTION, name)
-        np.testing.assert_array_equal(clothfit.load_motion(name, SCENE).positions, MOTION.positions)
+        clothfit.save_motion(recorded(), name)
+        np.testing.assert_array_equal(clothfit.load_motion(name, SCENE).positions, recorded().positions)
     file = io.BytesIO()
-    clothfit.save_motion(MOTION, file)
-    np.testing.assert_array_equal(clothfit.load_motion(io.BytesIO(file.getvalue()), SCENE).times, MOTION.times)
+    clothfit.save_motion(recorded(), file)
+    np.testing.assert_array_equal(clothfit.load_motion(io.BytesIO(file.getvalue()), SCENE).times, recorded().times)
 
 
 @pytest.mark.parametrize("axes", AXES)
 def test_npz_may_be_in_other_axes_too(there, axes):
-    np.savez("a.npz", positions=from_scene(MOTION.positions, axes))
+    np.savez("a.npz", positions=from_scene(recorded().positions, axes))
     found = clothfit.load_motion("a.npz", SCENE, reading=reading(axes, fps=10, frames="1:4"))
-    np.testing.assert_allclose(found.positions, MOTION.positions[1:4], atol=1e-15)
+    np.testing.assert_allclose(found.positions, recorded().positions[1:4], atol=1e-15)
     np.testing.assert_allclose(found.times, [0.1, 0.2, 0.3])
 
 
@@ -72,9 +77,9 @@ def test_npz_may_be_in_other_axes_too(there, axes):
 
 
 def test_frames_keep_their_times(there):
-    clothfit.save_motion(MOTION, "a.pc2")
+    clothfit.save_motion(recorded(), "a.pc2")
     found = clothfit.load_motion("a.pc2", SCENE, reading=Reading(frames="-2:"))
-    np.testing.assert_array_equal(found.times, MOTION.times[-2:])
+    np.testing.assert_array_equal(found.times, recorded().times[-2:])
     assert len(found.positions) == 2
 
 
@@ -91,7 +96,7 @@ def test_frames_keep_their_times(there):
 )
 def test_times_are_given_or_the_files_or_the_scenes(pretend, read, spacing, given, times, rate):
     own = None if read is None else np.array(read, float)
-    pretend(Animation(MOTION.positions[:3], Axes("y", "left"), own, spacing=spacing))
+    pretend(Animation(recorded().positions[:3], Axes("y", "left"), own, spacing=spacing))
     found = foreign.load("a.pc2", SCENE, Reading(fps=given))
     np.testing.assert_allclose(found.motion.times, times)
     assert rate in found.interpretation.rate
@@ -101,7 +106,7 @@ def test_times_are_given_or_the_files_or_the_scenes(pretend, read, spacing, give
 
 
 def test_what_was_not_seen_is_not_observed_and_needs_a_format_that_has_gaps(there, pretend):
-    positions = MOTION.positions.copy()
+    positions = recorded().positions.copy()
     positions[2, 3] = np.nan
     pretend(Animation(positions, Axes("y", "left")))
     found = clothfit.load_motion("a.pc2", SCENE)
@@ -122,30 +127,30 @@ def account(there, positions, axes=None, **said):
 
 @pytest.mark.parametrize("axes", [each for each in AXES if each != Axes()])
 def test_other_axes_are_noticed_and_named(there, axes):
-    found = account(there, MOTION.positions, axes)
+    found = account(there, recorded().positions, axes)
     said = [f"--{name} {value}" for name, value in axes._asdict().items() if value != getattr(Axes(), name)]
     (doubt,) = found.doubts
     assert doubt.endswith(f"away from where the scene begins; {' '.join(said)} would fit")
 
 
 def test_another_place_and_another_order_are_noticed_and_a_few_swapped_vertices_are_neither(there):
-    moved, order = MOTION.positions + [5.0, 0, -2], np.random.default_rng(0).permutation(16)
+    moved, order = recorded().positions + [5.0, 0, -2], np.random.default_rng(0).permutation(16)
     assert account(there, moved).start.advice == "it is moved by (5, 0, -2) m"
     assert account(there, moved, frames="1:").start is None  # later frames are not compared with the start
-    assert account(there, MOTION.positions[:, order], bind="order").start.advice == (
+    assert account(there, recorded().positions[:, order], bind="order").start.advice == (
         "its vertices would fit in another order"
     )
-    same = account(there, MOTION.positions)
+    same = account(there, recorded().positions)
     assert (same.doubts, same.start.distance < 1e-6) == ([], True)
-    swapped = MOTION.positions.copy()
+    swapped = recorded().positions.copy()
     swapped[:, [0, 15]] = swapped[:, [15, 0]]
     found = account(there, swapped)
     assert found.doubts == []
     assert found.start.distance > 0.05  # of a sheet of a metre or so: the fit looks at that, and names them
-    far = account(there, MOTION.positions + [50.0, 0, 0]).start.advice
+    far = account(there, recorded().positions + [50.0, 0, 0]).start.advice
     assert far == "it is moved by (50, 0, 0) m"  # shrunk to a point it would be fifty times as near, and no cloth
-    noise = np.random.default_rng(0).normal(size=MOTION.positions.shape)
-    assert account(there, MOTION.positions + noise).start.advice is None
+    noise = np.random.default_rng(0).normal(size=recorded().positions.shape)
+    assert account(there, recorded().positions + noise).start.advice is None
 
 
 def test_a_mirror_of_a_symmetric_sheet_is_named_by_the_order_of_its_vertices(there):
@@ -162,7 +167,7 @@ def test_a_mirror_of_a_symmetric_sheet_is_named_by_the_order_of_its_vertices(the
 
 
 def test_the_account_tells_what_was_assumed(there):
-    found = account(there, MOTION.positions, fps=25.0)
+    found = account(there, recorded().positions, fps=25.0)
     assert str(found) == (
         "a.pc2: PC2 point cache, 5 frames of 16 points, 25 frames a second as given; y up, right-handed, metres"
     )
@@ -175,7 +180,7 @@ def test_the_account_tells_what_was_assumed(there):
 
 def test_another_number_of_vertices_is_told_with_both_and_objects_are_in_file_order(there):
     scene = clothfit.load(document(cloth(), cloth(nx=3)))
-    clothfit.save_motion(MOTION, "a.pc2")
+    clothfit.save_motion(recorded(), "a.pc2")
     with pytest.raises(InvalidMotion, match=r"a\.pc2: has 16 points, scene has 21 .* the mesh that the scene"):
         clothfit.load_motion("a.pc2", scene)
     clothfit.save_motion(clothfit.simulate(scene, 2), "a_*.obj", scene)
@@ -200,12 +205,12 @@ def test_what_cannot_be_said(said):
 
 
 def test_a_longer_sequence_is_not_left_behind(there):
-    clothfit.save_motion(MOTION, "a_*.obj", SCENE)
-    shorter = clothfit.as_motion(SCENE, MOTION.positions[:3])
+    clothfit.save_motion(recorded(), "a_*.obj", SCENE)
+    shorter = clothfit.as_motion(SCENE, recorded().positions[:3])
     with pytest.raises(InvalidInput, match=r"a_0003\.obj exists and would be read as one of its frames"):
         clothfit.save_motion(shorter, "a_*.obj", SCENE)
     assert len(clothfit.load_motion("a_*.obj", SCENE).times) == 5
-    clothfit.save_motion(MOTION, "a_*.obj", SCENE)  # the same again is written over
+    clothfit.save_motion(recorded(), "a_*.obj", SCENE)  # the same again is written over
 
 
 @pytest.mark.parametrize("suffix", ["pc2", "mdd", "usda", "c3d", "glb"])

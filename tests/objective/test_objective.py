@@ -1,6 +1,7 @@
 """The gradient of what buckles; costs of what is flagged and of fewer frames, and the motions that are kept."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -203,16 +204,20 @@ def test_little_memory_keeps_none():
 
 
 SCENE = load(trial("nL", 12, 3, 3))
-MOTION = simulate(SCENE, tolerance=TIGHT)
 P = 1.3 * parameters(SCENE)
+
+
+@cache
+def recorded():
+    return simulate(SCENE, tolerance=TIGHT)
 
 
 @pytest.mark.parametrize("frames", [1, 2, 5, 12, 99])
 def test_fewer_frames_cost_what_these_cost(frames):
-    aim = Objective(SCENE, MOTION, TIGHT)
+    aim = Objective(SCENE, recorded(), TIGHT)
     part = aim.until(frames)
     x = simulate(load(trial("nL", 12, 3, 3, springStiffness=P.tolist())), tolerance=TIGHT).positions
-    expected = ((x - MOTION.positions)[:frames] ** 2).sum()
+    expected = ((x - recorded().positions)[:frames] ** 2).sum()
     assert part.cost(P) == pytest.approx(expected, rel=1e-9, abs=1e-25)  # solves to 1e-14; nothing at the start
     assert part.frames == min(frames, 12)
     assert part.steps == min(frames, 12) - 1
@@ -221,24 +226,24 @@ def test_fewer_frames_cost_what_these_cost(frames):
 
 def test_the_rest_of_what_was_asked_stays():
     options = {"objective": {"position": 1.0, "velocity": 0.01}, "loss": "huber", "loss_scale": 0.02}
-    part = Objective(SCENE, degrade(MOTION, observed=0.7), TIGHT, 9, **options).until(6, 1e-6)
-    same = Objective(SCENE, degrade(MOTION, observed=0.7), 1e-6, 6, **options)
+    part = Objective(SCENE, degrade(recorded(), observed=0.7), TIGHT, 9, **options).until(6, 1e-6)
+    same = Objective(SCENE, degrade(recorded(), observed=0.7), 1e-6, 6, **options)
     assert part.tolerance == 1e-6
     assert part.cost(P) == same.cost(P)
-    assert Objective(SCENE, MOTION, TIGHT, 5).until(8).steps == 4  # no more than there was
+    assert Objective(SCENE, recorded(), TIGHT, 5).until(8).steps == 4  # no more than there was
 
 
 def test_each_experiment_has_its_own_end():
     longer = load(trial("nL", 20, 3, 3))
-    aim = Objective(SCENE, [MOTION, (simulate(longer), longer)], TIGHT, [6, 20])
+    aim = Objective(SCENE, [recorded(), (simulate(longer), longer)], TIGHT, [6, 20])
     assert aim.steps == 19
     assert [run.comparison.last_step for run in aim.until(10).runs] == [5, 9]
 
 
 def test_still_is_the_cost_of_a_cloth_that_does_not_move():
-    aim = Objective(SCENE, MOTION, TIGHT)
-    assert aim.cost_at_rest == pytest.approx(((MOTION.positions - SCENE.cloths[0].positions) ** 2).sum(), rel=1e-12)
-    resting = Motion(np.array([SCENE.cloths[0].positions] * 12), MOTION.times, MOTION.vertex_counts)
+    aim = Objective(SCENE, recorded(), TIGHT)
+    assert aim.cost_at_rest == pytest.approx(((recorded().positions - SCENE.cloths[0].positions) ** 2).sum(), rel=1e-12)
+    resting = Motion(np.array([SCENE.cloths[0].positions] * 12), recorded().times, recorded().vertex_counts)
     assert Objective(SCENE, resting).cost_at_rest == 0.0
 
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,16 +27,20 @@ FACTOR = 2.0
 SCENE = sheet(letters="nF", frames=24)
 (CLOTH,) = SCENE.cloths
 TRUTH = with_parameters(SCENE, np.array([FACTOR]))
-MOTION = simulate(TRUTH, tolerance=1e-12)
 TRIANGLES = CLOTH.triangles.reshape(-1, 3)
 
 
-def cloud(count=400, noise=0.0, lost=0, strangers=0, motion=MOTION):
+@cache
+def recorded():
+    return simulate(TRUTH, tolerance=1e-12)
+
+
+def cloud(count=400, noise=0.0, lost=0, strangers=0, motion=None):
     """Points on the faces of a motion, others in each frame: `lost` of them, around one, are not there, and
     `strangers` lie anywhere near.
     """
     rng, frames = np.random.default_rng(0), []
-    for x in motion.positions:
+    for x in (motion or recorded()).positions:
         chosen = TRIANGLES[rng.integers(len(TRIANGLES), size=count)]
         y = np.einsum("mk,mkc->mc", rng.dirichlet([1, 1, 1], count), x[chosen])
         y = y[np.argsort(-np.linalg.norm(y - y[0], axis=1))[: count - lost]]
@@ -48,7 +53,7 @@ def cloud(count=400, noise=0.0, lost=0, strangers=0, motion=MOTION):
 def as_npz(folder, frames, **more):
     """A file with a scan."""
     first = np.cumsum([0, *map(len, frames)])
-    np.savez(folder / "scan.npz", points=np.concatenate(frames), first=first, times=MOTION.times, **more)
+    np.savez(folder / "scan.npz", points=np.concatenate(frames), first=first, times=recorded().times, **more)
     return folder / "scan.npz"
 
 
@@ -104,26 +109,26 @@ def test_noise_holes_and_strangers_move_a_fit_by_little(tmp_path):
 def test_vertices_that_are_shuffled_in_each_frame_are_a_scan(tmp_path):
     """Seen by itself, in files of this program and of others; turned about by half a turn in all they are none."""
     rng = np.random.default_rng(0)
-    shuffled = np.stack([rng.permutation(x) for x in MOTION.positions])
-    np.savez(tmp_path / "motion.npz", positions=shuffled, times=MOTION.times)
+    shuffled = np.stack([rng.permutation(x) for x in recorded().positions])
+    np.savez(tmp_path / "motion.npz", positions=shuffled, times=recorded().times)
     longer = [np.concatenate([x[:k], x]) for k, x in enumerate(shuffled)]  # `as_obj` leaves out as many
     for path in (tmp_path / "motion.npz", as_obj(tmp_path, longer)):
         found = load(path, SCENE, Reading())
         assert found.motion.correspondence.kind == "scan"
         assert "others in each frame" in " ".join(found.interpretation.notes)
     angles = np.linspace(0.0, np.pi, len(shuffled))
-    turned = [x @ rotation(np.array([0.0, each, 0.0])).T for x, each in zip(MOTION.positions, angles, strict=True)]
-    np.savez(tmp_path / "motion.npz", positions=turned, times=MOTION.times)
+    turned = [x @ rotation(np.array([0.0, each, 0.0])).T for x, each in zip(recorded().positions, angles, strict=True)]
+    np.savez(tmp_path / "motion.npz", positions=turned, times=recorded().times)
     assert load(tmp_path / "motion.npz", SCENE, Reading()).motion.correspondence.kind == "same"
 
 
 @pytest.mark.parametrize("factor", [1.0, 5.0])
 def test_vertices_are_tracked_to_where_they_were(tmp_path, factor):
     """With stiffnesses of the scan, to rounding; with five times as large ones, by cloth that keeps its edges."""
-    shuffled = [np.random.default_rng(0).permutation(x) for x in MOTION.positions]
+    shuffled = [np.random.default_rng(0).permutation(x) for x in recorded().positions]
     own = with_parameters(SCENE, np.array([factor * FACTOR]))
     given = tracked(Experiment(read(as_npz(tmp_path, shuffled), bind="scan"), own)).motion
-    away = np.sqrt(((given.positions - MOTION.positions) ** 2).sum(axis=2).mean())
+    away = np.sqrt(((given.positions - recorded().positions) ** 2).sum(axis=2).mean())
     assert away < (1e-6 if factor == 1.0 else 0.02 * np.median(CLOTH.lengths))
 
 
@@ -149,8 +154,8 @@ def test_a_fit_that_chooses_by_itself_tracks_by_few_kinds_where_these_explain_a_
     """Wind and gravity, which are free as well, would take the place of a stiffness that is five times as large."""
     scan = read(as_npz(tmp_path, cloud(noise=2e-3)))
     fit = estimate(with_parameters(SCENE, np.array([5.0 * FACTOR])), scan, fit=("auto",), intervals=False)
-    found = simulate(fit.scene.with_step(fit.scene.delta, MOTION.positions.shape[0]))
-    away = np.sqrt(((found.positions - MOTION.positions) ** 2).sum(axis=2).mean())
+    found = simulate(fit.scene.with_step(fit.scene.delta, recorded().positions.shape[0]))
+    away = np.sqrt(((found.positions - recorded().positions) ** 2).sum(axis=2).mean())
     assert away < 2e-4  # a tenth of the noise, by 9,600 points
     assert np.array_equal(fit.scene.gravity, SCENE.gravity)
     assert np.array_equal(fit.scene.wind, SCENE.wind)
@@ -214,10 +219,10 @@ def test_points_with_normals_of_another_side_are_left_out(tmp_path):
 
 
 def test_the_faces_of_a_mesh_in_other_axes_give_the_normals_of_its_points(tmp_path):
-    own = {"positions": from_scene(MOTION.positions, RIGHT), "triangles": facing(TRIANGLES, RIGHT)}
-    np.savez(tmp_path / "mesh.npz", times=MOTION.times, **own)
+    own = {"positions": from_scene(recorded().positions, RIGHT), "triangles": facing(TRIANGLES, RIGHT)}
+    np.savez(tmp_path / "mesh.npz", times=recorded().times, **own)
     found = load(tmp_path / "mesh.npz", SCENE, Reading(handedness="right", bind="scan")).motion.correspondence
-    np.testing.assert_allclose(found.normals[-1], normals_at(MOTION.positions[-1], TRIANGLES), atol=1e-12)  # rounding
+    np.testing.assert_allclose(found.normals[-1], normals_at(recorded().positions[-1], TRIANGLES), atol=1e-12)
 
 
 def test_a_mesh_in_another_pose_is_placed_on_the_first_frame(tmp_path):
@@ -227,16 +232,16 @@ def test_a_mesh_in_another_pose_is_placed_on_the_first_frame(tmp_path):
     R = rotation(np.array([0.3, -0.1, 0.2]))
     elsewhere = with_places(SCENE, CLOTH.positions @ R.T + [0.3, 0.0, 0.0])
     found = placed(Experiment(load(path, elsewhere, Reading()).motion, elsewhere))
-    away = np.linalg.norm(found.cloths[0].positions - MOTION.positions[late], axis=1)
+    away = np.linalg.norm(found.cloths[0].positions - recorded().positions[late], axis=1)
     assert np.median(away) < 0.05  # half an edge
     np.testing.assert_allclose(found.cloths[0].rest, CLOTH.rest)
-    near = Experiment(read(path), with_places(SCENE, MOTION.positions[late]))
+    near = Experiment(read(path), with_places(SCENE, recorded().positions[late]))
     assert placed(near) is near.scene
 
 
 @pytest.mark.parametrize(("count", "kind"), [(400, SCANNED), (len(CLOTH.mass), SAME)])
 def test_one_shape_of_cloth_at_rest_is_a_scan_unless_it_has_the_vertices(tmp_path, count, kind):
-    hanging, shape = replace(SCENE, method=REST), MOTION.positions[-1] if kind == SAME else cloud(count)[-1]
+    hanging, shape = replace(SCENE, method=REST), recorded().positions[-1] if kind == SAME else cloud(count)[-1]
     rows = from_scene(shape, RIGHT).tolist()
     (tmp_path / "shape.obj").write_text("".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in rows))
     found = load(tmp_path / "shape.obj", hanging, Reading(up="y", handedness="right")).motion.correspondence

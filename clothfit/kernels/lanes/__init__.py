@@ -1,5 +1,5 @@
 """Several numbers at once: intrinsics of numba.
 
-`compiled` and `compiled_singles` have them, in double and in single precision; kernels import their names from
-`operations`. To add one: write it, name it in `operations`, and say in the tests what it is with NumPy.
+`compiled` has them, in double and in single precision; kernels import their names from `operations`. To add one: write
+it, and say in `operations` and in the tests, with NumPy, what it is.
 """

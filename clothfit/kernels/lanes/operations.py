@@ -40,9 +40,6 @@ from __future__ import annotations
 
 from typing import Any
 
-SINGLES = ("16", "f")
-"""How the names of operations on single precision end."""
-
 
 class Operation:
     """An operation."""
@@ -55,39 +52,14 @@ class Operation:
         """What numba takes this object for."""
         from numba.core.registry import cpu_target
 
-        from clothfit.kernels.lanes import compiled, compiled_singles
+        from clothfit.kernels.lanes import compiled
 
         cpu_target.typing_context.refresh()  # which learns of operations that were imported just now
-        own = compiled_singles if self.name.endswith(SINGLES) else compiled
-        return cpu_target.typing_context.resolve_value_type(getattr(own, self.name))
+        return cpu_target.typing_context.resolve_value_type(getattr(compiled, self.name))
 
 
-class Named:
-    """All operations, by their names."""
-
-    def __getattr__(self, name: str) -> Operation:
-        return Operation(name)
-
-
-named: Any = Named()
-
-load, store, load3, store3 = named.load, named.store, named.load3, named.store3
-load4, store4, column, store_column = named.load4, named.store4, named.column, named.store_column
-splat, pack, clear3, turn = named.splat, named.pack, named.clear3, named.turn
-spread4, spread0, spread1, spread2 = named.spread4, named.spread0, named.spread1, named.spread2
-lane0, lane1, lane2, lane3 = named.lane0, named.lane1, named.lane2, named.lane3
-sum3, sum4 = named.sum3, named.sum4
-add, sub, mul, fma = named.add, named.sub, named.mul, named.fma
-div, root, where_less = named.div, named.root, named.where_less
-xyzz, xxxy, zyyz, zxyy = named.xyzz, named.xxxy, named.zyyz, named.zxyy
-quad, store_quad, index2, index3 = named.quad, named.store_quad, named.index2, named.index3
-across0, across1, across2, across3 = named.across0, named.across1, named.across2, named.across3
-index, prefetch, read_shared, write_shared = named.index, named.prefetch, named.read_shared, named.write_shared
-exchange, pause = named.exchange, named.pause
-load16, store16, spread16, splat16 = named.load16, named.store16, named.spread16, named.splat16
-add16, fma16, sum16 = named.add16, named.fma16, named.sum16
-load4f, column4f, store4f = named.load4f, named.column4f, named.store4f
-spread4f, splat4f = named.spread4f, named.splat4f
-add4f, sub4f, mul4f, fma4f, less4f = named.add4f, named.sub4f, named.mul4f, named.fma4f, named.less4f
-load8f, store8f, splat8f, fma8f = named.load8f, named.store8f, named.splat8f, named.fma8f
-lane0f, lane1f, lane2f, clear4f = named.lane0f, named.lane1f, named.lane2f, named.clear4f
+def __getattr__(name: str) -> Any:
+    """The operation of that name."""
+    if name.startswith("_"):  # what Python asks of every module
+        raise AttributeError(name)
+    return globals().setdefault(name, Operation(name))
