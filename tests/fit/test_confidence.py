@@ -473,7 +473,7 @@ def test_where_the_model_differs_intervals_are_wide_and_never_without_the_verdic
 
 def test_for_many_values_of_a_wrong_model_there_are_none():
     scene, motion = other_model("nL")
-    wrong = replace(scene, gravity=scene.gravity * 0.5)
+    wrong = replace(scene, gravity=scene.gravity * 0.8)
     found = estimate(wrong, motion, max_evaluations=30)
     assert found.verdict.model == "differs"
     assert not any(found.parameters[0].interval)
