@@ -265,14 +265,14 @@ def some_steps(
 
 def through_nudging(
     own: Search, omegas: Sequence[float] = WEAKER, start: Array | None = None, limit: float = np.inf,
-    doubtful: bool = True,
+    doubtful: bool = True, near: float = NEAR,
 ) -> None:  # fmt: skip
     """Steps of Gauss–Newton on motions that are pulled more and more weakly, from `start` (P,) or the best point; given
     up where such a motion costs more than `limit`, m². Values that are not `doubtful` have no prior. Raises Stop.
     """
     p = own.best.p if start is None else start
-    near = own.measure(p) <= NEAR**2 * own.objective.cost_at_rest
-    for omega in omegas[-1:] if near or not can_nudge(own.objective) else omegas:
+    is_near = own.measure(p) <= near**2 * own.objective.cost_at_rest
+    for omega in omegas[-1:] if is_near or not can_nudge(own.objective) else omegas:
         part = Even(own, nudged(own.objective, omega) if omega else own.objective)
         own.enter("continuation", part.objective)
         y = part.y(p)

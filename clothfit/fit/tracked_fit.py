@@ -22,7 +22,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
-from clothfit.fit.continuation import LEAST, Even, some_steps, with_nudging
+from clothfit.fit.continuation import LEAST, Even, some_steps, through_nudging, with_nudging
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
 from clothfit.fit.preparation import in_time
@@ -51,6 +51,9 @@ Start: TypeAlias = float | Array | Scene | None
 
 STEPS = 12
 """Of Gauss–Newton in each window, at most. Each must save the variance of what is left: what noise leaves uncertain."""
+
+GROWTH = 1.5
+"""Ratio of a window to the one before: a cloth in wind makes much of a thousandth."""
 
 FEW, PART = 12, 0.5
 """Values, at most, that are fitted at once, and the part of the time in which cloths at rest are drawn."""
@@ -211,7 +214,7 @@ def by_windows(
     """
     few, *finer = models
     longest, found = max(len(each.motion.times) for each in given), list(given)
-    for frames in window_lengths(FIRST_WINDOW, longest):
+    for frames in window_lengths(FIRST_WINDOW, longest, GROWTH):
         found = by(few, scene, given, frames)
         before = few
         few = nearer(few, found, options)
@@ -493,5 +496,10 @@ def nearer(
         centre = start if about is None else part.y(parameters(about))
         doubt = first(centre, [np.arange(part.size, dtype=np.int32)], (LEAST * part.residuals()) ** -0.5)
         prior = doubt if pulled else guard(centre, part.own_widths)
-        y = some_steps(part, start, STEPS, 1.0 / part.residuals(), prior=prior)
+        steps = partial(some_steps, part, most=STEPS, saving=1.0 / part.residuals(), prior=prior)
+        y = steps(start)
+        if about is None and leaves_more(with_parameters(few, part.parameters(y)), given[0].motion):
+            search.visit(part.parameters(y))
+            through_nudging(search, start=search.start, near=0.0)  # distances of cloths that buckle otherwise are rough
+            y = steps(part.y(search.best.p))
     return few if np.array_equal(y, start) else with_parameters(few, part.parameters(y))
