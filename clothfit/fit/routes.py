@@ -137,6 +137,11 @@ class Fitting:
         self.own, self.tau = self.search.objective, self.options.prior_width()
         self.first = self.search.start  # (P,), of the scene's own flags
 
+    @property
+    def has_result(self) -> bool:
+        """Whether there are values yet, of all kinds or of few."""
+        return bool(np.isfinite(min(self.search.best.cost, self.few.cost if self.few else np.inf)))
+
     @classmethod
     def of(
         cls, objective: Objective, start: float | Array | Scene | None, options: Request, twin: bool,
@@ -219,18 +224,18 @@ def by_routes(fit: Fitting) -> Status:
         status = stop.status
     except interrupts.OutOfTime:
         status = Status.LIMIT
-        if not (np.isfinite(fit.search.best.cost) or (fit.few and np.isfinite(fit.few.cost))):
+        if not fit.has_result:
             with interrupts.grace(np.inf), suppress(Stop):  # which may be there already
                 fit.search.visit(fit.search.start)
             fit.search.warn("the time was used up before the first step, so the values are those of the start")
     except KeyboardInterrupt:
-        if not np.isfinite(fit.search.best.cost):
-            raise  # there is no result yet
+        if not fit.has_result:
+            raise
         interrupts.request()
         interrupts.answer()
         status = Status.INTERRUPTED
     except (Diverged, MemoryError, np.linalg.LinAlgError) as error:
-        if not np.isfinite(fit.search.best.cost):
+        if not fit.has_result:
             raise
         fit.search.warn(f"the search ended early: {in_words(error)}")
         status = Status.STALLED
@@ -294,13 +299,14 @@ def by_few_kinds(fit: Fitting) -> None:
     tried += [(fit.first, ("wind",))] if any(cloth.feels_air for cloth in scene.cloths) else []
     for start, others in tried:
         found.append(by_few(fit, start, others))
+        fit.few = min(found, key=lambda each: each.cost)
         if found[-1].explains:
             break
     best = max(found, key=lambda each: (each.explains, each.chaotic))
     if best.explains or best.chaotic:
+        fit.few = None
         with_few(fit, best)
     else:
-        fit.few = min(found, key=lambda each: each.cost)
         fit.search.longest += fit.search.progress.computing - began  # which is no time of other kinds
 
 
@@ -329,7 +335,7 @@ def by_few(fit: Fitting, start: Array, others: Sequence[str]) -> Few:
     near = search.best.cost <= ALIKE_MOTION**2 * whole.cost_at_rest
     there = np.isfinite(search.best.cost) and not trial.ended
     explains = bool(near or (there and (step_choice.is_whole(exact, fewer) or step_choice.leaves_noise(search))))
-    chaotic = 0 if explains else few_values.steps_before_chaos(fewer, exact)
+    chaotic = 0 if explains or interrupts.requested() else few_values.steps_before_chaos(fewer, exact)
     p = exact[-1][1] if chaotic else search.best.p
     cost = fewer.cost_or_infinity(p) if chaotic else search.best.cost
     return Few(fewer, p, start, others, cost, explains, chaotic)

@@ -6,9 +6,11 @@ from itertools import product
 import numpy as np
 import pytest
 from helpers.fits import Watching, estimate
+from helpers.physics import xyz
 from helpers.scenes import changed, cloth, document, even, trial
 
 from clothfit import Diverged, InvalidInput, InvalidMotion, Motion, degrade, simulate
+from clothfit.base import interrupts
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.fit.estimate import record_target
 from clothfit.fit.options import OWN_METHODS, RMSE_TOLERANCE
@@ -245,6 +247,19 @@ def test_an_interrupt_gives_the_best_so_far(costs, method):
     found = estimate(load(even("GG", 10, 3, 3)), start=3.0, method=method, observer=Watching(progress=interrupt))
     assert (found.status, found.evaluations) == ("interrupted", 4)
     assert found.cost == min(costs) < costs[0]
+
+
+def test_an_interrupt_of_few_kinds_gives_the_best_so_far():
+    def interrupt(progress):
+        if progress.evaluations >= 3 and not interrupts.requested():
+            interrupts.request()
+
+    target = simulate(load(even("nG", 20, 4, 4)))
+    scene = load(even("nG", 20, 4, 4, damping=0.4, windVel=xyz((1.0, 0.0, 2.0))))
+    with interrupts.deferred():
+        found = estimate(scene, target, start=3.0, fit=("auto",), observer=Watching(progress=interrupt))
+    assert found.status == "interrupted"
+    assert np.isfinite(found.rmse)
 
 
 def test_progress_is_told_after_every_evaluation():
