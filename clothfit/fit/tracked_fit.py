@@ -498,7 +498,8 @@ def nearer(
         prior = doubt if pulled else guard(centre, part.own_widths)
         steps = partial(some_steps, part, most=STEPS, saving=1.0 / part.residuals(), prior=prior)
         y = steps(start)
-        if about is None and leaves_more(with_parameters(few, part.parameters(y)), given[0].motion):
+        tried = (with_parameters(few, part.parameters(y)), few) if about is None else ()
+        if any(leaves_more(each, given[0].motion) for each in tried):
             search.visit(part.parameters(y))
             through_nudging(search, start=search.start, near=0.0)  # distances of cloths that buckle otherwise are rough
             y = steps(part.y(search.best.p))
