@@ -213,13 +213,13 @@ def by_windows(
     fine, each from the first window on that the one before leaves more than noise of.
     """
     few, *finer = models
-    longest, found = max(len(each.motion.times) for each in given), list(given)
+    longest, found, sure = max(len(each.motion.times) for each in given), list(given), False
     for frames in window_lengths(FIRST_WINDOW, longest, GROWTH):
         found = by(few, scene, given, frames)
         before = few
-        few = nearer(few, found, options)
-        while finer and leaves_more(few, found[0].motion):
-            few = nearer(with_parameters(finer[0], values_by(few, finer.pop(0))), found, options)
+        far, few = not sure, nearer(few, found, options, far=not sure)
+        while not (sure := not leaves_more(few, found[0].motion)) and finer:
+            few = nearer(with_parameters(finer[0], values_by(few, finer.pop(0))), found, options, far=far)
     return few, found if few is before else by(few, scene, given, longest)
 
 
@@ -482,10 +482,12 @@ def by(
 
 
 def nearer(
-    few: Scene, given: Sequence[Experiment], options: Request, about: Scene | None = None, pulled: bool = False
-) -> Scene:
+    few: Scene, given: Sequence[Experiment], options: Request, about: Scene | None = None, pulled: bool = False,
+    far: bool = True,
+) -> Scene:  # fmt: skip
     """The scene with the values that some steps lead to; the same object where none is taken. What is hardly shown
-    stays near those of `about`, by default its own; where cloths are `pulled`, as in continuation.
+    stays near those of `about`, by default its own; where cloths are `pulled`, as in continuation. Values may be `far`
+    off unless they explain a shorter window.
     """
     objective = objective_of(few, [experiment(few, *each) for each in given], options)
     search = Search(objective, parameters(few), 0.0, options.max_evaluations, options.observer.progress)
@@ -498,7 +500,7 @@ def nearer(
         prior = doubt if pulled else guard(centre, part.own_widths)
         steps = partial(some_steps, part, most=STEPS, saving=1.0 / part.residuals(), prior=prior)
         y = steps(start)
-        tried = (with_parameters(few, part.parameters(y)), few) if about is None else ()
+        tried = (with_parameters(few, part.parameters(y)), few) if about is None and far else ()
         if any(leaves_more(each, given[0].motion) for each in tried):
             search.visit(part.parameters(y))
             through_nudging(search, start=search.start, near=0.0)  # distances of cloths that buckle otherwise are rough
