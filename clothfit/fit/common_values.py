@@ -107,8 +107,8 @@ def of_groups(search: Search, p: Array) -> Iterator[Slots]:
 
 
 def fewer(search: Search, balances: Momentum, p: Array, labels: Slots) -> tuple[Array, Slots]:
-    """p (P,) with common values for groups, and the group of each (P,), from `labels` (P,) on, as `fewest` of the
-    values of each cloth has them.
+    """p (P,) with common values for groups, and the group of each (P,), −1 of those that have none, from `labels` (P,)
+    on, as `fewest` of the values of each cloth has them.
     """
     labels, values = labels.copy(), p.copy()
     block = np.repeat(np.arange(len(search.objective.blocks)), [each.count for each in search.objective.blocks])
@@ -117,7 +117,7 @@ def fewer(search: Search, balances: Momentum, p: Array, labels: Slots) -> tuple[
         own, first = places[known], labels.max() + 1
         values[own], of = fewest(H[known][:, known], p[own], labels[own], block[own])
         labels[own] = first + of
-    return values, np.where(labels >= 0, np.unique(labels, return_inverse=True)[1] - (labels.min() < 0), -1)
+    return values, labels
 
 
 def fewest(H: csr_array, p: Array, of: Slots, block: Slots) -> tuple[Array, Slots]:
@@ -128,9 +128,9 @@ def fewest(H: csr_array, p: Array, of: Slots, block: Slots) -> tuple[Array, Slot
     rounding = RELATIVE_ROUNDING * (p @ (H @ p))
     while len(p):
         _, first, of = np.unique(of, return_index=True, return_inverse=True)
-        of = rearranged(H, p, of, centres(H, p, of)[0], block[:, None] == block[first])
+        of = rearranged(H, p, of, balanced(H, p, of)[0], block[:, None] == block[first])
         _, first, of = np.unique(of, return_index=True, return_inverse=True)
-        c, inverse, left = centres(H, p, of)
+        c, inverse, left = balanced(H, p, of)
         size, home = np.diag(inverse), block[first]
         apart = (home[:, None] != home) | np.eye(len(c), dtype=bool)
         rise = (c[:, None] - c) ** 2 / np.where(apart, 1.0, size[:, None] + size - 2.0 * inverse)
@@ -141,7 +141,7 @@ def fewest(H: csr_array, p: Array, of: Slots, block: Slots) -> tuple[Array, Slot
     return p, of
 
 
-def centres(H: csr_array, p: Array, of: Slots) -> tuple[Array, Array, float]:
+def balanced(H: csr_array, p: Array, of: Slots) -> tuple[Array, Array, float]:
     """The values (K,) of the groups `of` (P,), between the least and the largest of each, where (x - p)ᵀ H (x - p) is
     least, half of the inverse of its second derivative by them (K, K), and what is left.
     """

@@ -215,11 +215,12 @@ def by_windows(
     few, *finer = models
     longest, found, sure = max(len(each.motion.times) for each in given), list(given), False
     for frames in window_lengths(FIRST_WINDOW, longest, GROWTH):
-        found = by(few, scene, given, frames)
-        before = few
-        far, few = not sure, nearer(few, found, options, far=not sure)
-        while not (sure := not leaves_more(few, found[0].motion)) and finer:
+        found, before, far = by(few, scene, given, frames), few, not sure
+        few = nearer(few, found, options, far=far and leaves_more(few, found[0].motion))
+        sure = not leaves_more(few, found[0].motion)
+        while finer and not sure:
             few = nearer(with_parameters(finer[0], values_by(few, finer.pop(0))), found, options, far=far)
+            sure = not leaves_more(few, found[0].motion)
     return few, found if few is before else by(few, scene, given, longest)
 
 
@@ -483,11 +484,11 @@ def by(
 
 def nearer(
     few: Scene, given: Sequence[Experiment], options: Request, about: Scene | None = None, pulled: bool = False,
-    far: bool = True,
+    far: bool = False,
 ) -> Scene:  # fmt: skip
     """The scene with the values that some steps lead to; the same object where none is taken. What is hardly shown
-    stays near those of `about`, by default its own; where cloths are `pulled`, as in continuation. Values may be `far`
-    off unless they explain a shorter window.
+    stays near those of `about`, by default its own; where cloths are `pulled`, as in continuation. From values that are
+    `far` off, where distances of cloths that buckle otherwise are rough, also those that pulled cloths lead to.
     """
     objective = objective_of(few, [experiment(few, *each) for each in given], options)
     search = Search(objective, parameters(few), 0.0, options.max_evaluations, options.observer.progress)
@@ -500,9 +501,8 @@ def nearer(
         prior = doubt if pulled else guard(centre, part.own_widths)
         steps = partial(some_steps, part, most=STEPS, saving=1.0 / part.residuals(), prior=prior)
         y = steps(start)
-        tried = (with_parameters(few, part.parameters(y)), few) if about is None and far else ()
-        if any(leaves_more(each, given[0].motion) for each in tried):
+        if far:
             search.visit(part.parameters(y))
-            through_nudging(search, start=search.start, near=0.0)  # distances of cloths that buckle otherwise are rough
+            through_nudging(search, start=search.start, near=0.0)
             y = steps(part.y(search.best.p))
     return few if np.array_equal(y, start) else with_parameters(few, part.parameters(y))

@@ -21,6 +21,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import counted, metres, spelt
 from clothfit.formats.files import name_of
 from clothfit.formats.markers import table_of, text_of
+from clothfit.motion.motion import rms
 from clothfit.scene.scene import Scene, owner
 
 MAP_COLUMNS = ("marker", "object", "vertex")
@@ -171,9 +172,7 @@ def other_place(points: Array, wander: Array, start: Array, held: Flags) -> Plac
         if len(np.unique(now)) == len(points):
             own = held[now]
             odd = bool(own.any() and not own.all() and wander[own].mean() > wander[~own].mean())
-            moved = points @ R.T + d - points
-            way = np.arccos(np.clip(0.5 * np.trace(R) - 0.5, -1.0, 1.0)) + np.sqrt((moved**2).sum(axis=1).mean()) / size
-            found[now.tobytes()] = float(np.mean(away**2)), WHOLE * odd + way, R, d
+            found[now.tobytes()] = float(np.mean(away**2)), WHOLE * odd + way_of(R, d, points, size), R, d
     best = min((each[0] for each in found.values()), default=np.inf)
     if not best < PLAIN**2 * before:
         return None
@@ -192,6 +191,11 @@ def rigid(points: Array, others: Array) -> tuple[Array, Array]:
     turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v)) or 1.0])
     R = (u @ turn @ v).T
     return R, other - R @ centre
+
+
+def way_of(R: Array, d: Array, points: Array, size: float) -> float:
+    """By how much x → R x + d turns, in radians, and moves points (n, 3), relative to a size, m."""
+    return float(np.arccos(np.clip(0.5 * np.trace(R) - 0.5, -1.0, 1.0)) + rms(points @ R.T + d - points) / size)
 
 
 def turns(start: Array, points: Array) -> list[Array]:

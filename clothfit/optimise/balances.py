@@ -455,7 +455,6 @@ class Rows:
             out += np.append(heavy, np.einsum("tsec,tsec->s", self.found.stiffness[part], away[:, self.ends]))
         return np.asarray(self.spread.T @ out)
 
-
     def squares_along(self, q: Array, d: Array, kept: Flags) -> Array:
         """|C d|² and (C d)ᵀ(r − C q) of the steps (T,) that are kept, for changes q and d (Q,)."""
         change, way, sums = self.spread @ q, self.spread @ d, np.zeros(2)
@@ -481,7 +480,6 @@ class Equations:
         self.agreed: Flags | None = None  # (S,), once `momentum.consensus` has looked for them
         self.own = False  # whether some steps show that they are those of the model
         self.sure = False  # whether steps that agree, or all, balance as well as exact targets do
-        self.normal: csr_array | None = None  # CᵀC (Q, Q) of the steps that `momentum.solve` has balanced
         if anchored:
             whole = parts[0].spread[: len(parts[0].of)].sum(axis=0)
             largest = self.gram(self.counts > 0).diagonal().max(initial=0.0)

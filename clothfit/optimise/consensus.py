@@ -157,23 +157,23 @@ def balanced_beside(rows: Equations, known: Flags, agreed: Flags) -> Flags:
 
 
 class Squares(NamedTuple):
-    """The rows of the steps of a patch, and their squares."""
+    """A patch, the rows of its steps by its values, and their squares."""
 
+    patch: Patch
     C: Array  # (T, R, Q)
-    r: Array  # (T, R)
     gram: Array  # (T, Q, Q)
 
     @classmethod
     def of(cls, patch: Patch) -> Squares:
         """Those of a patch."""
         C = patch.entries @ patch.spread
-        return cls(C, patch.residual, C.swapaxes(1, 2) @ C)
+        return cls(patch, C, C.swapaxes(1, 2) @ C)
 
     def solved(self, steps: slice | Flags) -> Array:
         """The minimum q (Q,) of |r − C q|² of some steps, but for what their rows hardly determine."""
         from scipy.linalg import cho_factor, cho_solve
 
-        C, r, H = self.C[steps], self.r[steps], self.gram[steps].sum(axis=0)
+        C, r, H = self.C[steps], self.patch.residual[steps], self.gram[steps].sum(axis=0)
         size = np.sqrt(H.diagonal())
         size[size == 0.0] = 1.0
         factor, q = cho_factor(H / np.outer(size, size) + DAMPED * np.eye(len(size))), np.zeros(len(size))
@@ -200,16 +200,16 @@ def agreeing(patch: Patch, rough: bool = False) -> Agreeing:
     own, rows = False, Squares.of(patch)
     for steps in sorted({fewest, enough, 2 * enough}) if Q else ():
         if steps <= T:
-            found = agreeing_with_runs(patch, rows, steps, rough)
+            found = agreeing_with_runs(rows, steps, rough)
             own |= found.own
             if found.steps.any():
                 return found
     return Agreeing(np.zeros(T, bool), own)
 
 
-def agreeing_with_runs(patch: Patch, rows: Squares, length: int, rough: bool) -> Agreeing:
+def agreeing_with_runs(rows: Squares, length: int, rough: bool) -> Agreeing:
     """The same with runs of so many steps."""
-    C = rows.C
+    patch, C, _ = rows
     (T, R, Q), best = C.shape, np.zeros(len(C), bool)
     sharp, share = (ROUGH, ROUGH_SHARE) if rough else (SHARP, SHARE)
 

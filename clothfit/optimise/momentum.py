@@ -167,10 +167,10 @@ class Momentum:
             places, rows = self.rows(cloth, treatment)
             if rows is None:
                 return places, found[places], True
-            best = solve(rows, found[places], lower[places], upper[places], not treatment.summed, heard)
+            best, H = solve(rows, found[places], lower[places], upper[places], not treatment.summed, heard)
             self.own |= rows.own
-            if rows.normal is not None:
-                self.normals[cloth] = places, rows.normal
+            if H is not None:
+                self.normals[cloth] = places, H
             return places, best, rows.sure
 
         made = [partial(fitted_one, cloth) for cloth in self.objective.cloths]
@@ -305,9 +305,9 @@ def solve(
     upper: Array,
     trim: bool,
     waiting: Callable[[], None] | None = None,
-) -> Array:
-    """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); with `trim` over the steps
-    that can be in balance.
+) -> tuple[Array, csr_array | None]:
+    """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,), and CᵀC (Q, Q), if there are
+    rows; with `trim` over the steps that can be in balance.
 
     What the rows do not determine stays as it is in p. Refinement with the rows themselves undoes what squaring the
     matrix costs; each way is as long as is best, as what the rows hardly show is short by what keeps H regular, or
@@ -315,7 +315,7 @@ def solve(
     """
     kept: Flags = rows.counts > 0
     if not kept.any():
-        return p
+        return p, None
     if trim and rows.agreed is not None and rows.agreed.any():
         kept = balanced_beside(rows, kept, rows.agreed)
         H = rows.gram(kept)
@@ -324,12 +324,12 @@ def solve(
         good = trimmed(rows, kept, trust_region.either(H)) if trim else kept
         if not np.array_equal(good, kept) or rows.agreed is not None:  # which rows count may have changed, too
             kept, H = good, rows.gram(good)
-    rows.normal = H
     size = np.sqrt(H.diagonal())
     determined = size > 0
     scale = np.where(determined, size, 1.0)
     low, high = (lower - p) * scale, (upper - p) * scale
     scaled, q = trust_region.either(H.multiply(1.0 / scale).multiply(1.0 / scale[:, None]).tocsr()), np.zeros(len(p))
+
     def along(way: Array) -> Array:
         return np.clip(q + rows.length(q / scale, way / scale, kept) * way, low, high)
 
@@ -341,4 +341,4 @@ def solve(
             break
     inner = np.clip(p + q / scale, lower, upper)
     ended = np.where(q >= high * NEARLY, upper, np.where(q <= low * NEARLY, lower, inner))  # to the bit
-    return np.asarray(np.where(determined, ended, p))
+    return np.asarray(np.where(determined, ended, p)), H

@@ -31,8 +31,8 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import System, build
 from clothfit.motion.correspondence import Correspondence, roughness, weights_of_corners
 from clothfit.motion.feet import Faces, Feet
-from clothfit.motion.markers import rigid, turns
-from clothfit.motion.motion import in_scene, in_world, rms
+from clothfit.motion.markers import rigid, turns, way_of
+from clothfit.motion.motion import in_scene, in_world
 from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.measures import rows_of
@@ -183,13 +183,7 @@ def placed(given: Experiment) -> Scene:
     found = sorted((moved_to(scan.mesh, few, start, R) for R in turns(start, few)), key=lambda each: each[0])
     near = [each for each in found if each[0] <= ALIKE * found[0][0]]  # a square sheet fits in eight ways
     own, size = start[held] if held.any() else start, float(np.linalg.norm(np.ptp(start, axis=0)))
-
-    def way(each: tuple[float, Array, Array]) -> float:
-        """By how much it turns the mesh, in radians, and moves what is held, relative to the mesh."""
-        _, R, d = each
-        return float(np.arccos(np.clip(0.5 * np.trace(R) - 0.5, -1.0, 1.0)) + rms(own @ R.T + d - own) / size)
-
-    _, R, d = min(near, key=way)
+    _, R, d = min(near, key=lambda each: way_of(each[1], each[2], own, size))
     x = start @ R.T + d
     still = with_places(scene, x)
     states = [State(still, group[0], RELAXING) for group in scene.groups]

@@ -16,7 +16,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres, owned, percent
 from clothfit.evaluation.evaluate import Distance
-from clothfit.fit.result import ADEQUATE, DIFFERS, FAILS
+from clothfit.fit.result import ADEQUATE, DIFFERS, FAILS, HARDLY
 from clothfit.optimise.status import Status
 from clothfit.report import captures
 from clothfit.report.log import Log, entry, intervals, number, records
@@ -129,7 +129,7 @@ def blocks(summary: Mapping[str, Any]) -> Iterator[str]:
         place = block.get("object")
         name = owned(place if isinstance(place, int) else None, block["name"])
         kinds = {"at_bound": "at a bound of the fit (--bounds)", "unidentifiable": "not shown by the motion",
-                 "hardly_shown": "hardly shown by it, to a factor of 2 or worse"}
+                 "hardly_shown": f"hardly shown by it, to a factor of {HARDLY:g} or worse"}
         for key, text in kinds.items():
             found = block.get(key)
             if isinstance(found, list) and found:

@@ -216,8 +216,10 @@ def certainty(block: FittedBlock, kind: Kind, samples: Samples | None = None, di
         scope = "not certain, as the model differs" if differs else "for this model only"
         parts.append(f"{accuracy(block, kind)} ({'median ' if block.count > 1 else ''}95 % interval{by}, {scope})")
     if block.hardly_shown and block.groups:
+        from clothfit.fit.result import HARDLY
+
         wide = [names_of(block)[i] for i in block.hardly_shown]
-        parts.append(f"{listed(wide)} hardly shown, to a factor of 2 or worse")
+        parts.append(f"{listed(wide)} hardly shown, to a factor of {HARDLY:g} or worse")
     if block.unidentifiable:
         parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
     if block.unmoved:
