@@ -20,6 +20,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
+from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
 from clothfit.fit.continuation import LEAST, Even, some_steps, through_nudging, with_nudging
@@ -29,7 +30,7 @@ from clothfit.fit.preparation import in_time
 from clothfit.fit.result import Fit
 from clothfit.fit.routes import BENDINGS, of_few_kinds, shares_of_bending
 from clothfit.fit.start import start_of, values_by
-from clothfit.fit.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
+from clothfit.fit.trajectory_fit import FIRST_WINDOW, window_lengths
 from clothfit.motion.correspondence import SCANNED, Correspondence, weights_of_corners
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
@@ -203,7 +204,8 @@ def leaves_more(scene: Scene, motion: Motion) -> bool:
 def at_times(scene: Scene, motion: Motion) -> Array:
     """The positions (F, n, 3), m, of a scene's own motion at the times of another. Raises Diverged."""
     step, fraction = frame_places(motion, scene.delta)
-    return interpolated(simulate(scene, int(np.ceil(step + fraction).max()) + 1).positions, step, fraction)
+    steps = int(np.ceil(step + fraction).max())
+    return interpolated(simulate(scene, steps + 1, FIT_TOLERANCE).positions, step, fraction)
 
 
 def by_windows(
@@ -376,9 +378,9 @@ def squares_of(gaps: Array) -> Array:
 
 
 def objective_of(scene: Scene, given: Sequence[Experiment], options: Request) -> Objective:
-    """The loosely solved objective of targets."""
+    """The objective of targets."""
     return Objective(
-        scene, list(given), STAGE_TOLERANCE, [own.frames for _, own in given],
+        scene, list(given), options.tolerance, [own.frames for _, own in given],
         loss=options.loss, loss_scale=options.loss_scale, memory=options.memory,
     )  # fmt: skip
 
