@@ -23,10 +23,10 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
-from clothfit.fit.continuation import LEAST, Even, some_steps, through_nudging, with_nudging
+from clothfit.fit.continuation import LEAST, Even, in_frames, some_steps, through_nudging, with_nudging
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
-from clothfit.fit.preparation import in_time
+from clothfit.fit.preparation import counts_of, in_time
 from clothfit.fit.result import Fit
 from clothfit.fit.routes import BENDINGS, of_few_kinds, shares_of_bending
 from clothfit.fit.start import start_of, values_by
@@ -129,7 +129,13 @@ def with_scans(scene: Scene, given: list[Experiment], start: Start, options: Req
 def tracked_by_values(
     scene: Scene, given: list[Experiment], start: Start, options: Request, best: list[Tracks]
 ) -> Tracks:
-    """The same, however long it takes; the `best` of cloths at rest so far is kept."""
+    """The same, however long it takes; the `best` of cloths at rest so far is kept. Where the fit may choose its steps,
+    those of the cloth that is tracked end at frames, and are no longer than the scene's.
+    """
+    own, raw = scene, given
+    if scene.method != REST and counts_of(options, scene):
+        scene = in_frames(scene, given[0])
+        given = [Experiment(motion, scene if made is own else made) for motion, made in given]
     first = with_parameters(scene, start_of(scene, start))
     few = hierarchy.as_model(first, hierarchy.models(first)[0])
     if scene.method == REST:
@@ -141,8 +147,9 @@ def tracked_by_values(
     found = own_scenes(found, given)
     whole = objective_of(scene, found, options)
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
-    nearest, start = (few, few) if costs[0] < costs[1] else (first, start)
-    return Tracks(found, start, "", places(nearest, found) if found[0].scene is scene and not scene.frame else ())
+    nearest, start = (few, few.with_step(own.delta, own.frames)) if costs[0] < costs[1] else (first, start)
+    shown = places(nearest, found) if raw[0].scene is own and not own.frame else ()
+    return Tracks(own_scenes(found, raw), start, "", own_scenes(shown, raw) if shown else ())
 
 
 def own_scenes(found: Sequence[Experiment], given: Sequence[Experiment]) -> list[Experiment]:
