@@ -23,7 +23,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
-from clothfit.fit.continuation import LEAST, Even, in_frames, some_steps, through_nudging, with_nudging
+from clothfit.fit.continuation import LEAST, Even, frame_interval, in_frames, some_steps, through_nudging, with_nudging
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
 from clothfit.fit.preparation import counts_of, in_time
@@ -113,6 +113,7 @@ class Tracks(NamedTuple):
     start: Start
     text: str = ""  # what was left out, as the time was too short
     places: Sequence[Experiment] = ()  # what `places` has of them
+    substeps: int | None = None  # steps to a frame that explain the scans, where those of the scene end between frames
 
 
 def with_scans(scene: Scene, given: list[Experiment], start: Start, options: Request) -> Tracks:
@@ -133,7 +134,7 @@ def tracked_by_values(
     those of the cloth that is tracked end at frames, and are no longer than the scene's.
     """
     own, raw = scene, given
-    if scene.method != REST and counts_of(options, scene):
+    if scene.method != REST and counts_of(options, scene) and not isinstance(options.substeps, int):
         scene = in_frames(scene, given[0])
         given = [Experiment(motion, scene if made is own else made) for motion, made in given]
     first = with_parameters(scene, start_of(scene, start))
@@ -149,7 +150,8 @@ def tracked_by_values(
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
     nearest, start = (few, few.with_step(own.delta, own.frames)) if costs[0] < costs[1] else (first, start)
     shown = places(nearest, found) if raw[0].scene is own and not own.frame else ()
-    return Tracks(own_scenes(found, raw), start, "", own_scenes(shown, raw) if shown else ())
+    steps = None if shown or np.isclose(scene.delta, own.delta) else round(frame_interval(given[0]) / scene.delta)
+    return Tracks(own_scenes(found, raw), start, "", own_scenes(shown, raw) if shown else (), steps)
 
 
 def own_scenes(found: Sequence[Experiment], given: Sequence[Experiment]) -> list[Experiment]:

@@ -165,6 +165,18 @@ def test_a_fit_that_chooses_by_itself_tracks_by_few_kinds_where_these_explain_a_
 
 
 @pytest.mark.slow
+def test_steps_that_end_between_the_frames_of_a_scan_give_way_to_those_that_explain_it(tmp_path):
+    """Frames after 1 / 1.2 of the scene's steps: by these the motion differs by more than noise, as steps damp."""
+    truth = TRUTH.with_step(TRUTH.delta, TRUTH.frames, "bdf2")
+    motion = simulate(truth, tolerance=1e-12)
+    scene = with_parameters(truth, np.array([3.0 * FACTOR])).with_step(1.2 * TRUTH.delta, TRUTH.frames)
+    scan = load(as_npz(tmp_path, cloud(motion=motion), motion=motion), scene, Reading()).motion
+    fit = estimate(scene, scan, intervals=False)
+    assert (fit.substeps, fit.scene.delta) == (1, pytest.approx(TRUTH.delta))
+    assert fit.scene.cloths[0].stiffness == pytest.approx(FACTOR * CLOTH.stiffness, rel=1e-6)
+
+
+@pytest.mark.slow
 def test_values_far_off_are_found_where_distances_are_rough(tmp_path):
     """A sheet held at two corners buckles as it falls: one minimum of many has a stiffness 16 % and a damping 155 %
     off, from where the truth is downhill, but not for a step of Gauss–Newton.
