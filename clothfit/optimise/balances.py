@@ -464,15 +464,24 @@ class Rows:
         return sums
 
 
-ANCHOR = 1e6
-"""Weight of a mass that is held, relative to the largest of CᵀC."""
+ANCHOR, HELD = 1e6, 64
+"""Weight of a mass that is held, relative to the largest of CᵀC; and how many masses, at most, it is the sum of: more
+would make CᵀC of a large cloth dense.
+"""
+
+
+def anchor(moves: Array | csr_array, largest: float) -> Array:
+    """What holds the sum of masses whose derivatives (n, Q) by the parameters these are, beside CᵀC, (Q,)."""
+    whole = np.asarray(moves.sum(axis=0))
+    size = float(np.linalg.norm(whole))
+    return whole * np.sqrt(ANCHOR * largest) / size if size > 0.0 else whole
 
 
 class Equations:
     """The rows of several runs by the same Q parameters; their steps one after the other, S in all."""
 
     def __init__(self, parts: Sequence[Rows], anchored: bool = False) -> None:
-        """`anchored`: the mass of the whole cloth is held."""
+        """`anchored`: the mass of some vertices all over the cloth is held."""
         self.parts, self.anchor = parts, np.zeros(0)
         self.counts = np.concatenate([part.counts for part in parts])
         self.Q = parts[0].spread.shape[1]
@@ -480,9 +489,10 @@ class Equations:
         self.own = False  # whether some steps show that they are those of the model
         self.sure = False  # whether steps that agree, or all, balance as well as exact targets do
         if anchored:
-            whole = parts[0].spread[: len(parts[0].of)].sum(axis=0)
-            largest = self.gram(self.counts > 0).diagonal().max(initial=0.0)
-            self.anchor = whole * np.sqrt(ANCHOR * largest / max(whole @ whole, np.finfo(float).tiny))
+            spread = parts[0].spread
+            fitted = np.flatnonzero(np.diff(spread.indptr[: 1 + len(parts[0].of)]))
+            held = fitted[:: -(-len(fitted) // HELD) or 1]
+            self.anchor = anchor(spread[held], self.gram(self.counts > 0).diagonal().max(initial=0.0))
 
     def patches(self, size: int, most: int) -> Iterator[tuple[int, Iterator[Patch]]]:
         """Those of each part, with the number of steps before it."""
