@@ -5,9 +5,10 @@ that buckles makes millimetres of. Most fabrics have few different values, often
 rounded to one digit, to two, …; those that many share once they are rounded are taken for one value, and others for
 the nearest of these. The balances that have given the values say how near any others are to them (`fewest`): a value
 that hardly shows by itself goes where it fits beside its neighbours, and groups that tell no more apart than scatter
-are one. Then common values are rounded, too. What moves the first frames no farther from the target than what rounding
-leaves is tried on all of them. Where no short numbers reproduce these, Gauss–Newton by the common values alone goes on
-over longer and longer windows. As any point of a search, none is kept that is no nearer.
+are one. Values may also be alike in number of where they began, as masses go with the area round a vertex. Then common
+values are rounded, too. What moves the first frames no farther from the target than what rounding leaves is tried on
+all of them. Where no short numbers reproduce these, Gauss–Newton by the common values alone goes on over longer and
+longer windows. As any point of a search, none is kept that is no nearer.
 """
 
 from __future__ import annotations
