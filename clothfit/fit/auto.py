@@ -57,9 +57,7 @@ FINE = "ML"
 """Models of a hierarchy with so many values that they follow noise."""
 
 TRIED = momentum.TREATMENTS[:2]
-"""The momentum fits that are worth their time beside a trajectory fit; and, where masses and stiffnesses are fitted,
-`ANCHORED`.
-"""
+"""The momentum fits that are worth their time beside a trajectory fit; `treatments` adds `ANCHORED`."""
 
 
 class SolvedLoosely(Exception):
@@ -152,6 +150,15 @@ def too_many(search: Search) -> bool:
     return operations > LARGEST and any(block.mode == "L" for block in search.objective.blocks)
 
 
+def treatments(search: Search) -> list[momentum.Treatment]:
+    """The momentum fits of a search in the order in which they are tried. Where masses and stiffnesses are fitted, what
+    a target is rounded to favours small values of all, so that first a mass is held.
+    """
+    exact, *others = TRIED
+    anchored = [momentum.ANCHORED] if momentum.anchors(search.objective, search.fitted) else []
+    return [*anchored, exact, *others] if search.objective.rounding > 0.0 else [exact, *anchored, *others]
+
+
 def by_momentum(
     search: Search,
     start: Array,
@@ -172,7 +179,7 @@ def by_momentum(
     found: list[tuple[float, Array]] = []
     balances = balances or momentum.Momentum(search.objective, start, search.fitted)
     for treatment in treatments:
-        many = treatment == TRIED[0] and search.fitted.sum() > MANY
+        many = treatment in (TRIED[0], momentum.ANCHORED) and search.fitted.sum() > MANY
         rounded = many and search.objective.rounding > 0.0
         p = (balances.solved if rounded else balances.fit)(treatment, search.report)
         if np.array_equal(p, start):
@@ -215,11 +222,12 @@ def balances_can_hold(search: Search, balances: momentum.Momentum, beginning: Ob
     if not is_long(search):
         return True
     search.enter("momentum", beginning)
-    agree = momentum.fits(search.objective) and balances.agree()
+    first = treatments(search)[0]
+    agree = momentum.fits(search.objective) and balances.agree(first)
     search.own |= balances.own
     if agree:
         return True
-    p = momentum.Momentum(beginning, balances.p, search.fitted).fit(waiting=search.report)
+    p = momentum.Momentum(beginning, balances.p, search.fitted).fit(first, search.report)
     return beginning.cost_or_infinity(p) <= FAR_ERROR**2 * beginning.cost_at_rest
 
 

@@ -5,21 +5,23 @@ that buckles makes millimetres of. Most fabrics have few different values, often
 rounded to one digit, to two, …; those that many share once they are rounded are taken for one value, and others for
 the nearest of these. The balances that have given the values say how near any others are to them (`fewest`): a value
 that hardly shows by itself goes where it fits beside its neighbours, and groups that tell no more apart than scatter
-are one. Then common values are rounded, too. What moves the first frames no farther from the target than what rounding
-leaves is tried on all of them. Where no short numbers reproduce these, Gauss–Newton by the common values alone goes on
-over longer and longer windows. As any point of a search, none is kept that is no nearer.
+are one. Values may also be alike in number of where they began, as masses go with the area round a vertex. Then common
+values are rounded, too. What moves the first frames no farther from the target than what rounding leaves is tried on
+all of them. Where no short numbers reproduce these, Gauss–Newton by the common values alone goes on over longer and
+longer windows. As any point of a search, none is kept that is no nearer.
 """
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.fit import continuation, hierarchy
+from clothfit.fit import continuation
 from clothfit.fit.options import RMSE_TOLERANCE
 from clothfit.fit.trajectory_fit import first_window, window_lengths
 from clothfit.motion.degrade import digits
@@ -30,9 +32,7 @@ from clothfit.optimise.momentum import Momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.directions import Slots
-from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import LETTERED
-from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -63,14 +63,14 @@ def simplify(search: Search, p: Array, balances: Momentum) -> bool:
     whole = search.objective
     window, tried = whole.until(first_window(whole), whole.tolerance), np.zeros(len(p))
     try:
-        for labels in of_groups(search, p):
-            values, labels = fewer(search, balances, p, labels)
+        for labels, unit in of_groups(search, p):
+            values, labels = fewer(search, balances, p, labels, unit)
             if np.allclose(values, tried, rtol=RELATIVE_ROUNDING, atol=0.0):
                 continue
             tried = values
-            if by_short_numbers(search, window, values, labels):
+            if by_short_numbers(search, window, values, labels, unit):
                 return True
-            if (found := by_groups(search, values, labels)) is not None:
+            if (found := by_groups(search, values, labels, unit)) is not None:
                 return found
         return False
     finally:
@@ -82,40 +82,50 @@ def limit(objective: Objective) -> float:
     return max(RMSE_TOLERANCE, ROUNDED * objective.rounding)
 
 
-def by_short_numbers(search: Search, window: Objective, values: Array, labels: Slots) -> bool:
-    """Visit the values (P,) of groups, with as few digits as a window allows; whether they reproduce all frames."""
+def by_short_numbers(search: Search, window: Objective, values: Array, labels: Slots, unit: Array) -> bool:
+    """Visit the values (P,) of groups, in their unit (P,) with as few digits as a window allows; whether they reproduce
+    all frames.
+    """
     before = values
     for count in range(1, MOST_DIGITS + 1):
-        short = np.where(labels >= 0, digits(count, values)[0], values)
+        short = np.where(labels >= 0, digits(count, values / unit)[0] * unit, values)
         if not np.array_equal(short, before) and window.rmse(search.measure(short, window)) <= limit(window):
             return search.objective.rmse(search.visit(short)) <= limit(window)
         before = short
     return False
 
 
-def of_groups(search: Search, p: Array) -> Iterator[Slots]:
-    """The group of each of p (P,), −1 of those that have none: first few groups, then more."""
-    for count in range(1, MOST_DIGITS + 1):
+def of_groups(search: Search, p: Array) -> Iterator[tuple[Slots, Array]]:
+    """The group of each of p (P,), −1 of those that have none, first few groups, then more; and the unit (P,) of which
+    they are alike in number: 1, or where it began, as a mass goes with the area round its vertex.
+    """
+    units = np.ones((2, len(p)))
+    for block in search.objective.blocks:
+        if block.name in LETTERED and block.mode == "L" and np.ptp(search.start[block.part]) > 0.0:
+            units[1, block.part] = np.where(search.start[block.part] > 0.0, search.start[block.part], 1.0)
+    for count, unit in itertools.product(range(1, MOST_DIGITS + 1), units[: 1 + bool((units[1] != 1.0).any())]):
         labels = np.full(len(p), -1)
         for block in search.objective.blocks:
             if block.name in LETTERED and block.mode == "L":
                 known = np.arange(len(p))[block.part]
                 known = known[search.fitted[known] & (p[known] != search.start[known]) & (p[known] > 0)]
-                labels[known] = grouped(p[known], count, labels.max() + 1)
+                labels[known] = grouped((p / unit)[known], count, labels.max() + 1)
         if labels.max() >= 0:
-            yield labels
+            yield labels, unit
 
 
-def fewer(search: Search, balances: Momentum, p: Array, labels: Slots) -> tuple[Array, Slots]:
-    """p (P,) with common values for groups, and the group of each (P,), −1 of those that have none, from `labels` (P,)
-    on, as `fewest` of the values of each cloth has them.
+def fewer(search: Search, balances: Momentum, p: Array, labels: Slots, unit: Array) -> tuple[Array, Slots]:
+    """p (P,) with common values for groups, in their `unit` (P,), and the group of each (P,), −1 of those that have
+    none, from `labels` (P,) on, as `fewest` of the values of each cloth has them.
     """
     labels, values = labels.copy(), p.copy()
     block = np.repeat(np.arange(len(search.objective.blocks)), [each.count for each in search.objective.blocks])
     for places, H in balances.normals.values():
         known = labels[places] >= 0
         own, first = places[known], labels.max() + 1
-        values[own], of = fewest(H[known][:, known], p[own], labels[own], block[own])
+        H = H[known][:, known].multiply(unit[own]).multiply(unit[own, None]).tocsr()
+        values[own], of = fewest(H, p[own] / unit[own], labels[own], block[own])
+        values[own] *= unit[own]
         labels[own] = first + of
     return values, labels
 
@@ -131,9 +141,10 @@ def fewest(H: csr_array, p: Array, of: Slots, block: Slots) -> tuple[Array, Slot
         of = rearranged(H, p, of, balanced(H, p, of)[0], block[:, None] == block[first])
         _, first, of = np.unique(of, return_index=True, return_inverse=True)
         c, inverse, left = balanced(H, p, of)
-        size, home = np.diag(inverse), block[first]
+        inverse = inverse / np.outer(c, c)  # of logarithms: what scales all values may hardly show
+        size, log, home = np.diag(inverse), np.log(c), block[first]
         apart = (home[:, None] != home) | np.eye(len(c), dtype=bool)
-        rise = (c[:, None] - c) ** 2 / np.where(apart, 1.0, size[:, None] + size - 2.0 * inverse)
+        rise = (log[:, None] - log) ** 2 / np.where(apart, 1.0, size[:, None] + size - 2.0 * inverse)
         i, j = divmod(int(np.where(apart, np.inf, rise).argmin()), len(c))
         if apart[i, j] or rise[i, j] > left + rounding:
             return c[of], of
@@ -195,53 +206,64 @@ def grouped(values: Array, count: int, first: int) -> Slots:
     return np.asarray(first + nearest)
 
 
-def by_groups(search: Search, values: Array, labels: Slots) -> bool | None:
-    """Gauss–Newton by the common values of groups, from `values` (P,) on, over windows that grow as long as it comes to
-    the rounding of each; whether it does so on all frames, or short numbers near its values do. None where it does not
-    on the first window: these groups are not those of the target. Raises Stop.
+def by_groups(search: Search, values: Array, labels: Slots, unit: Array) -> bool | None:
+    """Gauss–Newton by the common values of groups, in their `unit` (P,), from `values` (P,) on, over windows that grow
+    as long as it comes to the rounding of each; whether it does so on all frames, or short numbers near its values do.
+    None where it does not on the first window: these groups are not those of the target. Raises Stop.
     """
     whole, found = search.objective, np.zeros(0)
-    if any(each.scene is not whole.scene for each in whole.experiments):
-        return None
-    if all(cloth.mode("stiffness") == "n" for cloth in with_groups(search, values, labels).cloths):
-        return None  # masses have no families by which they could be fitted
     for frames in window_lengths(first_window(whole), whole.steps + 1, GROWTH):
         window = whole.until(frames, whole.tolerance)
-        values = by_window(search, frames, values, labels)
+        part = Common(search, window, values, labels)
+        with contextlib.suppress(Diverged):
+            values = part.parameters(continuation.some_steps(part, part.y(values), STEPS, SAVING, PATIENCE))
         if not whole.rmse(window.cost_or_infinity(values)) <= limit(whole):
             break
         search.own, found = True, values
-        if by_short_numbers(search, window, values, labels):
+        if by_short_numbers(search, window, values, labels, unit):
             return True
     return whole.rmse(search.visit(found)) <= limit(whole) if len(found) else None
 
 
-def by_window(search: Search, frames: int, values: Array, labels: Slots) -> Array:
-    """`values` (P,) after steps of Gauss–Newton by those of groups over so many frames; as they are, where its motions
-    do not stay finite. Raises Stop.
-    """
-    whole, progress = search.objective, search.progress
-    scene = with_groups(search, values, labels)
-    part = search.subsearch(whole.flagging(scene, whole.tolerance), parameters(scene), np.inf)
-    along = Trajectory(part, part.objective.until(frames, whole.tolerance))
-    try:
-        y = continuation.some_steps(along, part.y, STEPS, SAVING, PATIENCE)
-    except Diverged:
-        return values
-    finally:
-        progress.p = search.best.p
-    return hierarchy.as_whole(part, part.parameters(y), whole.scene)
+class Common(Trajectory):
+    """An objective by one factor on the values of each group, beside what is not of single vertices or springs."""
 
+    def __init__(self, search: Search, objective: Objective, values: Array, labels: Slots) -> None:
+        """`values` (P,), and the group of each (P,), −1 of those that have none."""
+        super().__init__(search, objective)
+        self.values, self.shared, alone = values, labels >= 0, search.fitted.copy()
+        for block in objective.blocks:
+            alone[block.part] &= not (block.name in LETTERED and block.mode == "L")
+        self.alone = np.flatnonzero(alone)
+        self.first, of = np.unique(labels[self.shared], return_index=True, return_inverse=True)[1:]
+        self.column = np.full(len(values), -1)
+        self.column[self.shared] = of
+        self.column[self.alone] = len(self.first) + np.arange(len(self.alone))
 
-def with_groups(search: Search, values: Array, labels: Slots) -> Scene:
-    """The scene of these values (P,), whose springs have their groups for families, by factors on these."""
-    scene = with_parameters(search.objective.scene, values)
-    cloths = [replace(cloth, settings="nn") for cloth in scene.cloths]
-    for block in search.objective.blocks:
-        own = labels[block.part]
-        if block.cloth is not None and block.name == "stiffness" and own.max() >= 0:
-            names, family = np.unique(own, return_inverse=True)
-            cloth = cloths[block.cloth]
-            layout = replace(cloth.layout, names=tuple(map(str, names)), family=family.astype(np.int32), regions=())
-            cloths[block.cloth] = replace(cloth, layout=layout, settings="nR")
-    return replace(scene, cloths=tuple(cloths))
+    def y(self, p: Array) -> Array:
+        """Coordinates (Q,) of parameters (P,)."""
+        factors = (p[self.shared] / self.values[self.shared])[self.first]
+        return np.append(np.log(factors), self.search.coordinates.y(p)[self.alone])
+
+    def parameters(self, y: Array) -> Array:
+        """Parameters (P,) at coordinates y (Q,)."""
+        ends, own, p = self.search.coordinates, self.search.coordinates.y(self.values), self.values.copy()
+        own[self.alone] = y[len(self.first) :]
+        p[self.alone] = ends.p(own)[self.alone]
+        p[self.shared] *= np.exp(y[self.column[self.shared]])
+        return ends.clipped(p)
+
+    def derivative(self, p: Array) -> Array:
+        """∂p/∂y (P,) at p (P,), of each parameter by its own coordinate."""
+        return np.where(self.shared, p, super().derivative(p))
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Ends (Q,) of the coordinates; `parameters` keeps those of groups."""
+        ends, groups = self.search.coordinates, np.full(len(self.first), np.inf)
+        return np.append(-groups, ends.lower[self.alone]), np.append(groups, ends.upper[self.alone])
+
+    @property
+    def own_widths(self) -> Array:
+        """Changes (Q,) of the coordinates by a factor e, or by σ where they are linear."""
+        return np.append(np.ones(len(self.first)), self.search.coordinates.weight[self.alone])

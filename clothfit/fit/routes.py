@@ -492,10 +492,8 @@ def by_balances(fit: Fitting) -> None:
     early, balances = first_frames(search.objective), momentum.Momentum(search.objective, start, search.fitted)
     if not auto.balances_can_hold(search, balances, early):
         return
-    first, *others = auto.TRIED
-    anchored = [momentum.ANCHORED] if momentum.anchors(search.objective, search.fitted) else []
     try:
-        fit.exact = auto.by_momentum(search, start, [first, *anchored, *others], early, balances)
+        fit.exact = auto.by_momentum(search, start, auto.treatments(search), early, balances)
     except auto.SolvedLoosely as loose:
         fit.adopt(search.objective.until(search.objective.steps + 1, loose.tolerance), loose.p)
         fit.keep()

@@ -22,7 +22,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.fit import continuation, hierarchy
-from clothfit.fit.auto import balances_can_hold, by_momentum
+from clothfit.fit.auto import balances_can_hold, by_momentum, treatments
 from clothfit.fit.continuation import ROUNDING, frame_interval, with_substeps
 from clothfit.fit.few_values import (
     FEW_VALUES,
@@ -134,7 +134,7 @@ class Trial:
             balances = momentum.Momentum(objective, search.start, search.fitted)
             fits = momentum.fits(objective) and not objective.scanned
             if fits and balances_can_hold(search, balances, first_frames(objective)):
-                by_momentum(search, search.start, momentum.TREATMENTS[:1], balances=balances)
+                by_momentum(search, search.start, treatments(search)[:1], balances=balances)
             single = hierarchy.model_of(objective.scene) == "L"
             self.explains = is_near(search) or search.proven is not None or (single and may_leave_noise(search))
             if not (self.explains or single):

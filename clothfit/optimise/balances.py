@@ -350,7 +350,7 @@ class Rows:
         """`spread` (M, Q): the derivative of masses and stiffnesses by the parameters; `family` (S,) of each spring.
         The rows are changed.
         """
-        from scipy.sparse import csr_array
+        from scipy.sparse import csc_array, csr_array
 
         self.found, self.spread, self.ends = found, spread, system.springs.ends
         self.base = np.concatenate([system.vertex.mass, system.springs.stiffness])
@@ -360,39 +360,40 @@ class Rows:
         for array, at in ((found.residual, np.arange(n)), (found.mass, np.arange(n)), (found.stiffness, self.ends)):
             array[~found.valid[:, at]] = 0.0
             array *= weight[at][..., None]
-        shape = n, len(halves)
-        self.incidence = csr_array((np.ones(len(halves)), (halves, np.arange(len(halves)))), shape=shape)
-        self.of = np.split(self.incidence.indices, self.incidence.indptr[1:-1])  # the halves of springs at each vertex
+        at_vertex = csr_array((np.ones(len(halves)), (halves, np.arange(len(halves)))), shape=(n, len(halves)))
+        self.of = np.split(at_vertex.indices, at_vertex.indptr[1:-1])  # the halves of springs at each vertex
+        rows: Indices = np.ravel(3 * self.ends[..., None] + np.arange(3, dtype=np.int32))
+        begins: Indices = np.arange(0, len(rows) + 1, 6, dtype=np.int32)
+        shape = 3 * n, len(self.ends)
+        entries = found.stiffness.reshape(len(found.stiffness), -1)  # shared
+        self.springs = [csc_array((of_step, rows, begins), shape=shape) for of_step in entries]  # C of each step
 
-    def at_vertices(self, a: Array) -> Array:
-        """The sums (T, n, 3) of what both ends of each spring have, (T, S, 2, 3)."""
-        flat = a.reshape(len(a), self.ends.size, 3).swapaxes(0, 1)
-        whole = np.asarray(self.incidence @ flat.reshape(self.ends.size, 3 * len(a)))
-        return np.asarray(whole.reshape(len(whole), len(a), 3).swapaxes(0, 1))
+    def terms(self, t: int, change: Array, size: bool = False) -> Array:
+        """C p of step t, (n, 3), for changes p (M,) of masses and stiffnesses; `size`: Σ_j |C_ij p_j|."""
+        mass, springs = self.found.mass[t], self.springs[t]
+        if size:
+            mass, springs, change = np.abs(mass), abs(springs), np.abs(change)
+        heavier, stiffer = np.split(change, [len(mass)])
+        return np.asarray(mass * heavier[:, None] + (springs @ stiffer).reshape(mass.shape))
 
-    def left(self, steps: slice, change: Array) -> Array:
-        """The residuals (K, n, 3) of some steps after a change (M,) of masses and stiffnesses."""
-        r, mass, stiffness, _ = self.found
-        heavier, stiffer = np.split(change, [mass.shape[1]])
-        return np.asarray(r[steps] - mass[steps] * heavier[:, None]
-                          - self.at_vertices(stiffness[steps] * stiffer[:, None, None]))  # fmt: skip
+    def left(self, t: int, change: Array) -> Array:
+        """The residuals (n, 3) of step t after a change (M,) of masses and stiffnesses."""
+        interrupts.check()
+        return np.asarray(self.found.residual[t] - self.terms(t, change))
 
     def sizes(self, q: Array) -> tuple[Array, Array]:
         """The root of the squares of each step's residuals r − C q at q (Q,), and of Σ_j |C_ij p_j| over all masses and
         stiffnesses p there, what residuals are small beside, (T,) each.
         """
-        change, sizes = self.spread @ q, np.zeros((2, len(self.counts)))
-        heavy, stiff = np.split(np.abs(self.base + change), [self.found.mass.shape[1]])
-        for part in chunks(self.found):
-            _, mass, stiffness, _ = (np.abs(array[part]) for array in self.found)
-            terms = mass * heavy[:, None] + self.at_vertices(stiffness * stiff[:, None, None])
-            sizes[:, part] = [np.linalg.norm(each, axis=(1, 2)) for each in (self.left(part, change), terms)]
-        return sizes[0], sizes[1]
+        change, whole = self.spread @ q, self.base + self.spread @ q
+        away = [float(np.linalg.norm(self.left(t, change))) for t in range(len(self.counts))]
+        terms = [float(np.linalg.norm(self.terms(t, whole, size=True))) for t in range(len(self.counts))]
+        return np.array(away), np.array(terms)
 
     def by_columns(self) -> Array:
         """C of each row, (Q, T, n, 3)."""
-        r, whole = self.found.residual, slice(None)
-        return np.array([r - self.left(whole, column) for column in self.spread.T.toarray()])
+        steps = range(len(self.counts))
+        return np.array([[self.terms(t, column) for t in steps] for column in self.spread.T.toarray()])
 
     def keep(self, rows: Flags) -> None:
         """Let no others than these rows (T, n) count."""
@@ -449,31 +450,38 @@ class Rows:
     def right(self, q: Array, kept: Flags) -> Array:
         """Cᵀ(r − C q) (Q,) of the steps (T,) that are kept."""
         change, out = self.spread @ q, np.zeros(self.spread.shape[0])
-        for part in chunks(self.found):
-            away = self.left(part, change) * kept[part, None, None]
-            heavy = np.einsum("tnc,tnc->n", self.found.mass[part], away)
-            out += np.append(heavy, np.einsum("tsec,tsec->s", self.found.stiffness[part], away[:, self.ends]))
+        for t in np.flatnonzero(kept).tolist():
+            away = self.left(t, change)
+            out += np.append((self.found.mass[t] * away).sum(axis=1), np.asarray(self.springs[t].T @ away.ravel()))
         return np.asarray(self.spread.T @ out)
 
     def squares_along(self, q: Array, d: Array, kept: Flags) -> Array:
         """|C d|² and (C d)ᵀ(r − C q) of the steps (T,) that are kept, for changes q and d (Q,)."""
         change, way, sums = self.spread @ q, self.spread @ d, np.zeros(2)
-        for part in chunks(self.found):
-            away = self.left(part, change)[kept[part]]
-            along = away - self.left(part, change + way)[kept[part]]
-            sums += [np.vdot(along, along), np.vdot(along, away)]
+        for t in np.flatnonzero(kept).tolist():
+            along = self.terms(t, way)
+            sums += [np.vdot(along, along), np.vdot(along, self.left(t, change))]
         return sums
 
 
-ANCHOR = 1e6
-"""Weight of a mass that is held, relative to the largest of CᵀC."""
+ANCHOR, HELD = 1e6, 64
+"""Weight of a mass that is held, relative to the largest of CᵀC; and how many masses, at most, it is the sum of: more
+would make CᵀC of a large cloth dense.
+"""
+
+
+def anchor(moves: Array | csr_array, largest: float) -> Array:
+    """What holds the sum of masses whose derivatives (n, Q) by the parameters these are, beside CᵀC, (Q,)."""
+    whole = np.asarray(moves.sum(axis=0))
+    size = float(np.linalg.norm(whole))
+    return whole * np.sqrt(ANCHOR * largest) / size if size > 0.0 else whole
 
 
 class Equations:
     """The rows of several runs by the same Q parameters; their steps one after the other, S in all."""
 
     def __init__(self, parts: Sequence[Rows], anchored: bool = False) -> None:
-        """`anchored`: the mass of the whole cloth is held."""
+        """`anchored`: the mass of some vertices all over the cloth is held."""
         self.parts, self.anchor = parts, np.zeros(0)
         self.counts = np.concatenate([part.counts for part in parts])
         self.Q = parts[0].spread.shape[1]
@@ -481,9 +489,10 @@ class Equations:
         self.own = False  # whether some steps show that they are those of the model
         self.sure = False  # whether steps that agree, or all, balance as well as exact targets do
         if anchored:
-            whole = parts[0].spread[: len(parts[0].of)].sum(axis=0)
-            largest = self.gram(self.counts > 0).diagonal().max(initial=0.0)
-            self.anchor = whole * np.sqrt(ANCHOR * largest / max(whole @ whole, np.finfo(float).tiny))
+            spread = parts[0].spread
+            fitted = np.flatnonzero(np.diff(spread.indptr[: 1 + len(parts[0].of)]))
+            held = fitted[:: -(-len(fitted) // HELD) or 1]
+            self.anchor = anchor(spread[held], self.gram(self.counts > 0).diagonal().max(initial=0.0))
 
     def patches(self, size: int, most: int) -> Iterator[tuple[int, Iterator[Patch]]]:
         """Those of each part, with the number of steps before it."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.optimise import trust_region
-from clothfit.optimise.balances import Equations, Patch, Rows, relative
+from clothfit.optimise.balances import Equations, Patch, Rows, anchor, relative
 
 OUT_OF_BALANCE = 10.0
 """Times the median residual of the steps from which on a step is out of balance."""
@@ -112,7 +112,7 @@ def consensus(rows: Equations, known: Flags) -> Flags:
             return rows.agreed & known
         for before, patches in rows.patches(PATCH, PATCHES):
             for rough, patch in itertools.product((False, True), patches):
-                found = agreeing(patch.by_families if rough else patch, rough)
+                found = agreeing(patch.by_families if rough else patch, rough, len(rows.anchor) > 0)
                 rows.own |= found.own and not rough
                 if found.steps.any():
                     rows.agreed[before + patch.steps] = found.steps
@@ -162,23 +162,28 @@ class Squares(NamedTuple):
     patch: Patch
     C: Array  # (T, R, Q)
     gram: Array  # (T, Q, Q)
+    anchor: Array  # (Q,), by which the mass of the patch is held
 
     @classmethod
-    def of(cls, patch: Patch) -> Squares:
-        """Those of a patch."""
+    def of(cls, patch: Patch, anchored: bool) -> Squares:
+        """Those of a patch; `anchored`: its mass is held."""
         C = patch.entries @ patch.spread
-        return cls(patch, C, C.swapaxes(1, 2) @ C)
+        gram = C.swapaxes(1, 2) @ C
+        largest = np.diagonal(gram, axis1=1, axis2=2).max(initial=0.0)
+        return cls(patch, C, gram, anchor(patch.spread[(patch.family < 0) & anchored], largest))
 
     def solved(self, steps: slice | Flags) -> Array:
         """The minimum q (Q,) of |r − C q|² of some steps, but for what their rows hardly determine."""
         from scipy.linalg import cho_factor, cho_solve
 
-        C, r, H = self.C[steps], self.patch.residual[steps], self.gram[steps].sum(axis=0)
+        C, r, held = self.C[steps], self.patch.residual[steps], self.anchor
+        H = self.gram[steps].sum(axis=0) + np.outer(held, held)
         size = np.sqrt(H.diagonal())
         size[size == 0.0] = 1.0
         factor, q = cho_factor(H / np.outer(size, size) + DAMPED * np.eye(len(size))), np.zeros(len(size))
         for _ in range(REFINEMENTS):
-            q = q + cho_solve(factor, np.tensordot(r - C @ (q / size), C, 2) / size)
+            x = q / size
+            q = q + cho_solve(factor, (np.tensordot(r - C @ x, C, 2) - held * (held @ x)) / size)
         return np.asarray(q / size)
 
 
@@ -189,15 +194,15 @@ class Agreeing(NamedTuple):
     own: bool  # whether some, however few, show that they are those of the model
 
 
-def agreeing(patch: Patch, rough: bool = False) -> Agreeing:
+def agreeing(patch: Patch, rough: bool = False, anchored: bool = False) -> Agreeing:
     """The most steps of a patch that are in balance with the same values, which some that follow one another determine
     (M. A. Fischler, R. C. Bolles, Random sample consensus, Communications of the ACM 24, 1981): as few as can, as a
     motion may have no more between exceptions, or else more, and twice as many, by which rounding of the target hardly
-    scatters them. `rough`: where rounding may leave more of each of them.
+    scatters them. `rough`: where rounding may leave more of each of them; `anchored`: the mass of the patch is held.
     """
     T, R, Q = len(patch.steps), patch.entries.shape[1], patch.spread.shape[1]
     fewest, enough = (max(RUN, int(np.ceil(each * Q / max(R, 1)))) for each in (BEGIN, SURELY))
-    own, rows = False, Squares.of(patch)
+    own, rows = False, Squares.of(patch, anchored)
     for steps in sorted({fewest, enough, 2 * enough}) if Q else ():
         if steps <= T:
             found = agreeing_with_runs(rows, steps, rough)
@@ -209,7 +214,7 @@ def agreeing(patch: Patch, rough: bool = False) -> Agreeing:
 
 def agreeing_with_runs(rows: Squares, length: int, rough: bool) -> Agreeing:
     """The same with runs of so many steps."""
-    patch, C, _ = rows
+    patch, C = rows[:2]
     (T, R, Q), best = C.shape, np.zeros(len(C), bool)
     sharp, share = (ROUGH, ROUGH_SHARE) if rough else (SHARP, SHARE)
 

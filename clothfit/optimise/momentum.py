@@ -43,9 +43,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 DENSE = 6000
-"""Parameters up to which normal equations may be dense: those of `information`, and those that hold the whole mass,
-which couples all masses.
-"""
+"""Parameters up to which the normal equations of `information` may be."""
 
 ENTRY = 32
 """Bytes for each number in the balances, with those of sums beside it."""
@@ -103,23 +101,28 @@ class Momentum:
         self._typical = np.inf  # how far single steps ended with the values that showed them
         self.normals: dict[int, tuple[Indices, csr_array]] = {}
         """The places (Q,) of the values of each cloth, and CᵀC (Q, Q) of the steps that have given them."""
-        self._kept: dict[int, tuple[Indices, Equations | None]] = {}
+        self._kept: dict[tuple[int, bool], tuple[Indices, Equations | None]] = {}
 
     def rows(self, cloth: int, treatment: Treatment = TREATMENTS[0]) -> tuple[Indices, Equations | None]:
         """The places of the values of a cloth, and its balances."""
         if treatment not in (TREATMENTS[0], ANCHORED):
             return equations(self.objective, self.p, self.fitted, cloth, treatment)
-        if cloth not in self._kept:
-            made = equations(self.objective, self.p, self.fitted, cloth, forms=self._forms)
+        key = cloth, treatment.anchored
+        if key not in self._kept:
+            if treatment.anchored:
+                places, rows = self.rows(cloth)
+                made = places, Equations(rows.parts, True) if rows else None
+            else:
+                made = equations(self.objective, self.p, self.fitted, cloth, forms=self._forms)
             if not self.at_once:
                 return made
-            self._kept[cloth] = made
-        places, rows = self._kept[cloth]
-        return places, Equations(rows.parts, True) if rows and treatment.anchored else rows
+            self._kept[key] = made
+        return self._kept[key]
 
-    def agree(self) -> bool:
+    def agree(self, treatment: Treatment = TREATMENTS[0]) -> bool:
         """Whether enough steps of a cloth agree on its values."""
-        for _, rows in map(self.rows, self.objective.cloths):
+        for cloth in self.objective.cloths:
+            rows = self.rows(cloth, treatment)[1]
             agreed = rows is not None and bool(consensus(rows, rows.counts > 0).any())
             self.own |= rows is not None and rows.own
             if agreed:
@@ -218,10 +221,10 @@ def equations(
 
 
 def anchors(objective: Objective, fitted: Flags) -> bool:
-    """Whether there is a whole mass to hold: some cloth has masses and stiffnesses that are fitted, not too many."""
+    """Whether there is a mass to hold: some cloth has masses and stiffnesses that are fitted."""
     own = [block for block in objective.blocks if is_linear(block) and fitted[block.part].any()]
     masses, others = ({block.cloth for block in own if (block.name == "mass") is heavy} for heavy in (True, False))
-    return bool(masses & others) and int(fitted.sum()) <= DENSE
+    return bool(masses & others)
 
 
 def is_linear(block: Block) -> bool:

@@ -156,11 +156,12 @@ class Trajectory:
         """
         self.search, self.objective, self.fitted = search, objective, search.fitted
         self.tolerance = tolerance or objective.tolerance
+        self.column = np.where(self.fitted, np.cumsum(self.fitted) - 1, -1)  # (P,): the coordinate that moves each
 
     @property
     def size(self) -> int:
         """Q."""
-        return int(self.fitted.sum())
+        return int(self.column.max(initial=-1)) + 1
 
     def y(self, p: Array) -> Array:
         """Coordinates (Q,) of parameters (P,)."""
@@ -249,11 +250,11 @@ class Trajectory:
         """
         self.search.count()
         p = self.parameters(y)
-        column, factor = np.cumsum(self.fitted) - 1, self.derivative(p)
+        factor = self.derivative(p)
         H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         parts, places = list[Callable[[], tuple[Array, Array, float]]](), list[Indices]()
         for run in self.objective.runs:
-            acting = np.where(self.acts(run) & self.fitted, column, -1)  # the coordinate that moves each parameter
+            acting = np.where(self.acts(run), self.column, -1)
             own, place = np.unique(acting[acting >= 0], return_inverse=True)
             local = np.full(len(p), -1, np.int32)
             local[acting >= 0] = place

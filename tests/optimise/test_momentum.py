@@ -320,7 +320,7 @@ class Dense:
 
     def __init__(self, C, r):
         self.C, self.r, self.counts = C, r, np.full(len(C), C.shape[1])
-        self.Q, self.agreed, self.own = C.shape[2], None, False
+        self.Q, self.agreed, self.own, self.anchor = C.shape[2], None, False, np.zeros(0)
 
     def sizes(self, q):
         away, terms = self.r - self.C @ q, np.abs(self.C) @ np.abs(q)
