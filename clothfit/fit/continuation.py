@@ -374,3 +374,9 @@ def with_interval(scene: Scene, delta: float, method: int | None, last: float = 
     within = int((scene.frames - 1) * scene.delta / delta + ROUNDING)
     needed = ceil(last / delta - ROUNDING)
     return scene.with_step(delta, max(within, needed, 1) + 1, method)
+
+
+def in_frames(scene: Scene, given: Experiment) -> Scene:
+    """The scene with steps that end at the frames of a target, no longer than its own."""
+    gap = frame_interval(given)
+    return with_interval(scene, gap / ceil(gap / scene.delta - ROUNDING), None, last_time(given))

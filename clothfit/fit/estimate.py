@@ -155,7 +155,8 @@ def by_request(scene: Scene, target: Targets | None, start: float | Array | Scen
     hints = left_behind(raw)
     say(hints, options)
     before = interrupts.now()
-    clouds, start, short, places = with_scans(scene, raw, start, options)
+    clouds, start, short, places, steps = with_scans(scene, raw, start, options)
+    options = options if steps is None else replace(options, substeps=steps)
     tracking, given = interrupts.now() - before, places or clouds
     tracks = [motion for motion, _ in clouds] if clouds is not raw else None
     if not (options.keep_markers or callable(options.objective)):

@@ -20,16 +20,17 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
+from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
-from clothfit.fit.continuation import LEAST, Even, some_steps, through_nudging, with_nudging
+from clothfit.fit.continuation import LEAST, Even, frame_interval, in_frames, some_steps, through_nudging, with_nudging
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
-from clothfit.fit.preparation import in_time
+from clothfit.fit.preparation import counts_of, in_time
 from clothfit.fit.result import Fit
 from clothfit.fit.routes import BENDINGS, of_few_kinds, shares_of_bending
 from clothfit.fit.start import start_of, values_by
-from clothfit.fit.trajectory_fit import FIRST_WINDOW, STAGE_TOLERANCE, window_lengths
+from clothfit.fit.trajectory_fit import FIRST_WINDOW, window_lengths
 from clothfit.motion.correspondence import SCANNED, Correspondence, weights_of_corners
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
@@ -112,6 +113,7 @@ class Tracks(NamedTuple):
     start: Start
     text: str = ""  # what was left out, as the time was too short
     places: Sequence[Experiment] = ()  # what `places` has of them
+    substeps: int | None = None  # steps to a frame that explain the scans, where those of the scene end between frames
 
 
 def with_scans(scene: Scene, given: list[Experiment], start: Start, options: Request) -> Tracks:
@@ -128,7 +130,13 @@ def with_scans(scene: Scene, given: list[Experiment], start: Start, options: Req
 def tracked_by_values(
     scene: Scene, given: list[Experiment], start: Start, options: Request, best: list[Tracks]
 ) -> Tracks:
-    """The same, however long it takes; the `best` of cloths at rest so far is kept."""
+    """The same, however long it takes; the `best` of cloths at rest so far is kept. Where the fit may choose its steps,
+    those of the cloth that is tracked end at frames, and are no longer than the scene's.
+    """
+    own, raw = scene, given
+    if scene.method != REST and counts_of(options, scene) and not isinstance(options.substeps, int):
+        scene = in_frames(scene, given[0])
+        given = [Experiment(motion, scene if made is own else made) for motion, made in given]
     first = with_parameters(scene, start_of(scene, start))
     few = hierarchy.as_model(first, hierarchy.models(first)[0])
     if scene.method == REST:
@@ -140,8 +148,10 @@ def tracked_by_values(
     found = own_scenes(found, given)
     whole = objective_of(scene, found, options)
     costs = [whole.cost_or_infinity(parameters(each, flags=scene)) for each in (few, first)]
-    nearest, start = (few, few) if costs[0] < costs[1] else (first, start)
-    return Tracks(found, start, "", places(nearest, found) if found[0].scene is scene and not scene.frame else ())
+    nearest, start = (few, few.with_step(own.delta, own.frames)) if costs[0] < costs[1] else (first, start)
+    shown = places(nearest, found) if raw[0].scene is own and not own.frame else ()
+    steps = None if shown or np.isclose(scene.delta, own.delta) else round(frame_interval(given[0]) / scene.delta)
+    return Tracks(own_scenes(found, raw), start, "", own_scenes(shown, raw) if shown else (), steps)
 
 
 def own_scenes(found: Sequence[Experiment], given: Sequence[Experiment]) -> list[Experiment]:
@@ -203,7 +213,8 @@ def leaves_more(scene: Scene, motion: Motion) -> bool:
 def at_times(scene: Scene, motion: Motion) -> Array:
     """The positions (F, n, 3), m, of a scene's own motion at the times of another. Raises Diverged."""
     step, fraction = frame_places(motion, scene.delta)
-    return interpolated(simulate(scene, int(np.ceil(step + fraction).max()) + 1).positions, step, fraction)
+    steps = int(np.ceil(step + fraction).max())
+    return interpolated(simulate(scene, steps + 1, FIT_TOLERANCE).positions, step, fraction)
 
 
 def by_windows(
@@ -376,9 +387,9 @@ def squares_of(gaps: Array) -> Array:
 
 
 def objective_of(scene: Scene, given: Sequence[Experiment], options: Request) -> Objective:
-    """The loosely solved objective of targets."""
+    """The objective of targets."""
     return Objective(
-        scene, list(given), STAGE_TOLERANCE, [own.frames for _, own in given],
+        scene, list(given), options.tolerance, [own.frames for _, own in given],
         loss=options.loss, loss_scale=options.loss_scale, memory=options.memory,
     )  # fmt: skip
 

@@ -218,7 +218,7 @@ def along(
         late = len(route.stages) < 2 or stage is route.stages[-2]
         other = watched and not whole and has_model(part) and differs(stage, search.parameters(found), status, late)
         best.belief = None
-        if may_turn and (other or not better or (whole and not is_near(search) and not leaves_noise(search))):
+        if may_turn and (other or not better or (whole and not is_near(search, beside_noise(search)))):
             return status, y, Route(list(route.stages[number + 1 :]), y, prior, differs=other or whole)
         if other:
             raise ModelDiffers
@@ -253,8 +253,13 @@ def has_model(part: Trajectory) -> bool:
 
 def leaves_noise(search: Search) -> bool:
     """Whether what is left at the best point is noise."""
+    return not beside_noise(search)
+
+
+def beside_noise(search: Search) -> float:
+    """The part of the cost at the best point that is no noise."""
     test = residual_test(search.objective, search.best.p)
-    return test is None or test.is_noise
+    return 0.0 if test is None or test.is_noise else test.structured * search.best.cost
 
 
 def by_nudging(search: Search, prior: Prior) -> list[tuple[Array, Prior]] | None:

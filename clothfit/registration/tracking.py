@@ -25,6 +25,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.engine import rollout
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.step import implicit
@@ -70,7 +71,7 @@ RESTING = 30
 """Times that points are tied to a cloth at rest, whose shape by other values may have other folds."""
 
 TOLERANCE = 1e-5
-"""Of linear systems, relative: of the steps, and of the changes, whose edges and points condition them well."""
+"""Of the linear systems of changes, relative; edges and points condition them well."""
 
 MOSTLY = 0.75
 """Share of the points of a first frame that must be within an edge of a mesh that lies there."""
@@ -96,7 +97,7 @@ class State:
     def advance(self, begin: int, end: int) -> Array:
         """The positions (n, 3) after the steps to `end`; as they were where these diverge."""
         part = self.whole.part(begin, end)
-        if rollout.fill(self.system, TOLERANCE, self.work, part) < end - begin:
+        if rollout.fill(self.system, FIT_TOLERANCE, self.work, part) < end - begin:
             part.x[:] = part.x[0]
             part.w[:] = 0.0
         return np.asarray(part.x[-1])
