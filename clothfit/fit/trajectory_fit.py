@@ -108,7 +108,8 @@ def by_gauss_newton(
     on `centre` (P,), its width `tau` is learned where None. Raises Stop, and ModelDiffers where it is `watched`.
     """
     search.enter("gauss-newton")
-    near = is_near(search, search.visit(p))
+    cost = search.visit(p)
+    near = is_near(search, beside_noise(search) if cost == search.best.cost < np.inf else cost)
     every = Trajectory(search, search.objective)
     descent = Descent(every.prior(every.y(centre), tau), every.y(p), 0.0, 0, search.best.p, search.best.cost)
     return by_stages(search, descent, stages(search, near, windows), watched)
