@@ -6,7 +6,7 @@ closest points of two parts of the cloth (`selfcontact.rows`). Of row k these sa
     its four vertices, their weights c, n, d, κ, μ, the velocity V of what they go past, and what else it asks to have
     back (`row`),
     whether a step that takes the vertex of a collider by a way, from where it is linearised, knows it (`knows`), and
-    before that whether it surely does not (`is_far`),
+    before that whether it surely does not (`is_far`), or does whatever happens (not `is_open`),
     how far it is linearised from where the other forces are (`behind`), and how deep it is anywhere (`level`),
     how c, n, d, V and κ change with the vertices (`changes`, `add_back`),
 
@@ -56,11 +56,14 @@ energy then.
 EXCESS_DEPTH = 0.5
 """How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
 
-(count, row, level, behind, most, is_far, knows, lay, is_reached, may_change, changes, add_back, leaving, pass_on) = (
+(
+    count, row, level, behind, most, is_far, knows, lay, is_open, is_reached, may_change, changes, add_back, leaving,
+    pass_on,
+) = (
     OfKind({collider_rows.Colliders: getattr(collider_rows, name), rows.Contact: getattr(rows, name)})
     for name in (
-        "count", "row", "level", "behind", "most", "is_far", "knows", "lay", "is_reached", "may_change", "changes",
-        "add_back", "leaving", "pass_on",
+        "count", "row", "level", "behind", "most", "is_far", "knows", "lay", "is_open", "is_reached", "may_change",
+        "changes", "add_back", "leaving", "pass_on",
     )
 )  # fmt: skip
 
@@ -278,7 +281,7 @@ def update_active(part, free, at, h, end, drops, A, b):
     combine(1.0, x, h, w, end)
     changed, on = 0, part.on[part.turn[0]]
     for k in range(count(part, y)):
-        if not is_reached(part, k, free, y, end, h * STICTION_SPEED):
+        if not (is_open(part, k) and is_reached(part, k, free, y, end, h * STICTION_SPEED)):
             continue
         found = row(part, y, k)
         own, c, n, depth, kappa, _, _, _ = found
@@ -305,7 +308,7 @@ def slope_error(part, free, at, before, h, end):
     combine(1.0, x, h, w, end)
     total, on = 0.0, part.on[part.turn[0]]
     for k in range(count(part, y)):
-        if not is_reached(part, k, free, y, end, h * STICTION_SPEED):
+        if not (is_open(part, k) and is_reached(part, k, free, y, end, h * STICTION_SPEED)):
             continue
         found = row(part, y, k)
         own, c, n, _, kappa, _, _, _ = found

@@ -100,6 +100,11 @@ def lay(contact, k, found, push, rub, turn, sign, A):
 
 
 @kernel
+def is_open(contact, k):
+    return True
+
+
+@kernel
 def is_reached(contact, k, free, y, end, least):
     return True
 
