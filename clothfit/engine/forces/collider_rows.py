@@ -383,6 +383,12 @@ def most(colliders, y, k):
 
 
 @kernel
+def thick(colliders, y, k):
+    """d₀."""
+    return colliders.rows[k // len(y), LAW, THICKNESS]
+
+
+@kernel
 def bound(bodies, own, i, p):
     """How deep a point of vertex i is at most, by a ball about the collider, or by what is known of a mesh; unknown in
     there.

@@ -217,8 +217,6 @@ def ends_badly(colliders, system, at, end):
     if not contact.turns_inward(colliders):
         return False
     combine(1.0, at[0], system.h, at[3], end)
-    if contact.too_deep(system.colliders, system.vertex.free, at, system.h, end):
-        return True
     if rows.passing(system.contact, at[0], end):
         return True
     more = contact.surplus(system.colliders, system.vertex.free, at, system.h, end)

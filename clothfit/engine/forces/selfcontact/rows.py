@@ -79,6 +79,12 @@ def most(contact, y, k):
 
 
 @kernel
+def thick(contact, y, k):
+    """Whether a pair passes through is asked instead."""
+    return np.inf
+
+
+@kernel
 def is_far(contact, y, k, way, depth):
     return not contact.on[contact.turn[0], k]
 
