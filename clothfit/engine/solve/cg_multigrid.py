@@ -17,7 +17,7 @@ from clothfit.engine.solve import cg, contact_blocks, multigrid, ssor, two_threa
 from clothfit.engine.solve.cg import CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.multigrid import AFTER, Hierarchy, rows
 from clothfit.engine.solve.sparse import BlockMatrix, added, spread, times_row, times_spread
-from clothfit.engine.solve.two_threads import STOP, Worker
+from clothfit.engine.solve.two_threads import SERVES, STOP, Worker
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, clear3, fma, index, load4, mul, splat, store4, sum3
 
@@ -92,7 +92,7 @@ def solve(A, b, tolerance, limit, work, second, hierarchy, w):
 def sweep(A, work, second, hierarchy, phase, first, other):
     """A pass over all rows with its parameters; returns its sum over the rows."""
     worker = second.worker
-    serves = not two_threads.is_alone(worker)
+    serves = worker.flags[SERVES] == 1
     total = act(A, work, second.far, hierarchy, 2, phase, first, other)
     if serves:
         worker.message[0, 1], worker.message[0, 2] = first, other

@@ -6,9 +6,7 @@ phase is posted, takes its part, and says when that is done. A part that it does
 Who takes a part never changes the arithmetic: each is computed in one order and their sums are added in one order, so
 results are the same to the last bit with one thread or two.
 
-There is a second thread where there is a second processor to be had (`kernels.parallel`). Where other programs use
-that too, a thread may lose it within a part, for some milliseconds, for which the other waits. It then goes on alone
-for a while, the longer the more often that was so.
+There is a second thread where there is a second processor to be had (`kernels.parallel`).
 """
 
 from __future__ import annotations
@@ -27,33 +25,27 @@ from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import exchange, pause, read_shared, write_shared
 from clothfit.kernels.parallel import processors
 
-SERVES, POSTED, CLAIMED, DONE, ALONE, LATE = 0, 8, 16, 24, 32, 33
+SERVES, POSTED, CLAIMED, DONE = 0, 8, 16, 24
 """Places of the flags, a cache line apart: 1 while a second thread serves; how many phases were posted so far; of how
-many the worker's part was begun; of how many it is done. Then two of the first thread alone: how many phases it goes on
-alone; and for how many it did at last, less those in which it has not waited since."""
+many the worker's part was begun; of how many it is done."""
 
 STOP = -1.0
 """The phase that ends the second thread."""
 
-SPINS = 8000
-"""Looks at a flag, some 200 µs, before a thread sleeps between two of them: longer than what one thread does alone
-between phases, much less than one waits for another that has lost its processor.
-"""
-
-LONGEST = 10_000
-"""Phases, some 0.5 s, that are done alone at most; a hundredth of them at first."""
+SPINS = 2000
+"""Looks at a flag, some 50 µs, before the processor is offered to other threads."""
 
 
 class Worker(NamedTuple):
     """Memory through which the two threads talk."""
 
-    flags: NDArray[np.int64]  # (40,)
+    flags: NDArray[np.int64]  # (32,)
     message: Array  # (1, 8): the phase that is posted, its two parameters, and the sum of the worker's part
 
 
 def worker() -> Worker:
     """Memory for a second thread that does not serve yet."""
-    return Worker(np.zeros(40, np.int64), aligned(1, 8))
+    return Worker(np.zeros(32, np.int64), aligned(1, 8))
 
 
 @kernel
@@ -61,15 +53,6 @@ def post(worker, phase):
     """Post a phase, whose parameters are in the message."""
     worker.message[0, 0] = phase
     write_shared(worker.flags, POSTED, read_shared(worker.flags, POSTED) + 1)
-
-
-@kernel
-def is_alone(worker):
-    """The first thread: whether it does a phase without the second one."""
-    flags = worker.flags
-    left = flags[ALONE]
-    flags[ALONE] = max(left - 1, 0)
-    return flags[SERVES] == 0 or left > 0
 
 
 @kernel
@@ -96,20 +79,14 @@ def wait(worker):
     while read_shared(worker.flags, DONE) != read_shared(worker.flags, POSTED):
         looks += 1
         pause(looks > SPINS)
-    late = worker.flags[LATE]
-    if looks > SPINS:
-        worker.flags[ALONE] = worker.flags[LATE] = min(2 * late + LONGEST // 100, LONGEST)
-    else:
-        worker.flags[LATE] = max(late - 1, 0)
 
 
 @kernel
 def next_phase(worker):
     """The second thread: wait for a phase whose part no thread has taken, take it and return the phase."""
-    looks, seen = 0, read_shared(worker.flags, POSTED)
-    while read_shared(worker.flags, CLAIMED) == seen or not claim(worker):
-        posted = read_shared(worker.flags, POSTED)
-        looks, seen = looks + 1 if posted == seen else 0, posted
+    looks = 0
+    while read_shared(worker.flags, CLAIMED) == read_shared(worker.flags, POSTED) or not claim(worker):
+        looks += 1
         pause(looks > SPINS)
     return worker.message[0, 0]
 

@@ -315,8 +315,8 @@ def exchange(at: At, array: Any, i: Any, expected: Any, value: Any) -> Any:
 @written(types.void, types.boolean)
 def pause(at: At, long: Any) -> None:
     with at.builder.if_then(long):
-        if os.name == "posix":  # a function of the C library that the process has anyway; microseconds
-            called(at.builder, "usleep", INDEX, INDEX(1))
+        if hasattr(os, "sched_yield"):  # a function of the C library that the process has anyway
+            called(at.builder, "sched_yield", INDEX)
     if platform.machine() in ("x86_64", "AMD64"):  # spins without keeping the core's other thread from its work
         called(at.builder, "llvm.x86.sse2.pause", ir.VoidType())
 
