@@ -152,6 +152,7 @@ def pressed(
             if part.clamped[t] or second:
                 return NO_PAIRS, march.REFUSED
             system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
+            contact.clear(whole.colliders)
             continue
         if not march.finite(after):
             return NO_PAIRS, march.FAILED
