@@ -136,6 +136,7 @@ def pressed(
     x, after, h = part.x[t], part.x[t + 1], whole.h
     march.begin(whole, part, t, work)
     part.euler[t], part.clamped[t] = not second, part.clamped[t] or safe
+    contact.clear(whole.colliders)
     system, attempt = bdf2.forms(forms.form(False, safe))[second], attempt_second if second else march.attempt
     first, pushing, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
     middle, margin = x + h * first, 0.0  # a first guess is seldom so near that looking farther serves
@@ -151,10 +152,12 @@ def pressed(
             if part.clamped[t] or second:
                 return NO_PAIRS, march.REFUSED
             system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
+            contact.clear(whole.colliders)
             continue
         if not march.finite(after):
             return NO_PAIRS, march.FAILED
         turn += 1
+        contact.load_active(whole.colliders, part.active, t)  # with which it may begin anew
         copy(part.w[t, part.used[t] - 1], first)
         pushing = numbers[on[part.used[t] - 1]]
         if np.linalg.norm(after - middle, axis=1).max() > margin:
@@ -315,6 +318,7 @@ def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
     if Ending(forms.at(part, t), work, part, t).end_well(tolerance) and not part.clamped[t]:
         part.clamped[t], part.theta[t] = True, 1.0
         own = bdf2.forms(forms.at(part, t))[0]
+        contact.clear(own.colliders)
         march.attempt(own, work, part, t, part.velocity(t).copy(), tolerance, part.w[t])  # which succeeds
         Ending(forms.at(part, t), work, part, t).end_well(tolerance)
 
@@ -351,7 +355,6 @@ def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Ta
 @kernel(nogil=True)
 def attempt_second(system, work, part, t, first, tolerance, iterates):
     """What `march.attempt` does for a BDF2 step, of which `system` is the inner one."""
-    contact.clear(system.colliders)
     x_before, v_before = states.state_before(part, t)
     used, iterations, direct, _, _, _ = bdf2.step(
         system, part.x[t], states.velocity(part, t), x_before, v_before, first, tolerance, work, iterates, part.x[t + 1]

@@ -121,11 +121,10 @@ def begin(system, part, t, work):
 
 @kernel(nogil=True)
 def attempt(system, work, part, t, first, tolerance, iterates):
-    """Take Euler step t, whose inputs are set, from a first guess, and write the `iterates` (N, n, 3) of it; whether
-    its matrix is not seen to be indefinite.
+    """Take Euler step t, whose inputs are set, from a first guess and the contacts that are noted, and write the
+    `iterates` (N, n, 3) of it; whether its matrix is not seen to be indefinite.
     """
     v = velocity(part, t)
-    contact.clear(system.colliders)
     implicit.prepare(system, part.x[t], v, work)
     used, iterations, direct = implicit.step(system, part.x[t], v, first, tolerance, work, iterates)
     contact.save_active(system.colliders, part.active, t)
@@ -175,6 +174,7 @@ def retake(predictive, tolerance, work, part, t):
     x, v, bound = part.x, velocity(part, t), part.guard_state[t, guard.BOUND]
     energy = guard.energy(predictive, x[t], v)
     part.predicted[t], part.clamped[t] = True, predictive.springs.cap <= 1.0
+    contact.clear(predictive.colliders)
     if not attempt(predictive, work, part, t, v, tolerance, part.w[t, :1]):
         return REFUSED
     w = part.w[t, 0]
@@ -199,8 +199,8 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         v = velocity(part, t)
         begin(euler, part, t, work)
         part.euler[t] = part.theta[t - 1] < 1.0 or part.predicted[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
+        contact.clear(euler.colliders)
         if not part.euler[t]:
-            contact.clear(euler.colliders)
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded, watched)
             contact.save_active(euler.colliders, part.active, t)
             if part.used[t] == 0:
@@ -208,6 +208,7 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
             if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
                 continue
             part.euler[t] = True
+            contact.clear(euler.colliders)
         if not attempt(euler, work, part, t, work.solution, tolerance, part.w[t]):
             return t, REFUSED
         w = velocity(part, t + 1)

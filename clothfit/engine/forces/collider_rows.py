@@ -383,6 +383,12 @@ def most(colliders, y, k):
 
 
 @kernel
+def thick(colliders, y, k):
+    """d₀."""
+    return colliders.rows[k // len(y), LAW, THICKNESS]
+
+
+@kernel
 def bound(bodies, own, i, p):
     """How deep a point of vertex i is at most, by a ball about the collider, or by what is known of a mesh; unknown in
     there.
@@ -439,6 +445,12 @@ def lay(colliders, k, found, push, rub, turn, sign, A):
 
 
 @kernel
+def is_open(colliders, k):
+    """Whether a vertex is outside where the step is linearised; of others nothing changes in it."""
+    return colliders.depth[k] <= 0.0
+
+
+@kernel
 def is_reached(colliders, k, free, y, end, least):
     """Whether a vertex is met, or ends deeper than that."""
     c = k // len(y)
@@ -457,10 +469,9 @@ def deeper(colliders, i, c, y, end, least):
 
 @kernel
 def may_change(colliders, k, found, presses, at, end, h):
-    """Whether a vertex is outside where the step is linearised, and not known for any other reason than that it is met.
-    """
+    """Whether a vertex is not known for any other reason than that it is met."""
     on = colliders.on[colliders.turn[0], k]
-    return found[3] <= 0.0 and (on or not knows(colliders, at[1], k, found, led_by(colliders, k, at, h)))
+    return on or not knows(colliders, at[1], k, found, led_by(colliders, k, at, h))
 
 
 @kernel

@@ -6,7 +6,7 @@ closest points of two parts of the cloth (`selfcontact.rows`). Of row k these sa
     its four vertices, their weights c, n, d, κ, μ, the velocity V of what they go past, and what else it asks to have
     back (`row`),
     whether a step that takes the vertex of a collider by a way, from where it is linearised, knows it (`knows`), and
-    before that whether it surely does not (`is_far`),
+    before that whether it surely does not (`is_far`), or does whatever happens (not `is_open`),
     how far it is linearised from where the other forces are (`behind`), and how deep it is anywhere (`level`),
     how c, n, d, V and κ change with the vertices (`changes`, `add_back`),
 
@@ -56,11 +56,14 @@ energy then.
 EXCESS_DEPTH = 0.5
 """How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
 
-(count, row, level, behind, most, is_far, knows, lay, is_reached, may_change, changes, add_back, leaving, pass_on) = (
+(
+    count, row, level, behind, most, thick, is_far, knows, lay, is_open, is_reached, may_change, changes, add_back,
+    leaving, pass_on,
+) = (
     OfKind({collider_rows.Colliders: getattr(collider_rows, name), rows.Contact: getattr(rows, name)})
     for name in (
-        "count", "row", "level", "behind", "most", "is_far", "knows", "lay", "is_reached", "may_change", "changes",
-        "add_back", "leaving", "pass_on",
+        "count", "row", "level", "behind", "most", "thick", "is_far", "knows", "lay", "is_open", "is_reached",
+        "may_change", "changes", "add_back", "leaving", "pass_on",
     )
 )  # fmt: skip
 
@@ -278,7 +281,7 @@ def update_active(part, free, at, h, end, drops, A, b):
     combine(1.0, x, h, w, end)
     changed, on = 0, part.on[part.turn[0]]
     for k in range(count(part, y)):
-        if not is_reached(part, k, free, y, end, h * STICTION_SPEED):
+        if not (is_open(part, k) and is_reached(part, k, free, y, end, h * STICTION_SPEED)):
             continue
         found = row(part, y, k)
         own, c, n, depth, kappa, _, _, _ = found
@@ -305,7 +308,7 @@ def slope_error(part, free, at, before, h, end):
     combine(1.0, x, h, w, end)
     total, on = 0.0, part.on[part.turn[0]]
     for k in range(count(part, y)):
-        if not is_reached(part, k, free, y, end, h * STICTION_SPEED):
+        if not (is_open(part, k) and is_reached(part, k, free, y, end, h * STICTION_SPEED)):
             continue
         found = row(part, y, k)
         own, c, n, _, kappa, _, _, _ = found
@@ -320,13 +323,15 @@ def slope_error(part, free, at, before, h, end):
 @kernel(empty=0.0, apart=0.0)
 def surplus(part, free, at, h, end):
     """How much more contacts store at the `end` (n, 3) of an iteration than its model has in them and SURPLUS of that,
-    J; the other arguments are those of `update_active`.
+    J, or inf where one is deeper than EXCESS_DEPTH says; the other arguments are those of `update_active`.
     """
     y, more = at[1], 0.0
     for k in range(count(part, y)):
         if is_reached(part, k, free, y, end, 0.0):
             found, (kappa, deep) = row(part, y, k), level(part, end, k)
-            left = left_of(part, k, found, y, end)
+            left, thickness = left_of(part, k, found, y, end), thick(part, y, k)
+            if 0.0 < thickness < (deep - max(left, 0.0) - h * STICTION_SPEED) / EXCESS_DEPTH:
+                return np.inf
             more += 0.5 * (kappa * max(deep, 0.0) * deep - (1.0 + SURPLUS) * found[4] * max(left, 0.0) * left)
     return more
 
@@ -370,25 +375,4 @@ def turns_inward(colliders):
         own = colliders.rows[c]
         if own[collider_rows.SHAPE, 0] == MESH and own[collider_rows.LAW, collider_rows.THICKNESS] > 0.0:
             return True
-    return False
-
-
-@kernel(empty=False, apart=False)
-def too_deep(colliders, free, at, h, end):
-    """Whether an iteration ends with a vertex too deep in a collider that is thick, seen from what its model knew; the
-    arguments are those of `update_active`. Writes `end`.
-    """
-    x, y, _, w = at
-    combine(1.0, x, h, w, end)
-    for c in range(len(colliders.rows)):
-        own = colliders.rows[c]
-        for i in range(len(y)):
-            thickness, k = own[collider_rows.LAW, collider_rows.THICKNESS], c * len(y) + i
-            if own[collider_rows.SHAPE, 0] == MESH and thickness > 0.0 and free[i]:
-                most = EXCESS_DEPTH * thickness + h * STICTION_SPEED
-                if collider_rows.deeper(colliders, i, c, y, end, most):
-                    deep, p = collider_rows.contact(colliders, end, i, c)[0], collider_rows.place(colliders, y, k)
-                    depth, _, _, n, _, _ = collider_rows.touched(colliders, p, i, c)
-                    if deep - max(depth - dot(n, sub(load3(end, i), p)), 0.0) > most:
-                        return True
     return False

@@ -79,6 +79,12 @@ def most(contact, y, k):
 
 
 @kernel
+def thick(contact, y, k):
+    """Whether a pair passes through is asked instead."""
+    return np.inf
+
+
+@kernel
 def is_far(contact, y, k, way, depth):
     return not contact.on[contact.turn[0], k]
 
@@ -97,6 +103,11 @@ def lay(contact, k, found, push, rub, turn, sign, A):
     for e in range(4):
         square = splat(c[e] * c[e])
         add_block(A.diagonal, own[e], mul(square, low), mul(square, high))
+
+
+@kernel
+def is_open(contact, k):
+    return True
 
 
 @kernel
