@@ -154,6 +154,7 @@ def with_residual_hints(fit: Fit, objective: Objective) -> Fit:
     """The fit with hints from its residuals, where its model differs and positions are compared; with those that were
     found where the time for them ends. Windows show no clock and no place.
     """
+    fit = replace(fit, hints=[*fit.hints, *from_gravity(fit, objective.scene)])
     if fit.verdict is None or not fit.verdict.differs or list(objective.weights) != ["position"]:
         return fit
     said, more = {hint.code for hint in fit.hints}, list[Hint]()
@@ -169,6 +170,15 @@ def with_residual_hints(fit: Fit, objective: Objective) -> Fit:
     except (Diverged, interrupts.OutOfTime):
         pass
     return replace(fit, hints=[*fit.hints, *more])
+
+
+def from_gravity(fit: Fit, came: Scene) -> Iterator[Hint]:
+    """Is gravity that was fitted nearer to what a clock of half or double the rate makes of the scene's than to it?"""
+    known, found = (float(np.linalg.norm(scene.gravity)) for scene in (came, fit.scene))
+    if known and found and not 0.5 <= (rate := known / found) <= 2.0:
+        text = f"gravity is fitted as {found:.3g} m/s² instead of {known:.3g}: a clock with the rate {rate**0.5:.2g}"
+        text += " would look the same; say the frame rate (--fps), or fit no gravity, with --fit-time"
+        yield Hint(CODES["rate"], text, before_fit=False)
 
 
 def from_registration(fit: Fit, objective: Objective, said: set[str]) -> Iterator[Hint]:

@@ -1,4 +1,5 @@
-"""Which vertices of a moving mesh keep still, or move together as one rigid body: those that something holds.
+"""Which vertices of a moving mesh keep still, or move together as one rigid body, or on lines by one pace in time:
+those that something holds.
 
 The rigid motion of some vertices is the one that fits all their places best, frame by frame (W. Kabsch, Acta Cryst.
 A32, 1976). A group is found from seeds of three vertices, along the boundary first, as cloth is mostly held there: the
@@ -35,7 +36,7 @@ class Held(NamedTuple):
     """Vertices that move as one."""
 
     vertices: Indices  # rising
-    moves: bool  # False: they keep still
+    moves: bool  # False: they keep still; together else
 
 
 def tolerance(frames: Array) -> float:
@@ -86,7 +87,10 @@ def held(frames: Array, triangles: Indices) -> list[Held]:
                 found.append(Held(group.astype(np.int32), True))
                 left[group] = False
     found += [Held(group, True) for group in shifted(frames, left, near)]
-    return found if sum(len(each.vertices) for each in found) <= frames.shape[1] // 2 else []
+    left[np.concatenate([np.zeros(0, np.int32), *(each.vertices for each in found)])] = False
+    every = [*found, *(Held(group, True) for group in on_lines(frames, left, near))]
+    few = (groups for groups in (every, found) if sum(len(each.vertices) for each in groups) <= frames.shape[1] // 2)
+    return next(few, [])
 
 
 def seeds(triangles: Indices, count: int) -> Iterator[Indices]:
@@ -100,6 +104,23 @@ def seeds(triangles: Indices, count: int) -> Iterator[Indices]:
     along = [[ends[0], vertex, ends[1]] for vertex, ends in next_to.items() if len(ends) == 2]
     for every in (np.array(along, np.int32).reshape(-1, 3), triangles):
         yield from every[:: max(1, -(-len(every) // MOST_SEEDS))]
+
+
+def on_lines(frames: Array, left: Flags, near: float) -> Iterator[Indices]:
+    """Groups of the vertices that are left, each of which moves on a line of its own, and all by one pace in time, as
+    shape keys and drawn curtains do.
+    """
+    own = np.flatnonzero(left)
+    ways = np.swapaxes(frames - frames[0], 0, 1)[own]
+    paces, sizes, _ = np.linalg.svd(ways, full_matrices=False)
+    straight = sizes[:, 1] <= near
+    while straight.any():
+        pace = paces[np.argmax(np.where(straight, sizes[:, 0], 0.0)), :, 0]
+        other = ways - pace[:, None] * np.einsum("f,nfi->ni", pace, ways)[:, None]
+        group = straight & (np.linalg.norm(other, axis=2).max(axis=1) <= near)
+        straight &= ~group
+        if group.sum() >= FEWEST:
+            yield own[group].astype(np.int32)
 
 
 def shifted(frames: Array, left: Flags, near: float) -> list[Indices]:

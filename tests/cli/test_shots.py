@@ -112,7 +112,7 @@ def test_a_name_must_be_one_and_a_marked_vertex_is_held(folder, said):
     assert "its attribute Pinned holds 2 vertices" in err
     assert "fixed: 2 vertices (0, 48)" in err
     code, out, _ = said("info first.usda")
-    assert "Cloth: 49 vertices, 72 faces, 24 frames, moves, held? 0-6 (as one rigid body)" in out
+    assert "Cloth: 49 vertices, 72 faces, 24 frames, moves, held? 0-6 (as one)" in out
     assert "Body: 8 vertices, 12 faces, 24 frames, rigid" in out
     assert "Table: 4 vertices, 2 faces, 1 frame, still" in out
 

@@ -70,6 +70,15 @@ def test_a_frame_rate_that_is_mistaken_for_its_half_or_double_is_named(rate, mon
     assert again.rmse < 1e-6 < 0.1 * found.rmse  # m: nothing else is wrong
 
 
+@pytest.mark.parametrize("rate", [0.5, 2.0])
+def test_a_clock_beside_gravity_that_is_fitted_is_named(rate):
+    """All forces of a motion twice as fast are four times as large, those of the air apart."""
+    target = stranger(simulate(windy(frames=60, delta=0.02, stiffness=12.0)), rate)
+    found = estimate(windy(frames=60, delta=0.02, fit={"gravity": "G"}), target, intervals=False)
+    (text,) = (hint.text for hint in found.hints if hint.code == "time_scale")
+    assert float(text.split("a clock with the rate ")[1].split()[0]) == pytest.approx(rate, rel=0.05)  # two digits
+
+
 def test_the_mirror_image_of_a_sheet_is_named_though_the_first_frame_does_not_show_it(monkeypatch):
     monkeypatch.setattr(residual_hints, "LONGEST", 120.0)  # s: whatever else the machine does
     target = motion()

@@ -37,6 +37,14 @@ def test_corners_that_move_alike_are_one_body_and_free_vertices_none():
     assert [(each.vertices.tolist(), each.moves) for each in held(frames, SHEET.triangles)] == [(corners, True)]
 
 
+def test_a_row_that_is_drawn_into_pleats_is_one_group():
+    frames, row = waved(), np.arange(10)
+    there = np.stack([-0.5 * row / 9, 0.0 * row, 0.06 * np.sin(row)], axis=1)  # a shape key's: each on a line
+    frames[:, row] = SHEET.positions[row] + np.sin(2 * TIMES)[:, None, None] * there
+    (still, drawn) = held(frames.astype(np.float32).astype(float), SHEET.triangles)
+    assert (still.vertices.tolist(), drawn.vertices.tolist()) == ([0], row[1:].tolist())
+
+
 def test_a_mesh_that_moves_as_a_whole_is_rigid_and_not_held():
     whole = swung(SHEET.positions)
     assert (moves_as(whole), held(whole, SHEET.triangles)) == ("rigid", [])

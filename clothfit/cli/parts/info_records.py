@@ -143,7 +143,7 @@ def mesh_line(own: dict[str, Any]) -> str:
     parts = [counted(own["vertices"], "vertex", "vertices"), counted(own["faces"], "face", "faces"),
              counted(own["frames"], "frame", "frames"), own["motion"]]  # fmt: skip
     parts += [f"pinned {own['pins']}"] if own["pins"] else []
-    parts += [f"held? {each['vertices']} ({'as one rigid body' if each['moves'] else 'still'})" for each in own["held"]]
+    parts += [f"held? {each['vertices']} ({'as one' if each['moves'] else 'still'})" for each in own["held"]]
     return f"{own['name']}: {', '.join(parts)}" if own["name"] else ", ".join(parts)
 
 

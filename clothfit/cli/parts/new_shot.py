@@ -194,9 +194,9 @@ def held(shape: Shape, console: Console) -> Indices:
         return shape.pins
     found = groups(shape.frames, shape.mesh.triangles) if len(shape.frames) > 1 else []
     for each in found:
-        how = "move as one rigid body" if each.moves else "keep still"
-        count = counted(len(each.vertices), "vertex", "vertices")
-        console.say(f"{count} {how} in all frames and are taken as held; --fix-vertices holds others")
+        one, many = ("moves", "move as one") if each.moves else ("keeps still", "keep still")
+        count = counted(len(each.vertices), f"vertex {one}", f"vertices {many}")
+        console.say(f"{count} in all frames, taken as held; --fix-side or --fix-vertices hold others")
     return np.concatenate([np.zeros(0, np.int32), *(each.vertices for each in found)])
 
 
