@@ -82,8 +82,8 @@ def apart(corners: Indices, near: Stencil) -> Apart:
 class Jacobian(NamedTuple):
     """Derivative of one iteration of a step; its matrix A is in the workspace."""
 
-    by_y: Array  # Y, (E, 3, 3), one block for each neighbour in the stencil
-    by_u: Array  # U, (E, 3, 3)
+    by_y: Array  # Y, (E, 3, 3), one block for each neighbour in the stencil; (0, 3, 3) where C alone is asked for
+    by_u: Array  # U, as Y
     by_mass: Array  # C of each mass, (n, 3): on its own vertex
     by_stiffness: Array  # C of each stiffness, (S, 2, 3): on the two ends of its spring
     by_rest: Array  # C of each rest length, (S, 2, 3); (0, 2, 3) where it is not asked for
@@ -93,9 +93,11 @@ class Jacobian(NamedTuple):
     vertices: Apart  # elements of one corner
 
 
-def jacobian(system: System, near: Stencil, rest: bool = False) -> Jacobian:
-    """Memory for the derivative of a step of `system`; with `rest` by the rest lengths as well."""
-    n, count, blocks = len(system.x0), len(system.springs.rest), len(near.neighbour)
+def jacobian(system: System, near: Stencil, rest: bool = False, states: bool = True) -> Jacobian:
+    """Memory for the derivative of a step of `system`, by its states or else by masses and stiffnesses alone; with
+    `rest` by the rest lengths as well.
+    """
+    n, count, blocks = len(system.x0), len(system.springs.rest), len(near.neighbour) if states else 0
     return Jacobian(
         np.zeros((blocks, 3, 3)),
         np.zeros((blocks, 3, 3)),
@@ -122,9 +124,10 @@ def differentiate(system, x, v, w, u, later, work, out):
         sparse.reset(work.A, system.vertex.mass)
     out.by_y[:] = 0.0
     out.by_u[:] = 0.0
-    damped = later or system.method != IMPLICIT
+    damped = len(out.by_u) > 0 and (later or system.method != IMPLICIT)
     probe_springs(system, y, at, to, s, damped, out)
-    probe_faces(system, y, at, to, s, damped, out)
+    if len(out.by_y) > 0:
+        probe_faces(system, y, at, to, s, damped, out)
     probe_vertices(system, y, at, to, s, damped, out)
     add(1.0, v, out.by_mass)
     add(-1.0, w, out.by_mass)
@@ -215,7 +218,7 @@ def seed(part, corner, c):
 @kernel
 def keep(part, corner, c, scale, out):
     """Add what a probe has found, times `scale`, to row c of the blocks of one corner of each element."""
-    for i in range(len(part.corners)):
+    for i in range(len(part.corners) if len(out.by_y) > 0 else 0):
         for other in range(part.corners.shape[1]):
             e, j = part.entry[i, corner, other], part.corners[i, other]
             add_along(out.by_y[e], c, scale, load3(part.gy, j))

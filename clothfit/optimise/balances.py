@@ -107,7 +107,8 @@ def balances(system: System, track: Track, exact: bool = True, forms: Forms | No
         else:
             valid &= ~touched_rows(system.surface, track.x, steps)
     out = Balances(r, mass, stiffness, valid)
-    w, memory = v[1 : steps + 1] / forms.theta[:, None, None], (implicit.workspace(system), jacobian(system, near))
+    w = v[1 : steps + 1] / forms.theta[:, None, None]
+    memory = implicit.workspace(system), jacobian(system, near, states=False)
     contact.clear(system.colliders)
     for part in chunks(out):
         fill(*both(system), x, v, w, euler, part.start, *memory, of_steps(out, part))
