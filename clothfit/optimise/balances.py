@@ -366,8 +366,10 @@ class Rows:
         rows: Indices = np.ravel(3 * self.ends[..., None] + np.arange(3, dtype=np.int32))
         begins: Indices = np.arange(0, len(rows) + 1, 6, dtype=np.int32)
         shape = 3 * n, len(self.ends)
-        entries = found.stiffness.reshape(len(found.stiffness), -1)  # shared
+        entries = found.stiffness.reshape(len(found.stiffness), -1)
         self.springs = [csc_array((of_step, rows, begins), shape=shape) for of_step in entries]  # C of each step
+        for springs, of_step in zip(self.springs, entries, strict=True):
+            springs.data = of_step  # SciPy copies what is a small part of a large array, and `keep` changes them
 
     def terms(self, t: int, change: Array, size: bool = False) -> Array:
         """C p of step t, (n, 3), for changes p (M,) of masses and stiffnesses; `size`: Σ_j |C_ij p_j|."""

@@ -468,6 +468,22 @@ def test_steps_of_every_form_are_balances_once_it_is_known(side, delta):
     assert away.max() < 1e-10  # linear systems solved to TIGHT, of forces that nearly cancel
 
 
+def test_rows_that_do_not_count_add_nothing():
+    given = shaking(12, 0.07)
+    system = build(given, 0)
+    memory, _ = rollout(system, 39, TIGHT)
+    count, rng = len(system.x0) + len(system.springs.rest), np.random.default_rng(2)
+    made = balances(system, Track(memory.x, np.ones(memory.x.shape[:2], bool)))
+    rows = Rows(made, system, csr_array(np.eye(count)), none_of(len(system.springs.rest)))
+    kept, d, every = rng.random(made.valid.shape) < 0.5, rng.standard_normal(count), np.ones(39, bool)
+    rows.keep(kept)
+    left = np.array([rows.left(t, d) for t in range(39)])
+    assert not left[~kept].any()
+    assert left[kept & made.valid].all(axis=1).any()
+    # the same sum of squares by CᵀC; products of 1e3 rows
+    assert d @ (rows.gram(every) @ d) == pytest.approx(rows.squares_along(0.0 * d, d, every)[0], rel=1e-12)
+
+
 @pytest.mark.parametrize(("side", "delta"), [(12, 0.07), (20, 0.05)])
 def test_values_show_the_forms_of_steps_and_these_better_values(side, delta):
     given = shaking(side, delta)
