@@ -218,7 +218,9 @@ def seed(part, corner, c):
 @kernel
 def keep(part, corner, c, scale, out):
     """Add what a probe has found, times `scale`, to row c of the blocks of one corner of each element."""
-    for i in range(len(part.corners) if len(out.by_y) > 0 else 0):
+    if len(out.by_y) == 0:
+        return
+    for i in range(len(part.corners)):
         for other in range(part.corners.shape[1]):
             e, j = part.entry[i, corner, other], part.corners[i, other]
             add_along(out.by_y[e], c, scale, load3(part.gy, j))

@@ -17,11 +17,11 @@ from clothfit.fit.trajectory_fit import (
     FAR_ERROR,
     NEAR_ERROR,
     ModelDiffers,
-    beside_noise,
     by_gauss_newton,
     is_far,
     is_long,
     is_near,
+    is_near_but_for_noise,
 )
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
@@ -96,7 +96,7 @@ def by_hierarchy(
     hierarchy.refine(search, fine, begin)
     if not search.levels:
         search.levels.append(hierarchy.level_result(search, models[0]))
-    if is_far(search) or too_many(search) or not is_near(search, beside_noise(search)):
+    if is_far(search) or too_many(search) or not is_near_but_for_noise(search):
         return ended(search)
     return by_gauss_newton(search, search.best.p, centre_of(search), tau, windows=False)
 

@@ -109,7 +109,7 @@ def by_gauss_newton(
     """
     search.enter("gauss-newton")
     cost = search.visit(p)
-    near = is_near(search, beside_noise(search) if cost == search.best.cost < np.inf else cost)
+    near = is_near(search, cost) or (cost == search.best.cost and is_near_but_for_noise(search))
     every = Trajectory(search, search.objective)
     descent = Descent(every.prior(every.y(centre), tau), every.y(p), 0.0, 0, search.best.p, search.best.cost)
     return by_stages(search, descent, stages(search, near, windows), watched)
@@ -219,7 +219,7 @@ def along(
         late = len(route.stages) < 2 or stage is route.stages[-2]
         other = watched and not whole and has_model(part) and differs(stage, search.parameters(found), status, late)
         best.belief = None
-        if may_turn and (other or not better or (whole and not is_near(search, beside_noise(search)))):
+        if may_turn and (other or not better or (whole and not is_near_but_for_noise(search))):
             return status, y, Route(list(route.stages[number + 1 :]), y, prior, differs=other or whole)
         if other:
             raise ModelDiffers
@@ -416,6 +416,11 @@ def is_near(search: Search, cost: float | None = None) -> bool:
     """Whether a cost, by default that of the best point, means that the motion is nearly the target's."""
     best = search.best.cost if cost is None else cost
     return bool(np.isfinite(best)) and best < NEAR_ERROR**2 * search.objective.cost_at_rest
+
+
+def is_near_but_for_noise(search: Search) -> bool:
+    """The same of the best point, without the part of its cost that is noise, which takes a simulation to tell."""
+    return is_near(search) or (bool(np.isfinite(search.best.cost)) and is_near(search, beside_noise(search)))
 
 
 def is_far(search: Search) -> bool:

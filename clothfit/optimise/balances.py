@@ -365,9 +365,8 @@ class Rows:
         self.of = np.split(at_vertex.indices, at_vertex.indptr[1:-1])  # the halves of springs at each vertex
         rows: Indices = np.ravel(3 * self.ends[..., None] + np.arange(3, dtype=np.int32))
         begins: Indices = np.arange(0, len(rows) + 1, 6, dtype=np.int32)
-        shape = 3 * n, len(self.ends)
         entries = found.stiffness.reshape(len(found.stiffness), -1)
-        self.springs = [csc_array((of_step, rows, begins), shape=shape) for of_step in entries]  # C of each step
+        self.springs = [csc_array((each, rows, begins), shape=(3 * n, len(self.ends))) for each in entries]  # C
         for springs, of_step in zip(self.springs, entries, strict=True):
             springs.data = of_step  # SciPy copies what is a small part of a large array, and `keep` changes them
 
@@ -395,8 +394,8 @@ class Rows:
 
     def by_columns(self) -> Array:
         """C of each row, (Q, T, n, 3)."""
-        steps = range(len(self.counts))
-        return np.array([[self.terms(t, column) for t in steps] for column in self.spread.T.toarray()])
+        columns = self.spread.T.toarray()
+        return np.array([[self.terms(t, column) for t in range(len(self.counts))] for column in columns])
 
     def keep(self, rows: Flags) -> None:
         """Let no others than these rows (T, n) count."""
