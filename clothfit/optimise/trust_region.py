@@ -223,6 +223,7 @@ def either(H: csr_array) -> Matrix:
     return H if size > SPARSE and H.nnz < 0.1 * size * size else H.toarray()
 
 
+@np.errstate(invalid="ignore")  # what is not finite ends the search, and some processors warn of it
 def solve(
     H: Matrix,
     g: Array,

@@ -165,6 +165,7 @@ def test_an_end_of_the_time_is_heard_between_two_steps():
         trust_region.solve(J.T @ J, J.T @ r, lower, upper)
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("H", [np.zeros((0, 0)), np.full((3, 3), np.nan), np.diag([1.0, np.inf])], ids=str)
 def test_nothing_is_printed_about_matrices_that_cannot_be_factorised(capfd, H):
     size, wide = len(H), np.full(len(H), np.inf)
