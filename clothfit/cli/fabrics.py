@@ -33,12 +33,15 @@ def command(names: tuple[str, ...], console: Console) -> None:
     chosen = [preset(name) for name in names] if names else presets()
     head = ["", *(f"{name}, {unit}" for name, (_, unit) in UNITS.items()), "what it is"]
     console.table([head, *([each.name, *map(text, cells(each)), each.description] for each in chosen)])
+    sources = dict[str, list[str]]()
     for each in chosen if names else ():
         for what, source in each.source.items():
             factor, unit = UNITS[what]
             ends = each.ranges.get(what)
             between = f" ({factor * ends[0]:.3g} to {factor * ends[1]:.3g} {unit})" if ends else ""
-            console.result(f"{each.name}, {what}{between}: {source}")
+            sources.setdefault(source, []).append(f"{each.name} {what}{between}")
+    for source, numbers in sources.items():
+        console.result(f"{'; '.join(numbers)}: {source}")
     print_json({"fabrics": [asdict(each) for each in chosen]})
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import clothfit
+from clothfit.base.messages import counted
 from clothfit.cli.common import motions, pictures, running
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, option, section, setting, standard_command
@@ -118,7 +119,8 @@ def report(
     console.warn(*motion.remedies.sentences(done * len(scene.groups)))
     motions.warn_of_stretch(scene, motion, console)
     console.say(*(each.sentence for each in touching[:MOST_TOUCHING]))
-    console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
+    steps = counted(done, "step", "steps")
+    console.say(f"{scene.name}: {steps} of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
 
 
 def summary(scene: Scene, motion: Motion, seconds: float, out: Output, error: Diverged | None) -> dict[str, Any]:
