@@ -21,6 +21,8 @@ stiffness, and nearly alike for nearly the same cloths. With its whole weight at
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +34,9 @@ from clothfit.engine.solve import linear, sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
+
+IN_ORDER: dict[str, Any] = {"permc_spec": "NATURAL", "relax": 1, "panel_size": 1}
+"""Of SuperLU, for unknowns in order: without panels, which take half the time of a small matrix."""
 
 FIRST, CLOSE = 0.03, 0.3
 """The first step, s, and the longest one after one that failed; forces, relative to the weights, up to which the first
@@ -90,7 +95,6 @@ class _Search:
         pull = 1e-9 * system.springs.stiffness @ system.springs.rest / max(len(system.springs.rest), 1)
         self.most = max(float(np.linalg.norm(weight)), float(pull))
         self.edge = float(np.median(system.springs.rest)) if len(system.springs.rest) else 0.0
-        self.pattern = sparse.places(self.work.A)  # a scene at rest has no self-contact
         self.bear(1.0)
 
     def bear(self, share: float) -> None:
@@ -115,18 +119,33 @@ class _Search:
         """The energy of springs, colliders and weight, J."""
         return float(stored(self.system, x))
 
+    @cached_property
+    def ordered(self) -> tuple[Any, Any, Any, Any]:
+        """An order (3 m,) of the unknowns in which factors are sparse, one for all A, as these have one pattern; and
+        back; the places of the entries of A in that order in its arrays; and a matrix of them.
+        """
+        from scipy.sparse import csc_array, eye_array
+        from scipy.sparse.linalg import splu
+
+        own = sparse.places(self.work.A)  # a scene at rest has no self-contact
+        regular = csc_array((np.ones(own.nnz), own.indices, own.indptr)) + own.nnz * eye_array(own.shape[0])
+        back = splu(csc_array(regular), **linear.SYMMETRIC).perm_c
+        order = np.argsort(back)
+        own = own[order][:, order].sorted_indices()
+        return order, back, own.data, own.astype(float)
+
     def solver(self) -> Callable[[Array], Array]:
         """A⁻¹ times forces (m, 3), by the A that is left in the workspace; NaN where it is singular."""
-        from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
 
         self.solves += 1
-        own, numbers = self.pattern, np.concatenate([self.work.A.diagonal, self.work.A.upper]).reshape(-1)
+        order, back, entries, A = self.ordered
+        A.data = np.concatenate([self.work.A.diagonal, self.work.A.upper]).reshape(-1)[entries]
         try:
-            factors = splu(csc_array((numbers[own.data], own.indices, own.indptr)), **linear.SYMMETRIC)
+            factors = splu(A, **linear.SYMMETRIC | IN_ORDER)
         except RuntimeError:  # exactly singular
             return lambda f: np.full_like(f, np.nan)
-        return lambda f: np.asarray(factors.solve(f.reshape(-1)).reshape(f.shape))
+        return lambda f: np.asarray(factors.solve(f.reshape(-1)[order])[back].reshape(f.shape))
 
     def descend(self, done: float = DONE) -> bool:
         """Go to where the forces are 0, but for a part of the weights; whether they are."""

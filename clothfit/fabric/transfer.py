@@ -50,10 +50,9 @@ def transferred(source: Cloth, target: Cloth) -> Transferred:
     made = _uniform(source, own, old, target, mesh)
     local = _local(source, own, old, target)
     if local is not None:
-        weight, strength = local
-        mass = made.mass * weight
-        made = made._replace(mass=mass * (made.mass.sum() / mass.sum()),
-                             stiffness=made.stiffness * strength[made.ends].mean(axis=1))  # fmt: skip
+        mass, stiffness = made.mass * local[0], made.stiffness * local[1][made.ends].mean(axis=1)
+        whole = (made.stiffness @ made.rest**2) / (stiffness @ made.rest**2)  # as in a pull that is the same everywhere
+        made = made._replace(mass=mass * (made.mass.sum() / mass.sum()), stiffness=stiffness * whole)
     fields = {
         "vertMass": made.mass.tolist(), "springs": made.ends.reshape(-1).tolist(),
         "springStiffness": made.stiffness.tolist(), "springRestLength": made.rest.tolist(),

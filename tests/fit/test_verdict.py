@@ -14,9 +14,13 @@ from clothfit import Diverged, degrade, load
 from clothfit.base import interrupts
 from clothfit.cli.common.output import Output
 from clothfit.cli.parts.estimate_results import certainty, summary
+from clothfit.fit.confidence import Confidence
 from clothfit.fit.estimate import record_target
-from clothfit.fit.result import FittedBlock
+from clothfit.fit.result import HARDLY, FittedBlock, fitted_block
+from clothfit.objective.objective import Objective
+from clothfit.optimise.search import Search
 from clothfit.report.log import intervals
+from clothfit.scene.fit_vector import parameters
 from clothfit.scene.kinds import KIND
 
 pytestmark = pytest.mark.slow
@@ -133,3 +137,11 @@ def test_groups_that_a_target_hardly_shows_are_named():
     block = FittedBlock(0, "stiffness", "R", 2, [], [], [], [None, None], groups=["edges", "bending"], hardly_shown=[1])
     assert ", bending hardly shown, " in certainty(block, KIND["stiffness"])
     assert "hardly" not in certainty(replace(block, interval=[(0.8, 1.2), None], hardly_shown=[]), KIND["stiffness"])
+
+
+@pytest.mark.parametrize(("within", "hardly"), [(0.99 * HARDLY, []), (1.01 * HARDLY, [0]), (np.nan, [])])
+def test_a_value_whose_interval_goes_beyond_a_factor_of_2_is_hardly_shown(within, hardly):
+    scene, motion = noisy()
+    search, p = Search(Objective(scene, motion), parameters(scene), 1e-8, 100), parameters(scene)
+    known = Confidence(p, 0.0, p / within, p * within, np.isnan(p), len(p), 1e-3)
+    assert fitted_block(search, scene, scene.blocks[0], p, known).hardly_shown == hardly
