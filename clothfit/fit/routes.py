@@ -543,6 +543,11 @@ def by_single_values(fit: Fitting) -> Status | None:
     return found
 
 
+def is_accurate(fit: Fitting) -> bool:
+    """Whether the best point leaves hardly anything, or nothing but noise: no other minimum is nearer."""
+    return (bool(fit.exact) and auto.is_accurate(fit.search)) or step_choice.leaves_noise(fit.search)
+
+
 def from_the_best(fit: Fitting) -> Status:
     """Gauss–Newton from the best point."""
     return by_gauss_newton(fit.search, fit.search.best.p, fit.centre, fit.tau)
@@ -682,7 +687,7 @@ ROUTES = (
           lambda fit: Status.CONVERGED),
     Route("too many for a matrix", lambda fit: auto.too_many(fit.search), from_coarse_to_fine),
     Route("best guess", lambda fit: True, around_the_best_guess),
-    Route("accurate balances", lambda fit: bool(fit.exact) and auto.is_accurate(fit.search), from_the_best),
+    Route("accurate start", is_accurate, from_the_best),
     Route("few values", has_few, by_few_values),
     Route("single values", lambda fit: True, by_single_values),
     Route("coarse to fine", lambda fit: True, from_coarse_to_fine),

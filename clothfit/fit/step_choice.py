@@ -136,7 +136,8 @@ class Trial:
             if fits and balances_can_hold(search, balances, first_frames(objective)):
                 by_momentum(search, search.start, treatments(search)[:1], balances=balances)
             single = hierarchy.model_of(objective.scene) == "L"
-            self.explains = is_near(search) or search.proven is not None or (single and may_leave_noise(search))
+            known = is_best_possible(search) or search.proven is not None
+            self.explains = known or (single and may_leave_noise(search))
             if not (self.explains or single):
                 hierarchy.run_subproblem(search, hierarchy.subproblem(search, model, search.start), by_windows_of_noise)
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
@@ -24,13 +24,14 @@ from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
 from clothfit.fit.continuation import LEAST, Even, frame_interval, in_frames, some_steps, through_nudging, with_nudging
+from clothfit.fit.few_values import LOUDER
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
 from clothfit.fit.preparation import counts_of, in_time
 from clothfit.fit.result import Fit
 from clothfit.fit.routes import BENDINGS, of_few_kinds, shares_of_bending
 from clothfit.fit.start import start_of, values_by
-from clothfit.fit.trajectory_fit import FIRST_WINDOW, window_lengths
+from clothfit.fit.trajectory_fit import FIRST_WINDOW
 from clothfit.motion.correspondence import SCANNED, Correspondence, weights_of_corners
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, at_frames
@@ -53,11 +54,18 @@ Start: TypeAlias = float | Array | Scene | None
 STEPS = 12
 """Of Gauss–Newton in each window, at most. Each must save the variance of what is left: what noise leaves uncertain."""
 
-GROWTH = 1.5
-"""Ratio of a window to the one before: a cloth in wind makes much of a thousandth."""
+SIMPLEX, FLAT, MOST_COSTS = 0.3, 3e-3, 50
+"""Size of the first simplex, of the last one, in units of the coordinates, and costs for each value, at most."""
 
-FEW, PART = 12, 0.5
-"""Values, at most, that are fitted at once, and the part of the time in which cloths at rest are drawn."""
+GROWTH, SLOWEST = 1.5, 1.2
+"""Ratio of a window to the one before: a cloth in wind makes much of a thousandth. Its root where a window leaves more
+than noise though the one before did not, unless it is below the second.
+"""
+
+FEW, FEWEST, PART = 12, 4, 0.5
+"""Values, at most, that are fitted at once, and for which a simplex is cheap; and the part of the time in which cloths
+at rest are drawn.
+"""
 
 UNTRACKED = (
     "the time was too short to track the scan: all of its points are compared, strangers as well, from the fit's own "
@@ -191,23 +199,33 @@ def places(scene: Scene, given: Sequence[Experiment]) -> list[Experiment]:
     ]
 
 
-def leaves_more(scene: Scene, motion: Motion) -> bool:
+def leaves_more(scene: Scene, motion: Motion, noise: float = np.inf) -> bool:
     """Whether the matched points of a tracked scan are farther from the cloth that a scene simulates than noise takes
-    them: the variance of their distances is twice that about the cloth that was drawn to them, or more.
+    them: the variance of their distances is twice that about the cloth that was drawn to them, or more, or clearly
+    above that of earlier frames, `noise`, m².
 
     The model then is not the scan's. A cloth would slide along itself to bring points near, and distances do not say
     where along itself it is.
     """
-    scan, squares = motion.correspondence, np.zeros(2)
-    if scan.mesh is None or scene.method == REST:
+    if motion.correspondence.mesh is None or scene.method == REST:
         return False
+    free, drawn = left_over(scene, motion)
+    return bool(free >= 2.0 * drawn or free > max(LOUDER**2 * noise, (VISIBLE * median_edge(scene)) ** 2))
+
+
+def left_over(scene: Scene, motion: Motion) -> Array:
+    """The mean square distances (2,), m², of nearly all matched points of a tracked scan from the cloth that a scene
+    simulates, infinite where that diverges, and from the one that was drawn to them: a few are no points of the cloth.
+    """
+    scan, squares = motion.correspondence, np.zeros(2)
     try:
         x = at_times(scene, motion)
     except Diverged:
-        return True
+        return np.array([np.inf, 0.0])
     for frame, both in enumerate(zip(x, motion.positions, strict=True)):
-        squares += [float(gaps @ gaps) for gaps in (scan.feet(s, frame).gaps for s in both)]
-    return bool(squares[0] >= 2.0 * squares[1])
+        away = np.sort(np.abs([scan.feet(s, frame).gaps for s in both]))
+        squares += (away[:, : int(MOST * away.shape[1])] ** 2).sum(axis=1)
+    return squares / max(float(MOST * scan.seen.sum()), 1.0)
 
 
 def at_times(scene: Scene, motion: Motion) -> Array:
@@ -224,15 +242,41 @@ def by_windows(
     fine, each from the first window on that the one before leaves more than noise of.
     """
     few, *finer = models
-    longest, found, sure = max(len(each.motion.times) for each in given), list(given), False
-    for frames in window_lengths(FIRST_WINDOW, longest, GROWTH):
-        found, before, far = by(few, scene, given, frames), few, not sure
-        few = nearer(few, found, options, far=far and leaves_more(few, found[0].motion))
-        sure = not leaves_more(few, found[0].motion)
+    longest, reached, growth, noise, sure = max(len(each.motion.times) for each in given), 0, GROWTH, np.inf, False
+    while reached < longest:
+        frames = next_window(reached, longest, growth)
+        found, before = by(few, scene, given, frames), few
+        far = noise == np.inf and leaves_more(few, found[0].motion)
+        trial = nearer(few, found, options, far=far)
+        explained, sure = sure, not leaves_more(trial, found[0].motion, noise)
+        shorter = next_window(reached, longest, growth**0.5)
+        if explained and not sure and growth > SLOWEST and shorter < frames:
+            growth, sure = growth**0.5, True
+            continue
+        few, reached = trial, frames
         while finer and not sure:
             few = nearer(with_parameters(finer[0], values_by(few, finer.pop(0))), found, options, far=far)
-            sure = not leaves_more(few, found[0].motion)
+            sure = not leaves_more(few, found[0].motion, noise)
+        if sure and found[0].motion.correspondence.mesh:
+            noise = min(noise, float(left_over(few, found[0].motion)[0]))
     return few, found if few is before else by(few, scene, given, longest)
+
+
+def next_window(frames: int, longest: int, growth: float) -> int:
+    """Frames of the window after one of so many; the last may be a little longer than others."""
+    new = max(int(frames * growth), frames + 1) if frames else FIRST_WINDOW
+    return new if new * growth**0.5 < longest else longest
+
+
+def by_simplex(part: Even, y: Array) -> Array:
+    """Where the method of Nelder and Mead leads from y (Q,): few values whose cost is rough, as that of a cloth that
+    buckles, where slopes lead nowhere (J. A. Nelder, R. Mead, A simplex method for function minimization, 1965).
+    """
+    from scipy.optimize import minimize
+
+    first, minimizer = np.vstack([y, y + SIMPLEX * np.eye(part.size)]), cast(Any, minimize)  # as in `scipy_methods`
+    ends = {"initial_simplex": first, "xatol": FLAT, "fatol": FLAT**2 * part.cost(y), "maxfev": MOST_COSTS * part.size}
+    return np.asarray(np.clip(minimizer(part.cost, y, method="Nelder-Mead", options=ends).x, *part.bounds))
 
 
 def by_folds(
@@ -512,7 +556,9 @@ def nearer(
         prior = doubt if pulled else guard(centre, part.own_widths)
         steps = partial(some_steps, part, most=STEPS, saving=1.0 / part.residuals(), prior=prior)
         y = steps(start)
-        if far:
+        if far and part.size <= FEWEST:
+            y = steps(by_simplex(part, y))
+        elif far:
             search.visit(part.parameters(y))
             through_nudging(search, start=search.start, near=0.0)
             y = steps(part.y(search.best.p))

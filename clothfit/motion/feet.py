@@ -9,7 +9,8 @@ with n the normal of the triangle where q is inside it, so that r has a sign, el
 nearest place, its own change along the surface changes r by nothing: the derivative is exact with q held. Gauss–Newton
 with it is the point-to-plane step of registration (Y. Chen, G. Medioni, 1992), in which points may slide.
 
-q is sought from the triangle on which a point was before, over those that share a vertex, as long as one is nearer.
+q is sought from the triangle on which a point was before, else from the nearest of some around, over those that share a
+vertex, as long as one is nearer.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ from clothfit.kernels.vectors import cross, dot
 
 UNKNOWN = -1
 """The face of a point that is on none yet."""
+
+CANDIDATES = 12
+"""Triangles with the nearest centres, of which the nearest one is that of a point: a fold has some layers."""
 
 NO_DIRECTION = 1e-12
 """Distance, m, of a place on an edge below which the normal of its triangle stands for the direction to it."""
@@ -65,12 +69,16 @@ class Faces(NamedTuple):
         """The places nearest to points (m, 3) of a cloth at x (n, 3), sought from their faces (m,)."""
         from scipy.spatial import KDTree
 
-        found = np.array(faces, np.int32)
+        found, x = np.array(faces, np.int32), np.ascontiguousarray(x)
         if (lost := found < 0).any():
-            found[lost] = KDTree(np.nan_to_num(x[self.triangles].mean(axis=1))).query(points[lost])[1]
+            tree = KDTree(np.nan_to_num(x[self.triangles].mean(axis=1)))
+            near = np.asarray(tree.query(points[lost], k=np.arange(1, min(CANDIDATES, len(self.triangles)) + 1))[1])
+            chosen = near[:, 0].astype(np.int32)
+            choose(np.ascontiguousarray(points[lost]), x, self.triangles, near, chosen)
+            found[lost] = chosen
         weights, normals = np.empty((2, len(found), 3))
         made = Feet(found, weights, normals, np.empty(len(found)), np.empty(len(found), bool))
-        find(np.ascontiguousarray(points), np.ascontiguousarray(x), *self, *made)
+        find(np.ascontiguousarray(points), x, *self, *made)
         return made
 
 
@@ -86,6 +94,17 @@ def away(p, x, triangles, f):
     a, b, c = corners(x, triangles, f)
     part, wb, wc = triangle.nearest(p, a, b, c)
     return part, wb, wc, sub(triangle.weighted(wb, wc, a, b, c), p)
+
+
+@kernel
+def choose(points, x, triangles, near, faces):
+    """Write the triangles into `faces` (m,) that are nearest to points, of those `near` each (m, k)."""
+    for i in range(len(points)):
+        p, least = load3(points, i), np.inf
+        for f in near[i]:
+            way = away(p, x, triangles, f)[3]
+            if dot(way, way) < least:
+                faces[i], least = f, dot(way, way)
 
 
 @kernel
