@@ -140,7 +140,7 @@ def empty(system: System, steps: int) -> Rollout:
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
     used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
-    flags, guard_state = np.zeros((4, steps), bool), np.tile(guard.START, (steps + 1, 1))
+    flags, guard_state = np.zeros((4, steps), bool), np.tile(guard.start(system), (steps + 1, 1))
     start = system.v0, system.x0, system.v0, system.newton_iterations
     made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], flags[3], guard_state, *start)
     if system.colliders is not None:

@@ -94,7 +94,7 @@ class Tape:
         self._room: Rollout | None = None
         self._held: Held | None = None
         x, v = system.x0, system.v0
-        self._kept = {0: Snapshot(0, x, v, x, v, False, guard.START, self.work.past)}  # the first guess knows nothing
+        self._kept = {0: Snapshot(0, x, v, x, v, False, guard.start(system), self.work.past)}  # the first guess knows nothing
 
     @property
     def shape(self) -> Array:

@@ -54,7 +54,7 @@ class Moving:
         self._rows = min(ROWS, max(TABLES // row_bytes(scene, index), FEWEST))
         self._prepare(scene)
         self.x, self.v = self.system.x0.copy(), self.system.v0.copy()
-        self._before, self._ready, self._guard_state = (self.x, self.v), False, guard.START.copy()
+        self._before, self._ready, self._guard_state = (self.x, self.v), False, guard.start(self.system)
 
     def _prepare(self, scene: Scene) -> None:
         """Make the system and its memory for a scene."""

@@ -58,8 +58,10 @@ BOUND, POWER = 0, 1
 state; and the mean power of what moves, and of the wind, W, in a step where that may bring energy.
 """
 
-START = np.array([-np.inf, 0.0])
-"""What the first step is handed."""
+def start(system):
+    """What the first step is handed."""
+    loads = 0 if system.colliders is None else system.colliders.load.shape[1]
+    return np.concatenate([[-np.inf, 0.0], np.full(loads, -1.0)])
 
 NONE, SPRINGS, CONTACTS = 0, 1, 2
 """What added energy in a step."""
