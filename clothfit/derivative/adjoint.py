@@ -128,7 +128,7 @@ class Sweep:
         self.system, self.direction, self.tolerance = system, with_constant(direction), tolerance
         self.work, self.taken = implicit.workspace(system), Taken(system)
         self.state, self.begins = states(system), first_step(system, direction)
-        self.of_load = None if system.colliders is None else np.zeros_like(system.colliders.of_load)
+        self.of_load = 0.0 if system.colliders is None else np.zeros_like(system.colliders.of_load)
         self.sweep = by_method(system, sweep_explicit_forward, sweep_forward, sweep_bdf2_forward)
         if len(direction.velocity) > 0:
             copy(direction.velocity, self.state[1])
@@ -141,9 +141,9 @@ class Sweep:
         skipped = self.begins - chunk.first
         if skipped >= chunk.steps:
             return change
-        given = self.direction, self.tolerance, self.work
-        if self.of_load is not None:  # several sweeps may go through the same chunk
-            self.system.colliders.of_load[:] = self.of_load
+        given, colliders = (self.direction, self.tolerance, self.work), self.system.colliders
+        if colliders is not None:  # several sweeps may go through the same chunk
+            colliders.of_load[:] = self.of_load
         with linear.served(self.work.A, self.work.solver):
             if chunk.active_pairs is not None:
                 from clothfit.derivative import contact as touching  # which few scenes need
@@ -154,8 +154,8 @@ class Sweep:
                     if end > skipped:
                         own, steps = forms(self.taken.at(chunk, begin)), (max(begin, skipped), end)
                         self.sweep(*own, chunk, *steps, *given, *self.state, change)
-        if self.of_load is not None:
-            self.of_load[:] = self.system.colliders.of_load
+        if colliders is not None:
+            self.of_load = colliders.of_load.copy()
         counted.add(work_of(chunk))
         interrupts.check()
         return change

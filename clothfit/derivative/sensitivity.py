@@ -286,7 +286,7 @@ class TangentSweep:
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
         set_inputs(self.system.inputs, self.system, chunk.first + t)
-        contacts.load_active(self.system.colliders, chunk, t)
+        contacts.load_active(self.system.colliders, chunk.bare(), t)
         for _, direction in self.everywhere:
             set_direction(self.system.inputs, self.system, chunk.first + t, direction)
         if self.contact_columns is not None:
@@ -315,18 +315,17 @@ class TangentSweep:
             dw = self.solved(at, iterates[k], dw, chunk.first + t)
         self.dx += at.system.h * (self.dv if self.system.method == EXPLICIT else theta * dw)
         np.multiply(theta, dw, out=self.dv)
-        if self.system.method >= IMPLICIT:
-            self.loads, self.new_loads = self.new_loads, self.loads
+        self.loads, self.new_loads = self.new_loads, self.loads
 
     def solved(self, at: Point, w: Array, du: Array, step: int) -> Array:
         """The change of the velocity w of an iteration, for that of the one before, du (3 f, Q)."""
         right, before = self.right(at, w, du), du if at.later else np.zeros_like(du)
         dw = self.step_of(at, right, before, step)
-        change_loads(self.by, self.place, self.dy if at.later else self.dx, dw, self.new_loads)
-        for column, direction in self.everywhere:
-            given = self.scratch, direction, column, self.new_loads
-            system = at.system
-            change_loads_globally(system.colliders, system, at.x, at.v, w, at.u, at.later, *given)
+        if len(self.loads):
+            change_loads(self.by, self.place, self.dy if at.later else self.dx, dw, self.new_loads)
+            for column, direction in self.everywhere:
+                given = at.system, at.x, at.v, w, at.u, at.later, self.scratch, direction, column
+                change_loads_globally(at.system.colliders, *given, self.new_loads)
         return dw + before
 
     def step_of(self, at: Point, right: Array, before: Array, step: int) -> Array:
@@ -368,7 +367,8 @@ class TangentSweep:
         if self.contact_columns:
             to = w if system.method == IMPLICIT else at.v
             self.contact_columns.add(system, at.work, (at.u, to, at.later), dy, du, right)
-        add_loads(by, place, self.loads, right)
+        if len(self.loads):
+            add_loads(by, place, self.loads, right)
         add_columns(place, self.vertices, by.by_mass[:, None], self.columns.mass, right)
         add_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
         add_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)

@@ -102,14 +102,17 @@ def jacobian(system: System, near: Stencil, rest: bool = False, states: bool = T
     `rest` by the rest lengths as well.
     """
     n, count, blocks = len(system.x0), len(system.springs.rest), len(near.neighbour) if states else 0
-    loads = 0 if system.colliders is None or not states else system.colliders.load.shape[1]
+    kept = system.colliders if states and system.method >= IMPLICIT else None
+    loads = 0 if kept is None else kept.load.shape[1]
     return Jacobian(
         np.zeros((blocks, 3, 3)),
         np.zeros((blocks, 3, 3)),
         np.zeros((n, 3)),
         np.zeros((count, 2, 3)),
         np.zeros((count if rest else 0, 2, 3)),
-        *(np.zeros((loads, 3)) for _ in range(3)),
+        np.zeros((loads, 3)),
+        np.zeros((loads, 3)),
+        np.zeros((loads, 3)),
         zeros(system, ["rest"] if rest else []),
         apart(system.springs.ends, near),
         apart(system.faces.corners, near),

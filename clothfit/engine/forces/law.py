@@ -100,7 +100,8 @@ def pull(row, S, Z, L, made):
     by_n = fma(splat(gamma * nu), Z, fma(splat(-dot(n, U)), by_U, by_n))
     by_S, by_Z = mul(splat(-kappa * by_push), n), mul(splat(-gamma), across(n, L))
     by_depth = rub if load < 0.0 and depth > 0.0 else 0.0
-    by_law = kappa * (by_depth - by_push), -pressing(load, kappa * depth) / q * pi, left * by_push - by_depth * depth, -rub
+    by_mu, by_kappa = -pressing(load, kappa * depth) / q * pi, left * by_push - by_depth * depth
+    by_law = kappa * (by_depth - by_push), by_mu, by_kappa, -rub
     return (by_n, by_U, by_S, by_Z, force(kappa * left, gamma, n, Z)), by_law
 
 
