@@ -25,8 +25,9 @@ plane that a vertex met, by more than half of its thickness, where pairs would p
 end of the step contacts store more than its model knows, one more of Newton's iterations follows, linearised where that
 one ended; it begins with the rows that pressed.
 
-What is far away, with d < 0, does not rub yet. The last solution is the step, and the derivatives take it with the rows
-that it was solved with. They are noted for each iteration of it.
+What was not touched in the step before does not rub yet. The last solution is the step, and the derivatives take it
+with the rows that it was solved with. They are noted for each iteration of it, and for the next step what it pressed
+vertices with (`press`), whose derivatives are handed from step to step.
 """
 
 from __future__ import annotations

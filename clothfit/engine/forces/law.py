@@ -3,7 +3,7 @@
 Who touches is a row: of a vertex at a collider, or of the closest points of two parts of a cloth. It has a normal n, a
 depth d, a stiffness κ, N/m, and a coefficient of friction μ. Where its two sides go past each other at U, the one feels
 
-    f = κ d n − γ P U,   γ = μ κ max(d, 0)/q,   q = sqrt(|P U|² + ε²),   P = I − n nᵀ,   K = −κ n nᵀ,   D = −γ P:
+    f = κ d n − γ P U,   γ = μ N/q,   q = sqrt(|P U|² + ε²),   P = I − n nᵀ,   K = −κ n nᵀ,   D = −γ P:
 
 Coulomb's friction, of which the part |P U|/q acts at slow speeds. The step's model keeps γ as it is at (y, u): for the
 way S past each other from y on, and the velocity Z at the end,
@@ -11,11 +11,12 @@ way S past each other from y on, and the velocity Z at the end,
     T = κ (d − n·S) n − γ P Z,
 
 so that D is negative semi-definite and the step stable, however long it is. That γ lags behind costs μ h |g| of speed
-where a vertex starts to slide, and nothing once its velocity stays, or with several Newton iterations. With
-the distance δ, dd = −dδ,
+where a vertex starts to slide, and nothing once its velocity stays, or with several Newton iterations. N is κ max(d, 0)
+or, in implicit steps at colliders, the load: the push κ (d − n·S) of the step before, by its model. Where a surface is
+curved, the depth at which a step is linearised is off by u² h²/2R, mostly far more than the weight of a cloth presses
+it in, but the push of a step balances that. With the distance δ, dd = −dδ,
 
-    dq = P U·(dU − (n·U) dn)/q,    d(P Z) = P dZ − (n·Z) dn − (Z·dn) n,
-    dγ = (κ dμ + μ dκ) max(d, 0)/q − γ (dδ/d + dq/q).
+    dq = P U·(dU − (n·U) dn)/q,    d(P Z) = P dZ − (n·Z) dn − (Z·dn) n,    dγ = (N dμ + μ dN)/q − γ dq/q.
 
 What a shape gives is n, d, U, S and Z, and how they change with the vertices: `contact` has the forces.
 """
