@@ -412,12 +412,13 @@ def push_iteration(system, x, v, w, u, later, tolerance, work, dx, dv, direction
     hold_fixed(free, b)
     linear.solve(A, b, tolerance, work.solver, dw, True)
     move_pins(system.inputs, system, dx, dw)
-    push_press(system.colliders, (y, u, w, s), later, dy, du, dw, direction, h, b)
+    push_press(system.colliders, system, (x, w, u), later, y, s, dy, du, dw, direction, b)
 
 
 @kernel(absent=None)
-def push_press(colliders, at, later, dy, du, dw, direction, h, dq):
-    """Set the changes of what presses vertices at the end of an iteration; dq (n, 3) is scratch."""
-    y, u, w, s = at
+def push_press(colliders, system, at, later, y, s, dy, du, dw, direction, dq):
+    """Set the changes of what presses vertices at the end of an iteration; s and dq (n, 3) are scratch."""
+    x, w, u = at
+    offset(system, x, w, u, later, y, s)  # pins have written to s
     combine(1.0, dw, -1.0 if later else 0.0, du, dq)
-    contact.push_press(colliders, y, u, w, s, dy, dq, direction, h)
+    contact.push_press(colliders, y, u, w, s, dy, dq, direction, system.h)
