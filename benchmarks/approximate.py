@@ -57,7 +57,7 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
         v, w, k = velocity(chunk, t), velocities(chunk, t), chunk.used[t] - 1
         guess.next_guess(work.past, before + end - 1 - t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.load_active(system.colliders, chunk.active, t)
+        contact.load_active(system.colliders, chunk, t)
         contact.turn_to(system.colliders, k)
         theta = chunk.theta[t]
         combine(theta, v_bar, theta * system.h, x_bar, work.w_bar)
@@ -107,7 +107,7 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
         v, w, k = velocity(chunk, t), velocities(chunk, t), chunk.used[t] - 1
         guess.next_guess(work.past, chunk.first + t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.load_active(system.colliders, chunk.active, t)
+        contact.load_active(system.colliders, chunk, t)
         contact.turn_to(system.colliders, k)
         set_direction(system.inputs, system, chunk.first + t, direction)
         pushforward(system, chunk.x[t], v, w[k], w[k - 1] if k > 0 else v, k > 0, tolerance, work, dx, dv, direction)

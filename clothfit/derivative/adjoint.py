@@ -62,6 +62,7 @@ def gradient(
     if system.inputs is not None:
         system.inputs.counted[:] = 0.0
     tables.forget(system.inputs)
+    contact.forget(system.colliders)
     state, at_start = states(system), np.zeros_like(system.x0)
     sweep = sweep or by_method(system, sweep_explicit_back, sweep_back, sweep_bdf2_back)
     for segment in memory.backward():
@@ -70,9 +71,9 @@ def gradient(
             at_start = by_position[0]
             with linear.served(work.A, work.solver):
                 if chunk.active_pairs is not None:
-                    from clothfit.derivative import contact  # which few scenes need
+                    from clothfit.derivative import contact as touching  # which few scenes need
 
-                    contact.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
+                    touching.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
                 else:
                     for begin, end in reversed(alike(chunk)):
                         own = forms(taken.at(chunk, begin))
@@ -127,6 +128,7 @@ class Sweep:
         self.system, self.direction, self.tolerance = system, with_constant(direction), tolerance
         self.work, self.taken = implicit.workspace(system), Taken(system)
         self.state, self.begins = states(system), first_step(system, direction)
+        self.of_load = 0.0 if system.colliders is None else np.zeros_like(system.colliders.of_load)
         self.sweep = by_method(system, sweep_explicit_forward, sweep_forward, sweep_bdf2_forward)
         if len(direction.velocity) > 0:
             copy(direction.velocity, self.state[1])
@@ -139,17 +141,21 @@ class Sweep:
         skipped = self.begins - chunk.first
         if skipped >= chunk.steps:
             return change
-        given = self.direction, self.tolerance, self.work
+        given, colliders = (self.direction, self.tolerance, self.work), self.system.colliders
+        if colliders is not None:  # several sweeps may go through the same chunk
+            colliders.of_load[:] = self.of_load
         with linear.served(self.work.A, self.work.solver):
             if chunk.active_pairs is not None:
-                from clothfit.derivative import contact  # which few scenes need
+                from clothfit.derivative import contact as touching  # which few scenes need
 
-                contact.forward(self.sweep, self.taken, chunk, *given, self.state, change)
+                touching.forward(self.sweep, self.taken, chunk, *given, self.state, change)
             else:
                 for begin, end in alike(chunk):
                     if end > skipped:
                         own, steps = forms(self.taken.at(chunk, begin)), (max(begin, skipped), end)
                         self.sweep(*own, chunk, *steps, *given, *self.state, change)
+        if colliders is not None:
+            self.of_load = colliders.of_load.copy()
         counted.add(work_of(chunk))
         interrupts.check()
         return change
@@ -182,7 +188,7 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.next_guess(work.past, before + end - 1 - t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.load_active(system.colliders, chunk.active, t)
+        contact.load_active(system.colliders, chunk, t)
         implicit.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
         share_gradient(system.inputs, system, t + chunk.first, grad)
 
@@ -197,7 +203,7 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.next_guess(work.past, chunk.first + t, work.solution)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.load_active(system.colliders, chunk.active, t)
+        contact.load_active(system.colliders, chunk, t)
         set_direction(system.inputs, system, chunk.first + t, direction)
         implicit.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])
@@ -209,7 +215,7 @@ def sweep_explicit_back(system, chunk, by_position, begin, end, tolerance, work,
     for t in range(end - 1, begin - 1, -1):
         add(1.0, by_position[t + 1], x_bar)
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.load_active(system.colliders, chunk.active, t)
+        contact.load_active(system.colliders, chunk, t)
         explicit.pullback(system, chunk.x[t], velocity(chunk, t), chunk.w[t, 0], work, x_bar, v_bar, grad)
         share_gradient(system.inputs, system, t + chunk.first, grad)
 
@@ -219,7 +225,7 @@ def sweep_explicit_forward(system, chunk, begin, end, direction, tolerance, work
     """What `sweep_forward` does, for the explicit methods."""
     for t in range(begin, end):
         set_inputs(system.inputs, system, chunk.first + t)
-        contact.load_active(system.colliders, chunk.active, t)
+        contact.load_active(system.colliders, chunk, t)
         set_direction(system.inputs, system, chunk.first + t, direction)
         explicit.pushforward(system, chunk.x[t], velocity(chunk, t), chunk.w[t, 0], work, dx, dv, direction)
         copy(dx, change[t])
@@ -238,7 +244,7 @@ def sweep_bdf2_back(
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
         guess.next_guess(work.past, before + end - 1 - t, work.solution)
         set_inputs(euler.inputs, euler, chunk.first + t)
-        contact.load_active(euler.colliders, chunk.active, t)
+        contact.load_active(euler.colliders, chunk, t)
         if chunk.euler[t]:
             implicit.pullback(euler, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
             for bar, rest in ((x_bar, x_rest), (v_bar, v_rest)):
@@ -260,7 +266,7 @@ def sweep_bdf2_forward(
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
         guess.next_guess(work.past, chunk.first + t, work.solution)
         set_inputs(euler.inputs, euler, chunk.first + t)
-        contact.load_active(euler.colliders, chunk.active, t)
+        contact.load_active(euler.colliders, chunk, t)
         set_direction(euler.inputs, euler, chunk.first + t, direction)
         if chunk.euler[t]:
             copy(dx, dx_before)

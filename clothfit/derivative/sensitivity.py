@@ -23,7 +23,15 @@ from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.envelope_cholesky import Envelope, envelope, factorise, solve
-from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian, stencil
+from clothfit.derivative.step_jacobian import (
+    add_loads,
+    change_loads,
+    change_loads_globally,
+    differentiate,
+    differentiate_globally,
+    jacobian,
+    stencil,
+)
 from clothfit.engine.forces import contact as contacts
 from clothfit.engine.forces import springs
 from clothfit.engine.inputs.tables import led, moves_of, set_direction, set_inputs, with_constant
@@ -267,6 +275,7 @@ class TangentSweep:
         self.dx, self.dv, self.dx_before, self.dv_before, self.dy = (np.zeros(size) for _ in range(5))
         for column, start in columns.velocity:
             self.dv[:, column] = np.where(system.vertex.free[:, None], start, 0.0)[free].reshape(-1)
+        self.loads, self.new_loads = (np.zeros((len(self.by.by_load), columns.width)) for _ in range(2))
         self.pins.start(self.dx, self.dv)
         self.contact_columns: contact.Columns | None = None
         if meets_itself(system):
@@ -277,7 +286,7 @@ class TangentSweep:
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
         set_inputs(self.system.inputs, self.system, chunk.first + t)
-        contacts.load_active(self.system.colliders, chunk.active, t)
+        contacts.load_active(self.system.colliders, chunk.bare(), t)
         for _, direction in self.everywhere:
             set_direction(self.system.inputs, self.system, chunk.first + t, direction)
         if self.contact_columns is not None:
@@ -306,20 +315,31 @@ class TangentSweep:
             dw = self.solved(at, iterates[k], dw, chunk.first + t)
         self.dx += at.system.h * (self.dv if self.system.method == EXPLICIT else theta * dw)
         np.multiply(theta, dw, out=self.dv)
+        self.loads, self.new_loads = self.new_loads, self.loads
 
     def solved(self, at: Point, w: Array, du: Array, step: int) -> Array:
         """The change of the velocity w of an iteration, for that of the one before, du (3 f, Q)."""
         right, before = self.right(at, w, du), du if at.later else np.zeros_like(du)
+        dw = self.step_of(at, right, before, step)
+        if len(self.loads):
+            change_loads(self.by, self.place, self.dy if at.later else self.dx, dw, self.new_loads)
+            for column, direction in self.everywhere:
+                given = at.system, at.x, at.v, w, at.u, at.later, self.scratch, direction, column
+                change_loads_globally(at.system.colliders, *given, self.new_loads)
+        return dw + before
+
+    def step_of(self, at: Point, right: Array, before: Array, step: int) -> Array:
+        """The solution of an iteration: the change of its velocity less that of the one `before`."""
         if self.free.all():
-            return self.solve(at.work.A, right) + before
+            return self.solve(at.work.A, right)
         dw = -before
         dw[~self.free] += self.pins.velocity(step, at.system, self.dx[~self.free])
         if at.system.method == IMPLICIT:
             self.pins.couple(at.system, at.work.y, dw, right)
         dw[self.free] = self.solve(at.work.A, right[self.free])
         if at.system.method == EXPLICIT:
-            dw[~self.free] = self.pins.sent(step, at.system, du.shape[1])
-        return dw + before
+            dw[~self.free] = self.pins.sent(step, at.system, before.shape[1])
+        return dw
 
     def start(self, at: Point) -> Array:
         """Make dx and dv those of the point, and return that of the velocity which the first iteration starts from."""
@@ -347,6 +367,8 @@ class TangentSweep:
         if self.contact_columns:
             to = w if system.method == IMPLICIT else at.v
             self.contact_columns.add(system, at.work, (at.u, to, at.later), dy, du, right)
+        if len(self.loads):
+            add_loads(by, place, self.loads, right)
         add_columns(place, self.vertices, by.by_mass[:, None], self.columns.mass, right)
         add_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
         add_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)

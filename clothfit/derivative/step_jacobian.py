@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Elements, Indices
-from clothfit.engine.forces import springs, total, wind
+from clothfit.engine.forces import contact, springs, total, wind
 from clothfit.engine.forces.faces import Faces, add_along
+from clothfit.engine.forces.selfcontact.zones import add_row
 from clothfit.engine.forces.springs import Springs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import implicit
@@ -87,6 +88,9 @@ class Jacobian(NamedTuple):
     by_mass: Array  # C of each mass, (n, 3): on its own vertex
     by_stiffness: Array  # C of each stiffness, (S, 2, 3): on the two ends of its spring
     by_rest: Array  # C of each rest length, (S, 2, 3); (0, 2, 3) where it is not asked for
+    by_load: Array  # of what pressed each vertex of a collider in the step before, (R, 3); (0, 3) without such
+    load_by_y: Array  # and what presses it in this one, by dy, (R, 3)
+    load_by_w: Array  # and by dw, in later iterations dw − du
     row: Elements  # scratch: C of one probe
     springs: Apart
     faces: Apart
@@ -98,12 +102,17 @@ def jacobian(system: System, near: Stencil, rest: bool = False, states: bool = T
     `rest` by the rest lengths as well.
     """
     n, count, blocks = len(system.x0), len(system.springs.rest), len(near.neighbour) if states else 0
+    kept = system.colliders if states and system.method >= IMPLICIT else None
+    loads = 0 if kept is None else kept.load.shape[1]
     return Jacobian(
         np.zeros((blocks, 3, 3)),
         np.zeros((blocks, 3, 3)),
         np.zeros((n, 3)),
         np.zeros((count, 2, 3)),
         np.zeros((count if rest else 0, 2, 3)),
+        np.zeros((loads, 3)),
+        np.zeros((loads, 3)),
+        np.zeros((loads, 3)),
         zeros(system, ["rest"] if rest else []),
         apart(system.springs.ends, near),
         apart(system.faces.corners, near),
@@ -129,6 +138,7 @@ def differentiate(system, x, v, w, u, later, work, out):
     if len(out.by_y) > 0:
         probe_faces(system, y, at, to, s, damped, out)
     probe_vertices(system, y, at, to, s, damped, out)
+    probe_loads(system.colliders, system.h, out)
     add(1.0, v, out.by_mass)
     add(-1.0, w, out.by_mass)
 
@@ -190,12 +200,38 @@ def probe_vertices(system, y, u, w, s, damped, out):
     for c in range(3):
         seed(part, 0, c)
         out.row.mass[:] = 0.0
+        contact.forget(system.colliders)
         total.add_pullback_alone(system, part.y, part.u, part.w, part.s, part.lam, h, out.row, part.gy, part.gu)
         if damped:
             total.add_damping_alone(system, part.y, part.u, h, part.lam, part.gu)
         keep(part, 0, c, 1.0, out)
         for i in range(len(out.by_mass)):
             out.by_mass[i, c] = out.row.mass[i]
+        keep_load(system.colliders, c, out)
+
+
+@kernel(absent=None)
+def keep_load(colliders, c, out):
+    """The same of what pressed vertices in the step before."""
+    for k in range(len(out.by_load)):
+        out.by_load[k, c] = colliders.of_load[0, k]
+
+
+@kernel(absent=None)
+def probe_loads(colliders, h, out):
+    """Write what presses vertices in a step; the vertices have what `probe_vertices` gave them."""
+    part = out.vertices
+    n = len(part.y)
+    for first in range(0, len(out.by_load), n):
+        for each in (part.lam, part.gy, part.gu):
+            each[:] = 0.0
+        contact.forget(colliders)
+        colliders.of_load[1, first : first + n] = 1.0
+        contact.add_pullback(colliders, part.y, part.u, part.w, part.s, part.lam, h, out.row, part.gy, part.gu)
+        contact.add_press(colliders, part.y, part.u, part.w, part.s, h, 1.0, part.gu)
+        copy(part.gy, out.load_by_y[first : first + n])
+        copy(part.gu, out.load_by_w[first : first + n])
+    contact.forget(colliders)
 
 
 @kernel
@@ -225,6 +261,38 @@ def keep(part, corner, c, scale, out):
             e, j = part.entry[i, corner, other], part.corners[i, other]
             add_along(out.by_y[e], c, scale, load3(part.gy, j))
             add_along(out.by_u[e], c, scale, load3(part.gu, j))
+
+
+@kernel
+def add_loads(by, place, loads, right):
+    """Add what the changes `loads` (R, Q) of what pressed vertices before have in the right-hand side (3 f, Q)."""
+    for k in range(len(loads)):
+        row = 3 * place[k % len(place)]
+        for c in range(3 if row >= 0 else 0):
+            add_row(by.by_load[k, c], loads[k], right[row + c])
+
+
+@kernel
+def change_loads(by, place, dy, dq, loads):
+    """Write the changes of what presses vertices in the step, for those of y and of the velocity (3 f, Q)."""
+    loads[:] = 0.0
+    for k in range(len(loads)):
+        row = 3 * place[k % len(place)]
+        for c in range(3 if row >= 0 else 0):
+            add_row(by.load_by_y[k, c], dy[row + c], loads[k])
+            add_row(by.load_by_w[k, c], dq[row + c], loads[k])
+
+
+@kernel(absent=None)
+def change_loads_globally(colliders, system, x, v, w, u, later, scratch, direction, q, loads):
+    """Add those of a change `direction` of elements that act everywhere to column q."""
+    (y, s, zero, _), h = scratch, system.h
+    zero[:] = 0.0
+    at, to = offset(system, x, v, w, u, later, y, s)
+    contact.push_press(colliders, y, at, to, s, zero, zero, direction, h)
+    for k in range(len(loads)):
+        loads[k, q] += colliders.of_load[1, k]
+    contact.forget(colliders)
 
 
 @kernel

@@ -136,7 +136,6 @@ def pressed(
     x, after, h = part.x[t], part.x[t + 1], whole.h
     march.begin(whole, part, t, work)
     part.euler[t], part.clamped[t] = not second, part.clamped[t] or safe
-    contact.clear(whole.colliders)
     system, attempt = bdf2.forms(forms.form(False, safe))[second], attempt_second if second else march.attempt
     first, pushing, rough = work.solution.copy(), NOBODY, tolerance < implicit.ROUGH
     middle, margin = x + h * first, 0.0  # a first guess is seldom so near that looking farther serves
@@ -152,12 +151,12 @@ def pressed(
             if part.clamped[t] or second:
                 return NO_PAIRS, march.REFUSED
             system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
-            contact.clear(whole.colliders)
+            contact.expect(whole.colliders, part, t)
             continue
         if not march.finite(after):
             return NO_PAIRS, march.FAILED
         turn += 1
-        contact.load_active(whole.colliders, part.active, t)  # with which it may begin anew
+        contact.load_active(whole.colliders, part, t)  # with which it may begin anew
         copy(part.w[t, part.used[t] - 1], first)
         pushing = numbers[on[part.used[t] - 1]]
         if np.linalg.norm(after - middle, axis=1).max() > margin:
@@ -295,6 +294,7 @@ class Ending:
         self.split()
         self.part.used[self.t] = used
         march.arrive(self.system, self.part.x[self.t], self.w, self.part.x[self.t + 1])
+        march.press_again(self.system.colliders, self.forms[0], self.part.bare(), self.t, self.work)
         self.separate()
 
     def split(self) -> None:
@@ -318,7 +318,7 @@ def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
     if Ending(forms.at(part, t), work, part, t).end_well(tolerance) and not part.clamped[t]:
         part.clamped[t], part.theta[t] = True, 1.0
         own = bdf2.forms(forms.at(part, t))[0]
-        contact.clear(own.colliders)
+        contact.expect(own.colliders, part, t)
         march.attempt(own, work, part, t, part.velocity(t).copy(), tolerance, part.w[t])  # which succeeds
         Ending(forms.at(part, t), work, part, t).end_well(tolerance)
 
@@ -359,7 +359,7 @@ def attempt_second(system, work, part, t, first, tolerance, iterates):
     used, iterations, direct, _, _, _ = bdf2.step(
         system, part.x[t], states.velocity(part, t), x_before, v_before, first, tolerance, work, iterates, part.x[t + 1]
     )
-    contact.save_active(system.colliders, part.active, t)
+    contact.save_active(system.colliders, part, t)
     march.count(part, t, used, iterations, direct)
     place_pins(system.inputs, system, part.x[t + 1])
     return used > 0

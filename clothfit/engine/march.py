@@ -46,7 +46,7 @@ def run(system, tolerance, work, part, start, stop):
     while t < stop:
         v = velocity(part, t)
         set_inputs(system.inputs, system, before + t)
-        contact.clear(system.colliders)
+        contact.expect(system.colliders, part, t)
         now, given = implicit.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
         if t > start:
             given += power(system.inputs, before + t - 1, v)
@@ -68,7 +68,7 @@ def run(system, tolerance, work, part, start, stop):
             solves[t] = 0
         taken, iterations, direct = implicit.step(system, x[t], v, first, tolerance, work, w[t])
         count(part, t, taken, iterations, direct)
-        contact.save_active(system.colliders, part.active, t)
+        contact.save_active(system.colliders, part, t)
         theta[t], capped[t], part.predicted[t] = 1.0, safe, False
         if used[t] == 0:
             return t, REFUSED
@@ -94,9 +94,9 @@ def run_explicit(system, part, start, stop):
     """What `run` does, for the explicit methods: no step is refused, and none is taken anew."""
     for t in range(start, stop):
         set_inputs(system.inputs, system, part.first + t)
-        contact.clear(system.colliders)
+        contact.expect(system.colliders, part, t)
         explicit.step(system, part.x[t], velocity(part, t), part.w[t, 0], part.x[t + 1])
-        contact.save_active(system.colliders, part.active, t)
+        contact.save_active(system.colliders, part, t)
         part.used[t], part.theta[t], part.predicted[t] = 1, 1.0, False
         place_pins(system.inputs, system, part.x[t + 1])
         if not finite(part.x[t + 1]):
@@ -113,6 +113,7 @@ def begin(system, part, t, work):
     part.theta[t], part.clamped[t], part.predicted[t] = 1.0, system.springs.cap <= 1.0, False
     part.hit[t], part.euler[t] = False, True
     part.guard_state[t + 1, guard.POWER] = 0.0
+    contact.expect(system.colliders, part, t)
     if not part.clamped[t]:
         part.solves[t] = 0
         copy(velocity(part, t), work.solution)
@@ -127,7 +128,7 @@ def attempt(system, work, part, t, first, tolerance, iterates):
     v = velocity(part, t)
     implicit.prepare(system, part.x[t], v, work)
     used, iterations, direct = implicit.step(system, part.x[t], v, first, tolerance, work, iterates)
-    contact.save_active(system.colliders, part.active, t)
+    contact.save_active(system.colliders, part, t)
     count(part, t, used, iterations, direct)
     if used > 0:
         arrive(system, part.x[t], iterates[used - 1], part.x[t + 1])
@@ -174,7 +175,7 @@ def retake(predictive, tolerance, work, part, t):
     x, v, bound = part.x, velocity(part, t), part.guard_state[t, guard.BOUND]
     energy = guard.energy(predictive, x[t], v)
     part.predicted[t], part.clamped[t] = True, predictive.springs.cap <= 1.0
-    contact.clear(predictive.colliders)
+    contact.expect(predictive.colliders, part, t)
     if not attempt(predictive, work, part, t, v, tolerance, part.w[t, :1]):
         return REFUSED
     w = part.w[t, 0]
@@ -199,16 +200,15 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         v = velocity(part, t)
         begin(euler, part, t, work)
         part.euler[t] = part.theta[t - 1] < 1.0 or part.predicted[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
-        contact.clear(euler.colliders)
         if not part.euler[t]:
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded, watched)
-            contact.save_active(euler.colliders, part.active, t)
+            contact.save_active(euler.colliders, part, t)
             if part.used[t] == 0:
                 return t, REFUSED
             if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
                 continue
             part.euler[t] = True
-            contact.clear(euler.colliders)
+            contact.expect(euler.colliders, part, t)
         if not attempt(euler, work, part, t, work.solution, tolerance, part.w[t]):
             return t, REFUSED
         w = velocity(part, t + 1)
@@ -292,15 +292,27 @@ def go_on(system, tolerance, work, part, t):
     if k == len(w):
         return False
     set_inputs(system.inputs, system, part.first + t)
-    contact.load_active(system.colliders, part.active, t)
+    contact.load_active(system.colliders, part, t)
     ended, iterations, direct = implicit.iterate_on(system, x, velocity(part, t), k, tolerance, work, w)
-    contact.save_active(system.colliders, part.active, t)
+    contact.save_active(system.colliders, part, t)
     count(part, t, k, iterations, direct)
     if ended != implicit.SOLVED or not finite(w[k]):
         return False
     part.used[t] = k + 1
     arrive(system, x, w[k], part.x[t + 1])
     return True
+
+
+@kernel(absent=None)
+def press_again(colliders, system, part, t, work):
+    """Note what presses vertices at the end of Euler step t, which is whole and ends with another iteration."""
+    last, w = part.used[t] - 1, part.w[t]
+    u = velocity(part, t) if last == 0 else w[last - 1]
+    contact.load_active(colliders, part, t)
+    contact.turn_to(colliders, last)
+    implicit.offset(system, part.x[t], w[last], u, last > 0, work.y, work.s)
+    contact.press(colliders, work.y, u, w[last], work.s, system.h)
+    contact.save_load(colliders, part, t)
 
 
 @kernel

@@ -47,7 +47,7 @@ class Rollout(NamedTuple):
     euler: Flags  # (T,), steps of a BDF2 motion that are implicit Euler steps (`step.bdf2`)
     predicted: Flags  # (T,), steps that knew the contacts they begin, as they would have added energy (`step.guard`)
     hit: Flags  # (T,), implicit Euler steps of a BDF2 motion in which the cloth hits something (`march.hits`)
-    guard_state: Array  # (T + 1, 2), of each state: the BOUND and the mean POWER that led to it (`step.guard`)
+    guard_state: Array  # (T + 1, 2 + R), of each state: BOUND and the mean POWER that led to it (`step.guard`), loads
     v: Array  # (n, 3), velocity before the first of the steps, m/s
     x_before: Array  # (n, 3), position one step before that, m; any, where nothing was before
     v_before: Array  # (n, 3), the velocity there, m/s
@@ -140,7 +140,7 @@ def empty(system: System, steps: int) -> Rollout:
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
     used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
-    flags, guard_state = np.zeros((4, steps), bool), np.tile(guard.START, (steps + 1, 1))
+    flags, guard_state = np.zeros((4, steps), bool), np.tile(guard.start(system), (steps + 1, 1))
     start = system.v0, system.x0, system.v0, system.newton_iterations
     made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], flags[3], guard_state, *start)
     if system.colliders is not None:
@@ -160,7 +160,7 @@ def state_bytes(system: System) -> int:
     colliders, iterations, met = system.colliders, iterations_of(system), 0
     if colliders is not None:
         iterations = min(iterations, system.newton_iterations + len(colliders.bodies.moves))
-        met = iterations * colliders.on.shape[1]
+        met = (iterations + 8) * colliders.on.shape[1]
     return 24 * len(system.x0) * (1 + iterations) + 31 + met
 
 

@@ -52,7 +52,7 @@ class Snapshot(NamedTuple):
     x_before: Array  # (n, 3), m, one step before; any, at the start
     v_before: Array  # (n, 3), m/s
     ready: bool  # whether the next step can be a BDF2 step
-    guard_state: Array  # (2,), of `Rollout.guard_state`
+    guard_state: Array  # (2 + R,), of `Rollout.guard_state`
     past: guess.Past  # solutions of the last steps, for the first guesses
 
 
@@ -94,7 +94,7 @@ class Tape:
         self._room: Rollout | None = None
         self._held: Held | None = None
         x, v = system.x0, system.v0
-        self._kept = {0: Snapshot(0, x, v, x, v, False, guard.START, self.work.past)}  # the first guess knows nothing
+        self._kept = {0: Snapshot(0, x, v, x, v, False, guard.start(system), self.work.past)}
 
     @property
     def shape(self) -> Array:

@@ -34,7 +34,7 @@ from clothfit.kernels.vectors import combine, dot
 def power(euler, inner, part, t, second, work):
     """What moves does at the end of step t of a part, W; a `second` order step is one of BDF2."""
     set_inputs(euler.inputs, euler, part.first + t)
-    contact.load_active(euler.colliders, part.active, t)
+    contact.load_active(euler.colliders, part, t)
     x, v, w, last = part.x[t], velocity(part, t), velocities(part, t), part.used[t] - 1
     contact.turn_to(euler.colliders, last)
     if second:
@@ -81,7 +81,7 @@ def moved(inputs, euler, inner, part, t, second, w, work):
 def explicit_power(system, part, t, work):
     """The same for explicit methods, whose forces are those before the step."""
     set_inputs(system.inputs, system, part.first + t)
-    contact.load_active(system.colliders, part.active, t)
+    contact.load_active(system.colliders, part, t)
     v = velocity(part, t)
     combine(1.0, part.x[t], 0.0, v, work.y)
     work.s[:] = 0.0

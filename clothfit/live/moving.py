@@ -17,7 +17,7 @@ import numpy as np
 from clothfit.base import memory
 from clothfit.base.arrays import Array, Elements
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.forces import applied
+from clothfit.engine.forces import applied, contact
 from clothfit.engine.rollout import empty, fill
 from clothfit.engine.step import guard, implicit
 from clothfit.engine.system import BDF2, build, with_elements
@@ -54,7 +54,7 @@ class Moving:
         self._rows = min(ROWS, max(TABLES // row_bytes(scene, index), FEWEST))
         self._prepare(scene)
         self.x, self.v = self.system.x0.copy(), self.system.v0.copy()
-        self._before, self._ready, self._guard_state = (self.x, self.v), False, guard.START.copy()
+        self._before, self._ready, self._guard_state = (self.x, self.v), False, guard.start(self.system)
 
     def _prepare(self, scene: Scene) -> None:
         """Make the system and its memory for a scene."""
@@ -108,6 +108,7 @@ class Moving:
     def rebuild(self, scene: Scene) -> None:
         """Go on in a scene whose pins or obstacles differ, or whose tables are to be longer."""
         self._prepare(scene)
+        self._guard_state = np.append(self._guard_state[: contact.BESIDE], guard.start(self.system)[contact.BESIDE :])
         still = ~self.system.vertex.free
         self.v = np.where(still[:, None], 0.0, self.v)
         self._hold(self.grip)

@@ -99,8 +99,10 @@ def balances(system: System, track: Track, exact: bool = True, forms: Forms | No
     n, springs = len(system.x0), len(system.springs.rest)
     r, mass, stiffness = (np.zeros((steps, *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
     x, v = np.ascontiguousarray(track.x), velocities(system, track.x, euler)
-    valid, pressing = valid_rows(system, near, track, v, euler), dict[int, Indices]()
+    (valid, loads), pressing = valid_rows(system, near, track, v, euler), dict[int, Indices]()
     valid[forms.more > 0] = False  # positions do not show where its last iteration begins
+    if loads.shape[1]:
+        valid[1:][forms.more[:-1] > 0] = False
     if system.surface and meets_itself(system):
         if exact and system.method >= IMPLICIT:
             pressing = pressing_pairs(system, x, v, euler, valid)
@@ -111,13 +113,13 @@ def balances(system: System, track: Track, exact: bool = True, forms: Forms | No
     memory = implicit.workspace(system), jacobian(system, near, states=False)
     contact.clear(system.colliders)
     for part in chunks(out):
-        fill(*both(system), x, v, w, euler, part.start, *memory, of_steps(out, part))
+        fill(*both(system), x, v, w, euler, loads, part.start, *memory, of_steps(out, part))
     for t in np.union1d(np.flatnonzero(forms.clamped | forms.predicted), list(pressing)).astype(int).tolist():
         interrupts.check()
         form, room = Taken(system).form(bool(forms.predicted[t]), bool(forms.clamped[t])), memory[0]
         if t in pressing:
             form, room = contact_steps.with_pairs(form, room, contact_steps.surface_of(system, t), x[t], pressing[t])
-        fill(*both(form), x, v, w, euler, t, room, memory[1], of_steps(out, slice(t, t + 1)))
+        fill(*both(form), x, v, w, euler, loads, t, room, memory[1], of_steps(out, slice(t, t + 1)))
     return out
 
 
@@ -155,8 +157,10 @@ def velocities(system: System, x: Array, euler: Flags) -> Array:
     return np.concatenate([moved, moved[-1:]] if system.method == EXPLICIT else [rest, moved])
 
 
-def valid_rows(system: System, near: Stencil, track: Track, v: Array, euler: Flags) -> Flags:
-    """Which rows (T, n) have all their positions seen: of a free vertex and its neighbours, at three steps or five."""
+def valid_rows(system: System, near: Stencil, track: Track, v: Array, euler: Flags) -> tuple[Flags, Array]:
+    """Which rows (T, n) have all their positions seen: of a free vertex and its neighbours, at three steps or five; and
+    the loads of `active_rows`.
+    """
     from scipy.sparse import csr_array
 
     steps = len(euler)
@@ -169,9 +173,12 @@ def valid_rows(system: System, near: Stencil, track: Track, v: Array, euler: Fla
         bad |= missing[2 : steps + 2]
     for back in {EXPLICIT: (), BDF2: (1, 2, 3)}.get(system.method, (1,)):
         bad[back:] |= missing[: max(steps - back, 0)]
+    loads = np.zeros((steps + 1, 0))
     if system.colliders is not None and system.method >= IMPLICIT and len(system.colliders.rows):
-        bad |= active_rows(system, system.colliders, track.x, v, euler)
-    return np.ascontiguousarray(~bad & system.vertex.free)  # in one order, however few steps: to compile once for
+        met, loads = active_rows(system, system.colliders, track.x, v, euler)
+        bad |= met
+        bad[1:] |= met[:-1]
+    return np.ascontiguousarray(~bad & system.vertex.free), loads  # in one order, to compile once for all
 
 
 def begun(system: System, x: Array, v: Array, t: int, euler: bool) -> Array:
@@ -181,18 +188,26 @@ def begun(system: System, x: Array, v: Array, t: int, euler: bool) -> Array:
     return np.asarray(x[t] + (x[t] - x[t - 1] + 2.0 * system.h * (2.0 * v[t] - v[t - 1])) / 3.0)
 
 
-def active_rows(system: System, colliders: collider_rows.Colliders, x: Array, v: Array, euler: Flags) -> Flags:
+def active_rows(
+    system: System, colliders: collider_rows.Colliders, x: Array, v: Array, euler: Flags
+) -> tuple[Flags, Array]:
     """Which rows (T, n) belong to vertices that may only end their step in a collider (`forces.contact`): whether the
-    step knew them, the positions do not show.
+    step knew them, the positions do not show; and what pressed the others in the step before (T + 1, R), N.
     """
     met = np.zeros((len(euler), x.shape[1]), bool)
+    loads = np.full((len(euler) + 1, colliders.load.shape[1]), -1.0)
+    late, stiffness = system.newton_iterations > 1, np.repeat(colliders.stiffness, x.shape[1])
     for t, first_order in enumerate(euler):
         set_inputs(system.inputs, system, t)
         y = begun(system, x, v, t, first_order)
         collider_rows.begin(colliders, system.h if first_order else 0.0)
         depth, left = contact.depths_along(colliders, y, np.ascontiguousarray(x[t + 1]))
         met[t] = ((depth <= 0) & (left > 0)).reshape(-1, len(y)).any(axis=0)
-    return met
+        if late:
+            collider_rows.begin(colliders, 0.0)
+            left = contact.depths_along(colliders, *(np.ascontiguousarray(x[t + 1]),) * 2)[0]
+        loads[t + 1] = stiffness * np.maximum(left, 0.0)
+    return met, loads
 
 
 def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
@@ -232,7 +247,7 @@ def pressing_pairs(system: System, x: Array, v: Array, euler: Flags, valid: Flag
 
 
 @kernel(nogil=True)
-def fill(system, inner, x, v, w, euler, first, work, step, out):
+def fill(system, inner, x, v, w, euler, loads, first, work, step, out):
     """Write the rows of K steps from the `first` on, which are solved by w (T, n, 3): of steps that are not `euler`
     (T,) with the `inner` system.
     """
@@ -240,6 +255,7 @@ def fill(system, inner, x, v, w, euler, first, work, step, out):
     for k in range(len(out.residual)):
         t = first + k
         set_inputs(system.inputs, system, t)
+        contact.set_load(system.colliders, loads[t])
         now = (out.residual[k], out.mass[k], out.stiffness[k])
         if euler[t]:
             write_row(system, x[t], v[t], w[t] if late else v[t], w[t], late, work, step, now)

@@ -219,7 +219,7 @@ def test_what_the_step_knew_or_does_not_reach_is_not_met():
         assert not rollout(build(flat(y, speed, 0.01, colliders=[FLOOR]), 0), 1, TIGHT)[0].active.any()
 
 
-def over(turning, method="implicit", newton=1, frames=3):
+def over(turning, method="implicit", newton=1, frames=3, fall=4.1):
     """A sheet that falls on a floor, or along one side of a valley and into the other."""
     one = sheet("LL", vertIsFixed=[False] * 9, damping=0.1)
     x = np.array([[0.04 * p["x"], 0.0, 0.1 * p["z"]] for p in one["vertPos"]])
@@ -227,7 +227,7 @@ def over(turning, method="implicit", newton=1, frames=3):
     x[:, 1] = 0.013 + 2e-4 * np.arange(9)
     v = np.array([(1.0 + 0.1 * i, 0.0, 0.3) for i in range(9)])
     if turning:
-        x, v = x @ TURN.T + [-0.08, 0.08, 0.0], np.array([(4.0 + 0.02 * i, -4.1, 0.3) for i in range(9)])
+        x, v = x @ TURN.T + [-0.08, 0.08, 0.0], np.array([(4.0 + 0.02 * i, -fall, 0.3) for i in range(9)])
     one["vertPos"], one["vertVel"] = [xyz(p) for p in x], [xyz(p) for p in v]
     one.pop("springRestLength", None)
     return scene(
@@ -244,7 +244,7 @@ TURNS = [("implicit", 1, False), ("implicit", 1, True), ("implicit", 3, True), (
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "newton", "turning"), TURNS)
 def test_gradient_and_tangent_of_contacts_that_a_step_ends_in(method, newton, turning):
-    made = over(turning, method, newton)
+    made = over(turning, method, newton, fall=4.0 if newton > 1 else 4.1)  # a speed at which few contacts switch
     part = rollout(build(made, 0), 2, TIGHT)[0]
     assert part.active.any() or turning
     assert (part.used > newton).any() == turning  # the other side is no part of what the first solution knows

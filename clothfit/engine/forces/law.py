@@ -3,7 +3,7 @@
 Who touches is a row: of a vertex at a collider, or of the closest points of two parts of a cloth. It has a normal n, a
 depth d, a stiffness κ, N/m, and a coefficient of friction μ. Where its two sides go past each other at U, the one feels
 
-    f = κ d n − γ P U,   γ = μ κ max(d, 0)/q,   q = sqrt(|P U|² + ε²),   P = I − n nᵀ,   K = −κ n nᵀ,   D = −γ P:
+    f = κ d n − γ P U,   γ = μ N/q,   q = sqrt(|P U|² + ε²),   P = I − n nᵀ,   K = −κ n nᵀ,   D = −γ P:
 
 Coulomb's friction, of which the part |P U|/q acts at slow speeds. The step's model keeps γ as it is at (y, u): for the
 way S past each other from y on, and the velocity Z at the end,
@@ -11,11 +11,12 @@ way S past each other from y on, and the velocity Z at the end,
     T = κ (d − n·S) n − γ P Z,
 
 so that D is negative semi-definite and the step stable, however long it is. That γ lags behind costs μ h |g| of speed
-where a vertex starts to slide, and nothing once its velocity stays, or with several Newton iterations. With
-the distance δ, dd = −dδ,
+where a vertex starts to slide, and nothing once its velocity stays, or with several Newton iterations. N is κ max(d, 0)
+or, in implicit steps at colliders, the load: the push κ (d − n·S) of the step before, by its model. Where a surface is
+curved, the depth at which a step is linearised is off by u² h²/2R, mostly far more than the weight of a cloth presses
+it in, but the push of a step balances that. With the distance δ, dd = −dδ,
 
-    dq = P U·(dU − (n·U) dn)/q,    d(P Z) = P dZ − (n·Z) dn − (Z·dn) n,
-    dγ = (κ dμ + μ dκ) max(d, 0)/q − γ (dδ/d + dq/q).
+    dq = P U·(dU − (n·U) dn)/q,    d(P Z) = P dZ − (n·Z) dn − (Z·dn) n,    dγ = (N dμ + μ dN)/q − γ dq/q.
 
 What a shape gives is n, d, U, S and Z, and how they change with the vertices: `contact` has the forces.
 """
@@ -56,7 +57,13 @@ def rubbing(push, mu, n, U):
     """q, and γ for a push κ d."""
     along = across(n, U)
     q = sqrt(dot(along, along) + STICTION_SPEED * STICTION_SPEED)
-    return q, mu * max(push, 0.0) / q
+    return q, mu * push / q
+
+
+@kernel
+def pressing(load, push):
+    """N of friction: the load, N, or where that is not known, < 0, the push κ d."""
+    return load if load >= 0.0 else max(push, 0.0)
 
 
 @kernel
@@ -79,33 +86,46 @@ def turning(h, push, depth):
 
 
 @kernel
-def pull(row, S, Z, L):
-    """The gradients of L·T by n, U, S, Z and L, and those by δ, μ and κ, of a row (κ, μ, d, n, U)."""
+def pull(row, S, Z, L, made):
+    """The gradients of L·T by n, U, S, Z and L, and those by δ, μ, κ and the load, of a row (κ, μ, d, n, U, load);
+    `made` is the gradient by the push κ (d − n·S) of its model, which it hands to the next step.
+    """
     # L·T = κ (d − n·S) ν − γ π,  ν = n·L,  π = L·P Z
-    kappa, mu, depth, n, U = row
-    q, gamma = rubbing(kappa * depth, mu, n, U)
+    kappa, mu, depth, n, U, load = row
+    q, gamma = rubbing(pressing(load, kappa * depth), mu, n, U)
     nu, left, along = dot(n, L), depth - dot(n, S), dot(n, Z)
-    pi = dot(L, Z) - nu * along
-    rub = max(depth, 0.0) / q * pi
+    pi, by_push = dot(L, Z) - nu * along, nu + made
+    rub = mu / q * pi
     by_U = mul(splat(gamma * pi / (q * q)), across(n, U))
-    by_n = fma(splat(-kappa * nu), S, mul(splat(kappa * left + gamma * along), L))
+    by_n = fma(splat(-kappa * by_push), S, mul(splat(kappa * left + gamma * along), L))
     by_n = fma(splat(gamma * nu), Z, fma(splat(-dot(n, U)), by_U, by_n))
-    by_S, by_Z = mul(splat(-kappa * nu), n), mul(splat(-gamma), across(n, L))
-    by_delta = (gamma * pi / depth if depth > 0.0 else 0.0) - kappa * nu
-    return (by_n, by_U, by_S, by_Z, force(kappa * left, gamma, n, Z)), (by_delta, -kappa * rub, left * nu - mu * rub)
+    by_S, by_Z = mul(splat(-kappa * by_push), n), mul(splat(-gamma), across(n, L))
+    by_depth = rub if load < 0.0 and depth > 0.0 else 0.0
+    by_mu, by_kappa = -pressing(load, kappa * depth) / q * pi, left * by_push - by_depth * depth
+    by_law = kappa * (by_depth - by_push), by_mu, by_kappa, -rub
+    return (by_n, by_U, by_S, by_Z, force(kappa * left, gamma, n, Z)), by_law
 
 
 @kernel
-def change(row, S, Z, moved, dmu, dkappa):
-    """T and dT of a row (κ, μ, d, n, U) for dn, dδ, dU, dS and dZ, `moved`, dμ and dκ."""
-    kappa, mu, depth, n, U = row
+def change(row, S, Z, moved, dmu, dkappa, dload):
+    """T and dT of a row (κ, μ, d, n, U, load) for dn, dδ, dU, dS and dZ, `moved`, dμ, dκ and that of the load."""
+    kappa, mu, depth, n, U, load = row
     dn, ddelta, dU, dS, dZ = moved
-    q, gamma = rubbing(kappa * depth, mu, n, U)
+    pushes = pressing(load, kappa * depth)
+    q, gamma = rubbing(pushes, mu, n, U)
     left = depth - dot(n, S)
     dq = dot(across(n, U), fma(splat(-dot(n, U)), dn, dU)) / q
-    dgamma = (dmu * kappa + mu * dkappa) * max(depth, 0.0) / q - gamma / q * dq
-    dgamma -= gamma / depth * ddelta if depth > 0.0 else 0.0
-    dT = force(dkappa * left - kappa * (ddelta + dot(dn, S) + dot(n, dS)), dgamma, n, Z)
+    if load < 0.0:
+        dload = dkappa * depth - kappa * ddelta if depth > 0.0 else 0.0
+    dgamma = (dmu * pushes + mu * dload) / q - gamma / q * dq
+    dT = force(pushed(kappa, left, n, S, (dn, ddelta, dS), dkappa), dgamma, n, Z)
     dT = fma(splat(kappa * left + gamma * dot(n, Z)), dn, dT)
     dT = fma(splat(gamma * dot(dn, Z)), n, fma(splat(-gamma), across(n, dZ), dT))
     return force(kappa * left, gamma, n, Z), dT
+
+
+@kernel
+def pushed(kappa, left, n, S, moved, dkappa):
+    """The change of the push κ (d − n·S) for dn, dδ and dS, `moved`, and dκ."""
+    dn, ddelta, dS = moved
+    return dkappa * left - kappa * (ddelta + dot(dn, S) + dot(n, dS))

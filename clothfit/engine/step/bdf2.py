@@ -94,6 +94,7 @@ def pullback(inner, x, v, x_before, v_before, w, used, tolerance, work, x_bar, v
     extrapolate(inner.h, x, v, x_before, v_before, work)
     combine(1.0, v_bar, inner.h, x_bar, work.w_bar)
     v_bar[:] = 0.0
+    contact.hand(inner.colliders, True)
     for k in range(used - 1, -1, -1):
         u = work.u if k == 0 else w[k - 1]
         contact.turn_to(inner.colliders, k)
@@ -124,6 +125,7 @@ def pushforward(inner, x, v, x_before, v_before, w, used, tolerance, work, dx, d
     ahead(1.0, dv, dv_before, work.gu)
     shift_by(1.0 / 3.0, dx, dx_before)
     shift_by(1.0 / 3.0, dv, dv_before)
+    contact.hand(inner.colliders, False)
     for k in range(used):
         u = work.u if k == 0 else w[k - 1]
         if k > 0:

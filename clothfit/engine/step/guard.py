@@ -29,11 +29,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from clothfit.base.arrays import Array
 from clothfit.engine.forces import springs, total
 from clothfit.engine.forces.collider_rows import lets_go
 from clothfit.engine.forces.spheres import contact
 from clothfit.engine.inputs.tables import draws, energetic, power
-from clothfit.engine.system import IMPLICIT
+from clothfit.engine.system import IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub, sum3
 from clothfit.kernels.vectors import combine, dot, vector
@@ -55,11 +56,14 @@ comes from, where something moves.
 
 BOUND, POWER = 0, 1
 """What a step hands to the next one beside its state: the energy that contacts may bring it to, J, −∞ for that of the
-state; and the mean power of what moves, and of the wind, W, in a step where that may bring energy.
+state; and the mean power of what moves, and of the wind, W, in a step where that may bring energy. Behind these
+stands what has pressed each vertex of a collider, N (`forces.contact`).
 """
 
-START = np.array([-np.inf, 0.0])
-"""What the first step is handed."""
+def start(system: System) -> Array:
+    """What the first step is handed, (2 + R,)."""
+    count = 0 if system.colliders is None else len(system.colliders.depth)
+    return np.append([-np.inf, 0.0], np.full(count, -1.0))
 
 NONE, SPRINGS, CONTACTS = 0, 1, 2
 """What added energy in a step."""

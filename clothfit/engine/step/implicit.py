@@ -189,7 +189,17 @@ def iterate(system, x, v, k, first, tolerance, work, iterates):
         return ENOUGH, iterations, direct
     at = x, work.y, work.u if k == 0 else iterates[k - 1], iterates[k]
     more, more_direct, solved = solve_again(system.colliders, system, at, rough, tolerance, work, anyhow)
+    press(system.colliders, system, at, work.s)
     return SOLVED if solved else INDEFINITE, iterations + more, direct + more_direct
+
+
+@kernel(absent=None)
+def press(colliders, system, at, s):
+    """Note what presses vertices at the end of an iteration; `at` is as for `contact.update_active`."""
+    x, y, u, w = at
+    combine(1.0, x, system.h, w, s)
+    add(-1.0, y, s)
+    contact.press(colliders, y, u, w, s, system.h)
 
 
 @kernel
@@ -297,6 +307,7 @@ def pullback(system, x, v, iterates, used, theta, tolerance, work, x_bar, v_bar,
     """
     combine(theta, v_bar, theta * system.h, x_bar, work.w_bar)
     v_bar[:] = 0.0
+    contact.hand(system.colliders, True)
     for k in range(used - 1, -1, -1):
         u = v if k == 0 else iterates[k - 1]
         contact.turn_to(system.colliders, k)
@@ -315,6 +326,7 @@ def pull_iteration(system, x, v, w, u, later, tolerance, work, x_bar, v_bar, gra
     A, b, y, s, lam, gy, gu = work.A, work.b, work.y, work.s, work.solution, work.gy, work.gu
     w_bar = work.w_bar
     linearise(system, x, w, u, later, A, work.nothing, y, s)
+    contact.add_press(system.colliders, y, u, w, s, h, 1.0, w_bar)
     copy(w_bar, b)
     hold_fixed(free, b)
     linear.solve(A, b, tolerance, work.solver, lam, True)
@@ -333,7 +345,9 @@ def pull_iteration(system, x, v, w, u, later, tolerance, work, x_bar, v_bar, gra
         total.add_damping(system, y, u, h, lam, w_bar)
         add(h, gy, w_bar)
         add(1.0, gu, w_bar)
+        contact.add_press(system.colliders, y, u, w, s, h, -1.0, w_bar)
         pull_through(system.inputs, b, w_bar)
+    contact.end_press(system.colliders)
 
 
 @kernel
@@ -363,6 +377,7 @@ def pushforward(system, x, v, iterates, used, theta, tolerance, work, dx, dv, di
 
     work.solution holds a first guess of dw and receives dw of the last iteration.
     """
+    contact.hand(system.colliders, False)
     for k in range(used):
         u = v if k == 0 else iterates[k - 1]
         copy(dv if k == 0 else work.solution, work.gu)
@@ -397,3 +412,13 @@ def push_iteration(system, x, v, w, u, later, tolerance, work, dx, dv, direction
     hold_fixed(free, b)
     linear.solve(A, b, tolerance, work.solver, dw, True)
     move_pins(system.inputs, system, dx, dw)
+    push_press(system.colliders, system, (x, w, u), later, y, s, dy, du, dw, direction, b)
+
+
+@kernel(absent=None)
+def push_press(colliders, system, at, later, y, s, dy, du, dw, direction, dq):
+    """Set the changes of what presses vertices at the end of an iteration; s and dq (n, 3) are scratch."""
+    x, w, u = at
+    offset(system, x, w, u, later, y, s)  # pins have written to s
+    combine(1.0, dw, -1.0 if later else 0.0, du, dq)
+    contact.push_press(colliders, y, u, w, s, dy, dq, direction, system.h)

@@ -23,6 +23,7 @@ from clothfit.engine.forces import contact
 from clothfit.engine.solve.sparse import XX, XY, XZ, YY, YZ, ZZ
 from clothfit.engine.step import bdf2
 from clothfit.kernels.kernel import kernel
+from clothfit.kernels.vectors import add, combine, copy_row
 from clothfit.subspace import translation
 from clothfit.subspace.physics import samples
 from clothfit.subspace.physics.dense import PANEL, ROOM, add_matrix, add_vectors, factorise, products, solve
@@ -70,6 +71,7 @@ class State(NamedTuple):
 
     q: Array  # (2, r), the coordinates, and those one step before
     p: Array  # (2, r), the velocities, 1/s
+    load: Array  # (R,), N, what pressed vertices at colliders in the step before, −1 at the start (`forces.contact`)
 
 
 @kernel
@@ -90,6 +92,7 @@ def march(forces, lay, fixed, work, state, t, out):
 def take_step(forces, lay, fixed, work, state, t):
     """One step."""
     samples.begin(forces[FREE], t)
+    contact.set_load(forces[FREE].colliders, state.load)
     second = fixed.second and t > 0
     h = 2.0 / 3.0 * fixed.h if second else fixed.h
     samples.place_pins(fixed, work.pins, t, second, h)
@@ -117,6 +120,7 @@ def take_step(forces, lay, fixed, work, state, t):
         solved = solved and solve_again(forces[kind], lay, fixed, work, h, ahead)
         if not solved:
             w[:] = np.nan
+    press(forces[FREE].colliders, lay, fixed, work, h, second or fixed.iterations > 1, state.load)
     for c in range(r):
         q[1, c], p[1, c] = q[0, c], p[0, c]
         q[0, c], p[0, c] = base[0, c] + h * w[c], w[c]
@@ -171,17 +175,35 @@ def solve_again(own, lay, fixed, work, h, ahead):
     return True
 
 
-@kernel(empty=0, apart=0)
-def meet(colliders, lay, fixed, work, h, ahead, drops):
-    """Add the contacts that the guess ends in to the blocks; returns how many there are (`contact.update_active`)."""
-    f, reach = lay.ends[1], h if ahead else 0.0
+@kernel
+def place_ends(lay, fixed, work, h, ahead):
+    """Where the points begin, and the velocity with which the guess moves them."""
+    reach = h if ahead else 0.0
     for c in range(len(work.now)):
         work.x[2, c] = work.now[c]
     place_copies(lay, fixed, work)
     samples.spread(lay, work.at[2], work.w)
-    for i in range(f, len(work.y)):
+    for i in range(lay.ends[1], len(work.y)):
         for c in range(3):
             work.begin[i, c] = work.y[i, c] - reach * work.u[i, c]
+
+
+@kernel(absent=None)
+def press(colliders, lay, fixed, work, h, ahead, load):
+    """Note what presses vertices at the end of a step."""
+    place_ends(lay, fixed, work, h, ahead)
+    f = lay.ends[1]
+    combine(1.0, work.begin, h, work.w, work.end)
+    add(-1.0, work.y, work.end)
+    contact.press(colliders, work.y[f:], work.u[f:], work.w[f:], work.end[f:], h)
+    copy_row(colliders.load[1], load)
+
+
+@kernel(empty=0, apart=0)
+def meet(colliders, lay, fixed, work, h, ahead, drops):
+    """Add the contacts that the guess ends in to the blocks; returns how many there are (`contact.update_active`)."""
+    place_ends(lay, fixed, work, h, ahead)
+    f = lay.ends[1]
     at = work.begin[f:], work.y[f:], work.u[f:], work.w[f:]
     blocks = samples.Blocks(work.A.diagonal[f:], work.A.upper)
     return contact.update_active(colliders, work.free, at, h, work.end[f:], drops, blocks, work.b[f:])
@@ -258,7 +280,8 @@ class March:
         self.work: Work = workspace(own) if beside is None else beside.work
         start = translation.start_velocity(own.system, own.basis)
         self.t = 0
-        self.state = State(np.zeros((2, own.r)), np.stack([start] * 2))
+        count = 0 if own.own.colliders is None else len(own.own.colliders.depth)
+        self.state = State(np.zeros((2, own.r)), np.stack([start] * 2), np.full(count, -1.0))
 
     def take(self, out: Array) -> int:
         """Take a step for each row of out (steps, r), coordinates; returns how many there were until they went too

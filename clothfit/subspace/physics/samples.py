@@ -193,7 +193,8 @@ def of_vertices(own: collider_rows.Colliders | None, vertices: Indices) -> colli
     places = (np.arange(count)[:, None] * (len(own.depth) // max(count, 1)) + vertices).ravel()
     part = {name: getattr(own, name)[places] for name in ("depth", "point", "origin")}
     whole = {name: getattr(own, name).copy() for name in ("rows", "turn", "span", "posed")}
-    return own._replace(**part, **whole, on=np.ascontiguousarray(own.on[:, places]), bodies=meshes)
+    part |= {name: np.ascontiguousarray(getattr(own, name)[:, places]) for name in ("on", "load", "of_load")}
+    return own._replace(**part, **whole, bodies=meshes)
 
 
 def blocks(layout: Layout) -> Blocks:

@@ -79,6 +79,16 @@ def most(contact, y, k):
 
 
 @kernel
+def load(contact, k):
+    return -1.0, 0.0, 0.0
+
+
+@kernel
+def give_load(contact, k, by_load):
+    return None
+
+
+@kernel
 def thick(contact, y, k):
     """Whether a pair passes through is asked instead."""
     return np.inf
