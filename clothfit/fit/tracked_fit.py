@@ -543,7 +543,7 @@ def nearer(
 ) -> Scene:  # fmt: skip
     """The scene with the values that some steps lead to; the same object where none is taken. What is hardly shown
     stays near those of `about`, by default its own; where cloths are `pulled`, as in continuation. From values that are
-    `far` off, where distances of cloths that buckle otherwise are rough, few values go to where a simplex leads as well.
+    `far` off, where distances of cloths that buckle otherwise are rough, few go where a simplex leads, too.
     """
     objective = objective_of(few, [experiment(few, *each) for each in given], options)
     search = Search(objective, parameters(few), 0.0, options.max_evaluations, options.observer.progress)
