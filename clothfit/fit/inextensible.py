@@ -201,6 +201,8 @@ def lower_bound(problem: Trajectory, known: Posterior, j: int, rise: float) -> f
             y = model.y.copy()
             y[j] -= scale[j] * change
             y[o] += scale[o] * (profile.along * np.expm1(change) - profile.away)
+            if np.array_equal(problem.parameters(y), problem.parameters(model.y)):  # at a bound
+                break
             model = problem.model(y)
     except (Diverged, Stop):
         pass

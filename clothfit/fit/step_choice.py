@@ -34,7 +34,7 @@ from clothfit.fit.few_values import (
     unexplained,
     windows_of,
 )
-from clothfit.fit.trajectory_fit import UNLIKE, first_frames, is_near, may_leave_noise
+from clothfit.fit.trajectory_fit import NEAR_ERROR, UNLIKE, first_frames, is_near, may_leave_noise
 from clothfit.kernels.clock import clock_of, computing
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
@@ -411,8 +411,7 @@ def leaves_noise(search: Search) -> bool:
 
 
 def is_noise(objective: Objective, p: Array) -> bool:
-    """Whether what is left at p (P,) is noise. Raises Diverged."""
+    """Whether what is left at p (P,) is noise, but for so little that a motion counts as near. Raises Diverged."""
     test = residual_test(objective, p)
-    return test is not None and test.is_noise
-
-
+    near = NEAR_ERROR**2 * objective.cost_at_rest
+    return test is not None and (test.is_noise or test.structured * objective.cost(p) < near)

@@ -23,7 +23,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.limits import FIT_TOLERANCE
 from clothfit.base.messages import metres, percent
 from clothfit.fit import hierarchy
-from clothfit.fit.continuation import LEAST, Even, frame_interval, in_frames, some_steps, through_nudging, with_nudging
+from clothfit.fit.continuation import LEAST, Even, frame_interval, in_frames, some_steps, with_nudging
 from clothfit.fit.few_values import LOUDER
 from clothfit.fit.hints import Hint
 from clothfit.fit.options import Request
@@ -54,12 +54,12 @@ Start: TypeAlias = float | Array | Scene | None
 STEPS = 12
 """Of Gauss–Newton in each window, at most. Each must save the variance of what is left: what noise leaves uncertain."""
 
-SIMPLEX, FLAT, MOST_COSTS = 0.3, 3e-3, 50
-"""Size of the first simplex, of the last one, in units of the coordinates, and costs for each value, at most."""
+SIMPLEX, FLAT, MOST_COSTS = 2.0, 3e-3, 50
+"""Size of the first simplex, as far as a start may be off, of the last one, and costs for each value, at most."""
 
 GROWTH, SLOWEST = 1.5, 1.2
 """Ratio of a window to the one before: a cloth in wind makes much of a thousandth. Its root where a window leaves more
-than noise though the one before did not, unless it is below the second.
+than noise though the one before did not, unless it is below the second, until one does even so.
 """
 
 FEW, FEWEST, PART = 12, 4, 0.5
@@ -253,7 +253,7 @@ def by_windows(
         if explained and not sure and growth > SLOWEST and shorter < frames:
             growth, sure = growth**0.5, True
             continue
-        few, reached = trial, frames
+        few, reached, growth = trial, frames, growth if sure else GROWTH
         while finer and not sure:
             few = nearer(with_parameters(finer[0], values_by(few, finer.pop(0))), found, options, far=far)
             sure = not leaves_more(few, found[0].motion, noise)
@@ -543,7 +543,7 @@ def nearer(
 ) -> Scene:  # fmt: skip
     """The scene with the values that some steps lead to; the same object where none is taken. What is hardly shown
     stays near those of `about`, by default its own; where cloths are `pulled`, as in continuation. From values that are
-    `far` off, where distances of cloths that buckle otherwise are rough, also those that pulled cloths lead to.
+    `far` off, where distances of cloths that buckle otherwise are rough, few go where a simplex leads, too.
     """
     objective = objective_of(few, [experiment(few, *each) for each in given], options)
     search = Search(objective, parameters(few), 0.0, options.max_evaluations, options.observer.progress)
@@ -558,8 +558,4 @@ def nearer(
         y = steps(start)
         if far and part.size <= FEWEST:
             y = steps(by_simplex(part, y))
-        elif far:
-            search.visit(part.parameters(y))
-            through_nudging(search, start=search.start, near=0.0)
-            y = steps(part.y(search.best.p))
     return few if np.array_equal(y, start) else with_parameters(few, part.parameters(y))

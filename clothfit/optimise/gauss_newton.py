@@ -145,6 +145,7 @@ def minimise(
         step, radius, new = descend(total, value, near, radius)
         if new is None:
             there = np.abs(near.whole).max(initial=0.0) <= ROUNDING * max(np.abs(model.y).max(initial=0.0), 1.0)
+            there |= bool(problem.is_noise and saving <= len(model.y) * sigma2 and problem.is_noise(model.y))
             return model, prior, ended(there or saving <= patience.flat * model.cost)
         # where a whole step has led nearly to the minimum of its model, a new model would save too little to be asked
         # for: it differs from this one by about as much as the cost from what was foretold

@@ -211,6 +211,16 @@ def test_families_come_out_of_a_scan_each_by_itself(tmp_path):
 
 
 @pytest.mark.slow
+def test_what_tracking_explains_but_for_noise_is_not_sought_again(tmp_path):
+    """Gauss–Newton goes to the minimum: no windows from the start, and no other steps."""
+    scene = sheet(letters="nR", frames=24)
+    truth = with_parameters(scene, np.array([0.5, 3.0, 1.0]))
+    path = as_npz(tmp_path, cloud(noise=1e-3, motion=simulate(truth, tolerance=1e-12)))
+    fit = estimate(scene, load(path, scene, Reading()).motion, start=3.0, intervals=False)
+    assert (fit.status, len(fit.steps) <= 1, fit.evaluations < 20) == ("converged", True, True)
+
+
+@pytest.mark.slow
 def test_another_fabric_is_fitted_where_it_was_tracked(tmp_path):
     """One that falls another way: the model differs, and vertices end about as near as if they were known."""
     other = replace(TRUTH, gravity=np.array([1.0, -7.0, 0.5]))
