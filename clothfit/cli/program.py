@@ -234,7 +234,11 @@ def _interrupt(number: int, frame: Any) -> None:
 
 
 def _loses_exceptions(frame: Any) -> bool:
-    """Whether a frame runs within a callback from which Python lets no exception out, as while modules are imported."""
+    """Whether a frame runs within a callback from which Python lets no exception out, as while modules are imported, or
+    is that in which compiled code asks for an address, which may not have come to its `try` (`kernels.apart`).
+    """
+    if frame is not None and frame.f_code.co_name == "_address":
+        return True
     while frame is not None:
         name = frame.f_code.co_name
         if name == "__del__" or (os.path.basename(frame.f_code.co_filename), name) in CALLBACKS:

@@ -16,6 +16,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.memory import check_memory
 from clothfit.engine import equilibrium, march
+from clothfit.engine.forces import contact
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.solve import linear
 from clothfit.engine.step import bdf2, guard, implicit
@@ -164,14 +165,16 @@ def state_bytes(system: System) -> int:
     return 24 * len(system.x0) * (1 + iterations) + 31 + met
 
 
-def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
-    """Simulate `steps` steps and keep them all; linear systems are solved to `tolerance`, relative.
+def rollout(system: System, steps: int, tolerance: float, load: float | Array = -1.0) -> tuple[Rollout, int]:
+    """Simulate `steps` steps and keep them all; linear systems are solved to `tolerance`, relative. `load` (R,) is what
+    pressed vertices at colliders before the start, N, where that is known.
 
     Returns the rollout and how many of its steps are good: fewer than `steps` when the motion diverged.
     """
     check_steps(system.inputs, steps)
     check_memory(steps + 1, len(system.x0), iterations_of(system))
     whole = empty(system, steps)
+    whole.guard_state[0, contact.BESIDE :] = load
     return whole, fill(system, tolerance, implicit.workspace(system), whole)
 
 

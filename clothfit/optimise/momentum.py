@@ -286,7 +286,9 @@ def rows_of(
     made = balances(system, seen, treatment == TREATMENTS[0], forms)
     acting = [(block, part) for block, part in run.acting if block in own]
     wanted = columns(system, acting, p, column, np.ones(len(p)), width or int(column.max()) + 1)
-    family = spring_groups(run.scene.cloths[run.cloth]).of
+    families = [spring_groups(run.scene.cloths[each]).of for each in run.scene.together(run.cloth)]
+    first = np.cumsum([0, *(own.max(initial=-1) + 1 for own in families)])
+    family = np.concatenate([own + begin for own, begin in zip(families, first, strict=False)])
     return Rows(summed_twice(made, system.method) if treatment.summed else made, system, spread(wanted), family)
 
 

@@ -24,10 +24,11 @@ from clothfit.base import threads
 from clothfit.base.arrays import Array
 from clothfit.engine.inputs.tables import later
 from clothfit.engine.rollout import rollout
-from clothfit.engine.system import System, build
+from clothfit.engine.system import IMPLICIT, System, build
 from clothfit.motion.energy import Energy, energies
 from clothfit.motion.motion import Motion, in_world, rms
 from clothfit.motion.simulate import simulate
+from clothfit.optimise.balances import active_rows
 from clothfit.scene.scene import Scene
 from clothfit.subspace import translation
 from clothfit.subspace.frames import Decoder, angles
@@ -268,10 +269,19 @@ def floor(basis: Array, system: System, x: Array, tolerance: float) -> float:
         held = np.where(free, (q[k - 1 : k + 1] @ flat.T).reshape(away.shape), away) + (x[k - 1 : k + 1] - away)
         v = np.ascontiguousarray((held[1] - held[0]) / system.h)
         begun = system._replace(x0=system.x0 + held[1], v0=v, inputs=later(inputs, k))
-        made, good = rollout(begun, frames - 1 - k, tolerance)
+        made, good = rollout(begun, frames - 1 - k, tolerance, load_before(system, k, system.x0 + held, v))
         error = made.x[: good + 1] - system.x0 - x[k : k + good + 1]
         found.append(float(np.sqrt((error**2).sum(axis=2).mean(axis=1).sum() / frames)))
     return max(found) / max(rms(x), 1e-300)
+
+
+def load_before(system: System, k: int, x: Array, v: Array) -> float | Array:
+    """What presses vertices at colliders in the step before step k, an Euler step between the positions x (2, n, 3)."""
+    colliders = system.colliders
+    if colliders is None or not len(colliders.rows) or system.method < IMPLICIT:
+        return -1.0
+    before = system._replace(inputs=later(system.inputs, k - 1))
+    return np.asarray(active_rows(before, colliders, x, np.stack([v] * 2), np.ones(1, bool))[1][1])
 
 
 def at_best(found: float) -> str:

@@ -23,7 +23,9 @@ from clothfit.engine.tape import Tape
 from clothfit.evaluation.touches import touches
 from clothfit.live.engine import Engine
 from clothfit.motion.energy import energies
+from clothfit.objective.objective import Objective
 from clothfit.optimise.balances import Track, balances
+from clothfit.optimise.momentum import TREATMENTS, rows_of
 from clothfit.scene.fit_vector import elements, parameters
 from clothfit.scene.scene import dumps
 
@@ -130,6 +132,18 @@ def test_balances_of_layers_know_the_pairs_that_press(method):
     # of forces of some N, which a step of 0.01 s solves to 1e-12; x, of 0.4 m, is rounded to 1e-16, which masses and
     # springs of 500 N/m make 1e-15 of; 1e-4 is left where pairs go unnoticed, and where a step's do not settle
     assert (left < 1e-12).mean() > 0.9
+
+
+def test_balances_of_layers_know_the_families_of_each_object():
+    kinds = {"optimizationSettings": "nF"}
+    made = layers(sheet(4, 0.7, 0.0, **kinds), sheet(3, 0.8, 0.1, **kinds), optimizationIterations=4)
+    objective = Objective(made, simulate(made))
+    run, p = objective.runs[0], parameters(made)
+    rows = rows_of(run, p, [block for block, _ in run.acting], np.arange(len(p), dtype=np.int32), TREATMENTS[0])
+    count = [len(cloth.mass) for cloth in made.cloths], [len(cloth.springs) for cloth in made.cloths]
+    assert len(rows.family) == sum(count[0]) + sum(count[1])
+    own = np.split(rows.family[sum(count[0]) :], [count[1][0]])
+    assert not set(own[0]) & set(own[1])
 
 
 @pytest.mark.slow  # compiles a fit
