@@ -24,6 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.eigen import pseudo_inverse
 from clothfit.fabric.balance import shares
 from clothfit.fabric.hinges import Hinges, Material, vertex_areas
 from clothfit.fabric.membrane import PULLS, TWICE
@@ -84,11 +85,14 @@ def parts(hinges: Hinges, chosen: Flags) -> Array:
 
 
 def relaxed(mesh: Material, hinges: Hinges, linear: Array) -> Array:
-    """What is left (3,), as a share, of the energy of a uniform curvature along warp, weft and bias where the vertices
-    find their own heights, all but those at the border; 1 on a regular mesh.
+    """What is left (3,), as a share, of the stiffness against a uniform curvature along warp, weft and bias where the
+    vertices find their own heights, all but those at the border; 1 on a regular mesh.
+
+    Hinges of triangles also bend the other way, by about a quarter. So along warp and weft a strip, whose sides may
+    curl, is up to a tenth softer than a wide cloth, and what is given is the geometric mean of both.
     """
     whole, _ = inside(mesh, hinges)
-    fold = hinges.moment @ (PULLS * TWICE).T
+    fold = hinges.moment * TWICE
     if not whole.any() or not (linear > 0).any() or _balanced(mesh, hinges, linear, whole, fold):
         return np.ones(3)
     from scipy.sparse import coo_array, diags_array
@@ -99,10 +103,14 @@ def relaxed(mesh: Material, hinges: Hinges, linear: Array) -> Array:
                      shape=(len(linear), len(mesh.positions))).tocsc()[:, np.flatnonzero(whole)]  # fmt: skip
     matrix = rise.T @ diags_array(linear) @ rise
     matrix = matrix + diags_array(np.full(len(matrix.diagonal()), 1e-9 * matrix.diagonal().max()))
-    load = rise.T @ (linear[:, None] * fold)
-    gain = (load * splu(matrix.tocsc()).solve(load)).sum(axis=0)
-    whole_energy = np.einsum("h,hi,hi->i", linear, fold, fold)
-    return mean_bias(1 - gain / np.where(whole_energy > 0, whole_energy, 1.0))
+    left = fold - rise @ splu(matrix.tocsc()).solve(rise.T @ (linear[:, None] * fold))
+    weight = (linear * parts(hinges, whole))[:, None]
+    plate, after = fold.T @ (weight * fold), left.T @ (weight * left)
+    energy, rest = (((PULLS @ each) * PULLS).sum(axis=1) for each in (plate, after))
+    share = mean_bias(rest / np.where(energy > 0, energy, 1.0))
+    strip = 1 / np.maximum(np.diag(pseudo_inverse(after)) * np.diag(after), 1.0)
+    share[:2] *= np.sqrt(strip[:2])
+    return share
 
 
 def _balanced(mesh: Material, hinges: Hinges, linear: Array, whole: Flags, fold: Array) -> bool:

@@ -83,18 +83,23 @@ def test_springs_at_rest_do_not_resist_small_bends_and_resist_large_ones_with_th
     assert two == pytest.approx(4 * one, rel=1e-9)
 
 
-@pytest.mark.parametrize(("cells", "jitter"), KINDS)
-def test_a_cantilever_swings_as_an_elastic_beam(cells, jitter):
-    """The first period is 2π/3.516 √(ρ L⁴/B), whatever the mesh; within 3 %, as the coarsest has 8 cells."""
+@pytest.mark.parametrize(
+    ("cells", "jitter", "weft", "close"), [*((*each, 1.0, 0.03) for each in KINDS), (18, 0.25, 1.8, 0.02)]
+)
+def test_a_cantilever_swings_as_an_elastic_beam(cells, jitter, weft, close):
+    """The first period is 2π/3.516 √(ρ L⁴/B), whatever the mesh; within 3 %, as the coarsest has 8 cells. Of a cloth
+    that bends less the other way it was 3.9 % longer on irregular meshes, which curl across a bend.
+    """
     positions, faces = square(cells, 0.1, jitter, line=1 / 9)
     x = positions[:, 0] / 0.1
     free, far = np.maximum(x - 1 / 9, 0) * 9 / 8, x > 1 - 1e-9
     known = 2 * np.pi / 3.516 * np.sqrt(0.2 * (0.1 * 8 / 9) ** 4 / BENT)
     start = np.zeros_like(positions)
     start[:, 1] = 0.005 * free**2 * (6 - 4 * free + free**2) / 3
-    own = scene((positions, faces), x < 1 / 9 + 1e-9, gravity=0.0, damping=0.0, delta=known / 100, frames=200)
+    more = {"bend": (BENT, weft * BENT, BENT)} | {"gravity": 0.0, "damping": 0.0, "delta": known / 100, "frames": 200}
+    own = scene((positions, faces), x < 1 / 9 + 1e-9, **more)
     motion = simulate(with_velocity(own, start))
-    assert period(motion.positions[:, far, 1].mean(axis=1), known / 100) == pytest.approx(known, rel=0.03)
+    assert period(motion.positions[:, far, 1].mean(axis=1), known / 100) == pytest.approx(known, rel=close)
 
 
 def test_what_is_no_fabric_is_refused():
