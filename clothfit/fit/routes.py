@@ -544,8 +544,11 @@ def by_single_values(fit: Fitting) -> Status | None:
 
 
 def is_accurate(fit: Fitting) -> bool:
-    """Whether the best point leaves hardly anything, or nothing but noise: no other minimum is nearer."""
-    return (bool(fit.exact) and auto.is_accurate(fit.search)) or step_choice.leaves_noise(fit.search)
+    """Whether the best point leaves hardly anything or, where tracking a scan found it, nothing but noise: no other
+    minimum is nearer.
+    """
+    tracked = fit.search.objective.scanned and step_choice.leaves_noise(fit.search)
+    return tracked or (bool(fit.exact) and auto.is_accurate(fit.search))
 
 
 def from_the_best(fit: Fitting) -> Status:
