@@ -66,6 +66,7 @@ class Motion:
     path: str | None = None  # of that file; what became of its positions since, this does not say
     said: Mapping[str, Any] = field(default_factory=dict)  # fps, scale, up, handedness, as the user gave them for it
     correspondence: Correspondence = IN_ORDER  # what the points of its file are
+    radii: Array = field(default_factory=lambda: np.zeros(0))  # (RAYS,), m, where its shadow alone is known
 
     def __repr__(self) -> str:
         frames, vertices, _ = self.positions.shape
@@ -142,7 +143,7 @@ def checked_motion(motion: Motion, scene: Scene) -> Motion:
     """A motion made by hand, checked as one from a file is. Raises InvalidMotion when it does not fit the scene."""
     check_counts(motion, scene)
     arrays = {key: np.asarray(array) for key, array in arrays_of(motion).items()}
-    kept = {name: getattr(motion, name) for name in ("unit", "path", "said", "correspondence")}
+    kept = {name: getattr(motion, name) for name in ("unit", "path", "said", "correspondence", "radii")}
     return replace(check_motion(arrays, scene, motion.name), **kept)
 
 

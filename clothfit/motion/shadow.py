@@ -1,20 +1,48 @@
-"""The shadow of a drape as a target: its outline, or the drape coefficient alone.
+"""The shadow of a cloth under light from above, and that of a drape as a target: its outline, or its drape coefficient.
 
 The drape coefficient is the part of the ring beyond what is held that the shadow covers, (A − A_h)/(A_0 − A_h), with
-the areas of the shadow, of what is held and of the flat cloth (G. E. Cusick 1968). Either is made into a shape of the
-cloth that throws such a shadow, of which nothing else is compared (the objectives "outline" and "coverage"): each
-vertex as far from what is held, along the cloth, as in the flat cloth, hanging down where it is nearer in the shadow.
-From there the search for the shape at rest begins, so an outline has the folds of the target.
+the areas of the shadow, of what is held and of the flat cloth (G. E. Cusick 1968). The ring of the flat cloth's mesh is
+then covered by as much in every direction; nothing but areas is to be compared with it (objective "coverage").
 """
 
 from __future__ import annotations
 
+from typing import Any, TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.motion.motion import Motion
+from clothfit.scene.directions import edges_of
 from clothfit.scene.scene import Scene
+
+Integers: TypeAlias = NDArray[np.integer[Any]]
+
+RAYS = 360
+"""Directions in which an outline is compared."""
+
+
+def outermost(flat: Array, edges: Integers) -> tuple[Array, Integers, Array]:
+    """How far edges (E, 2) between points (n, 2) reach in directions around the origin: r (RAYS,), the ends of the
+    outermost ones (RAYS, 2), and ∂r by them (RAYS, 2, 2).
+
+    In the direction e the edge from a to b has r = n·a / n·e with n across b − a, so ∂r/∂a = (1 − t) n / n·e and
+    ∂r/∂b = t n / n·e, where it is cut at t.
+    """
+    a, b = flat[edges[:, 0]], flat[edges[:, 1]]
+    angle = 2 * np.pi * np.arange(RAYS) / RAYS
+    e = np.stack([np.cos(angle), np.sin(angle)])  # (2, RAYS)
+    sine_a, sine_b = a[:, 1:] * e[0] - a[:, :1] * e[1], b[:, 1:] * e[0] - b[:, :1] * e[1]
+    cut = (sine_a > 0) != (sine_b > 0)
+    t = np.where(cut, sine_a / np.where(cut, sine_a - sine_b, 1.0), 0.0)
+    along = np.where(cut, (1 - t) * (a @ e) + t * (b @ e), -np.inf)
+    edge, ray = along.argmax(axis=0), np.arange(RAYS)
+    t, r = t[edge, ray][:, None], np.maximum(along[edge, ray], 0.0)
+    n = (b - a)[edge][:, ::-1] * np.array([1.0, -1.0])
+    n = n / np.where(r > 0, (n * e.T).sum(axis=1), np.inf)[:, None]
+    return r, edges[edge], np.stack([(1 - t) * n, t * n], axis=1)
 
 
 def shadow_target(scene: Scene, outline: Array | None = None, coefficient: float | None = None) -> Motion:
@@ -26,38 +54,25 @@ def shadow_target(scene: Scene, outline: Array | None = None, coefficient: float
     cloth = scene.cloths[0]
     if not cloth.fixed.any() or cloth.fixed.all():
         raise InvalidInput(f"{scene.name}: a drape has fixed vertices in its middle and others around them")
-    centre = cloth.positions[cloth.fixed].mean(axis=0)
-    flat = (cloth.positions - centre)[:, [0, 2]]
-    away, angle = np.hypot(*flat.T), np.arctan2(flat[:, 1], flat[:, 0])
+    centre = cloth.positions[cloth.fixed].mean(axis=0)[[0, 2]]
+    flat = cloth.positions[:, [0, 2]] - centre
+    away = np.hypot(*flat.T)
     held, rim = float(away[cloth.fixed].max()), float(away.max())
-    if outline is None:
-        assert coefficient is not None
+    if coefficient is not None:
         if not 0 < coefficient < 1:
             raise InvalidInput(f"the drape coefficient must be between 0 and 1; {coefficient:g} was given")
-        radius = np.full(len(flat), np.sqrt(held**2 + coefficient * (rim**2 - held**2)))
+        whole = outermost(flat, edges_of(cloth.triangles.reshape(-1, 3)).ends)[0]
+        radii = np.sqrt(held**2 + coefficient * (np.maximum(whole, held) ** 2 - held**2))
     else:
-        radius = _radii(np.asarray(outline, float), centre[[0, 2]], angle)
-        if not (radius.min() > 0.5 * held and radius.max() < 1.05 * rim):
-            ends = f"{radius.min():.3g} to {radius.max():.3g} m"
+        points = np.asarray(outline, float)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 8 or not np.isfinite(points).all():
+            raise InvalidInput(f"an outline has at least 8 points (N, 2); one of shape {points.shape} was given")
+        order = np.argsort(np.arctan2(*(points - centre).T[::-1]))
+        radii = outermost(points - centre, np.column_stack([order, np.roll(order, -1)]))[0]
+        if not (radii.min() > 0.5 * held and radii.max() < 1.05 * rim):
+            ends = f"{radii.min():.3g} to {radii.max():.3g} m"
             raise InvalidInput(f"the outline is {ends} from the middle of {scene.name}, which is held within "
                                f"{held:.3g} m and ends at {rim:.3g} m")  # fmt: skip
-    beyond = np.maximum(away - held, 0.0)
-    inward = np.clip((radius - held) / (rim - held), -0.99, 1.0)
-    share = (np.minimum(away, held) + inward * beyond) / np.maximum(away, 1e-300)
-    shape = np.array(cloth.positions)
-    shape[:, [0, 2]] = centre[[0, 2]] + flat * share[:, None]
-    shape[:, 1] -= beyond * np.sqrt(1.0 - inward**2)
-    positions = np.stack([cloth.positions, shape])
+    positions = np.stack([cloth.positions, cloth.positions])  # of which none is observed
     return Motion(positions, np.array([0.0, scene.delta]), scene.vertex_counts, np.zeros(positions.shape[:2], bool),
-                  "shadow")  # fmt: skip
-
-
-def _radii(points: Array, centre: Array, angle: Array) -> Array:
-    """How far a polygon (N, 2) around a centre is from it in the directions of some angles (n,). Raises InvalidInput.
-    """
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 8 or not np.isfinite(points).all():
-        raise InvalidInput(f"an outline has at least 8 points (N, 2); one of shape {points.shape} was given")
-    points = points - centre
-    own, far = np.arctan2(points[:, 1], points[:, 0]), np.hypot(*points.T)
-    order = np.argsort(own)
-    return np.asarray(np.interp(angle, own[order], far[order], period=2 * np.pi))
+                  "shadow", radii=radii)  # fmt: skip

@@ -42,23 +42,22 @@ Proceedings of the IEEE 66 (1978).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.engine.system import System
 from clothfit.motion.feet import UNKNOWN, Faces, Feet
 from clothfit.motion.motion import Motion
+from clothfit.motion.shadow import RAYS, Integers, outermost
 from clothfit.motion.times import TIME_SLACK
 from clothfit.objective.target import Target
+from clothfit.scene.directions import edges_of
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-Integers: TypeAlias = NDArray[np.integer[Any]]
 
 
 class Measure(Protocol):
@@ -460,16 +459,10 @@ def check_grid(goal: Target, name: str) -> None:
         )
 
 
-RAYS = 360
-"""Directions in which an outline is compared."""
-
-
 class Outline:
     """Differences of the radii of shadows in directions; R = RAYS × frames after the start, c = 1.
 
-    The shadow is that of light from above, along y, about the centre of what is fixed. In the direction e the radius is
-    that of the outermost edge, from a to b: r = n·a / n·e with n across b − a, so ∂r/∂a = (1 − t) n / n·e and
-    ∂r/∂b = t n / n·e, where the edge is cut at t.
+    The shadow is that of light from above, along y, about the centre of what is fixed (`motion.shadow`).
     """
 
     linear = False
@@ -477,7 +470,7 @@ class Outline:
     weights: Array | None = None
 
     def __init__(self, goal: Target, system: System, name: str) -> None:
-        self.edges = sides_of(np.asarray(system.faces.corners))
+        self.edges = edges_of(np.asarray(system.faces.corners)).ends
         if not len(self.edges):
             raise InvalidMotion(f"{name}: a shadow is compared with that of a cloth that has faces")
         held = ~system.vertex.free
@@ -485,36 +478,29 @@ class Outline:
         self.frames = np.flatnonzero(goal.places > 0)
         if not np.isfinite(goal.positions[self.frames]).all():
             raise InvalidMotion(f"{name}: the shadow is that of all vertices, and some are not observed")
-        self.goal = self._values(goal.positions)[0]
+        radii = np.tile(goal.radii, len(self.frames))  # empty where the shadow is that of positions
+        self.goal = self.compared(radii if len(radii) else self.shadows(goal.positions)[0])
         self.groups = len(self.goal)
         self.seen = marked(self.edges, len(held))
         if len(goal.weights):
             self.weights = np.repeat(goal.weights[self.frames].mean(axis=1), self.groups // max(len(self.frames), 1))
 
-    def radii(self, x: Array) -> tuple[Array, Integers, Array]:
-        """r (RAYS,) of a state x (n, 3), the ends of the edges that are cut (RAYS, 2), and ∂r by them (RAYS, 2, 2)."""
-        flat = x[:, [0, 2]] - self.centre
-        a, b = flat[self.edges[:, 0]], flat[self.edges[:, 1]]
-        angle = 2 * np.pi * np.arange(RAYS) / RAYS
-        e = np.stack([np.cos(angle), np.sin(angle)])  # (2, RAYS)
-        sine_a, sine_b = a[:, 1:] * e[0] - a[:, :1] * e[1], b[:, 1:] * e[0] - b[:, :1] * e[1]
-        cut = (sine_a > 0) != (sine_b > 0)
-        t = np.where(cut, sine_a / np.where(cut, sine_a - sine_b, 1.0), 0.0)
-        along = np.where(cut, (1 - t) * (a @ e) + t * (b @ e), -np.inf)
-        edge, ray = along.argmax(axis=0), np.arange(RAYS)
-        t, r = t[edge, ray][:, None], np.maximum(along[edge, ray], 0.0)
-        n = (b - a)[edge][:, ::-1] * np.array([1.0, -1.0])
-        n = n / (n * e.T).sum(axis=1, keepdims=True) * (r > 0)[:, None]
-        return r, self.edges[edge], np.stack([(1 - t) * n, t * n], axis=1)
+    def shadows(self, s: Array) -> tuple[Array, Integers, Array]:
+        """`outermost` of states s (F, n, 3) in all frames."""
+        found = [outermost(s[frame][:, [0, 2]] - self.centre, self.edges) for frame in self.frames]
+        r, ends, by = (np.concatenate(each) for each in zip(*found, strict=True))
+        return r, ends, by
+
+    def compared(self, r: Array) -> Array:
+        """What is compared (R, 1) of radii in all frames."""
+        return r[:, None]
 
     def _values(self, s: Array) -> tuple[Array, Integers, Integers, Array]:
         """What is compared (R, 1) of states s (F, n, 3); frames and vertices (R, k) that it depends on, and its
         derivative (R, k, 2) by their places in the plane.
         """
-        found = [self.radii(s[frame]) for frame in self.frames]
-        ends, by = (np.concatenate([each[i] for each in found]) for i in (1, 2))
-        frame = np.repeat(self.frames, RAYS)[:, None]
-        return np.concatenate([each[0] for each in found])[:, None], np.broadcast_to(frame, ends.shape), ends, by
+        r, ends, by = self.shadows(s)
+        return r[:, None], np.broadcast_to(np.repeat(self.frames, RAYS)[:, None], ends.shape), ends, by
 
     def residual(self, s: Array) -> Array:
         """Differences (R, 1), m."""
@@ -542,17 +528,14 @@ class Coverage(Outline):
 
     reach = 2 * RAYS
 
+    def compared(self, r: Array) -> Array:
+        """The radii of the circles (R, 1)."""
+        return np.asarray(np.sqrt((r.reshape(-1, RAYS) ** 2).mean(axis=1, keepdims=True)))
+
     def _values(self, s: Array) -> tuple[Array, Integers, Integers, Array]:
         """The same of a whole shadow."""
         r, frame, ends, by = super()._values(s)
-        r = r.reshape(len(self.frames), RAYS)
-        mean = np.sqrt((r * r).mean(axis=1, keepdims=True))
+        mean, r = self.compared(r), r.reshape(-1, RAYS)
         share = r / (RAYS * np.maximum(mean, 1e-300))
         by = share[:, :, None, None] * by.reshape(len(r), RAYS, 2, 2)
         return mean, frame.reshape(len(r), -1), ends.reshape(len(r), -1), by.reshape(len(r), -1, 2)
-
-
-def sides_of(triangles: Integers) -> Integers:
-    """The edges (E, 2) of triangles (T, 3), each once."""
-    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    return np.unique(np.sort(sides, axis=1), axis=0)

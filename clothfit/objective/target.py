@@ -22,6 +22,7 @@ class Target(NamedTuple):
     positions: Array  # x*, (F, n, 3), m, not a copy where that is possible; anything where not observed
     observed: Flags  # (F, n), observed with a weight above 0
     weights: Array  # (F, n), how often each position counts, anything where not observed; (0, 0) where all count once
+    radii: Array = np.zeros(0)  # of its shadow (RAYS,), m, or of `positions` where empty
 
     @property
     def places(self) -> Array:
@@ -49,7 +50,7 @@ def target(motion: Motion, cloth: int, delta: float, last_step: float | None = N
         observed = np.ascontiguousarray(observed & (weights[kept] > 0))
     positions = np.ascontiguousarray(motion.of(cloth)[kept])  # in one memory order, so that kernels compile once
     counted = np.zeros((0, 0)) if weights is None else np.ascontiguousarray(weights[kept])
-    return Target(step[kept], fraction[kept], positions, observed, counted)
+    return Target(step[kept], fraction[kept], positions, observed, counted, motion.radii)
 
 
 def without_start(goal: Target, vertices: Indices) -> Target:

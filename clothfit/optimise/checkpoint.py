@@ -171,7 +171,7 @@ def identity(scene: Scene, targets: Sequence[Experiment] | None, start: object, 
         parts: list[bytes | Array] = []
         for target in targets:
             motion = target.motion
-            given = (motion.positions, motion.times, motion.observed, motion.weights)
+            given = (motion.positions, motion.times, motion.observed, motion.weights, motion.radii)
             parts += [np.zeros(0) if array is None else np.asarray(array, float) for array in given]
             parts.append(b"" if target.scene is scene else dumps(target.scene))
             parts += [] if target.scene is scene else arrays_from_files(target.scene)
