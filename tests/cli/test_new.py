@@ -286,5 +286,6 @@ def test_shadows_of_a_drape_are_targets(capsys):
         assert run(["estimate", "drape.json", "--target", target]) == 3
         assert error in capsys.readouterr().err
     assert run(["estimate", "drape.json", "--target", "coefficient=50%", "--target", "outline=round.csv"]) == 3
+    assert run(["estimate", "drape.json", "--target", "coefficient=50%", "--report", "drape.html"]) == 2
     for target in ("coefficient=50%", "outline=round.csv"):
         assert run(["estimate", "drape.json", "--target", target, "--max-evaluations", "3", "-q"]) in (0, 5)

@@ -21,7 +21,7 @@ from clothfit.cli.common import output
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, Output, attributes, is_among, plain, print_json
 from clothfit.cli.common.pictures import Pictures
-from clothfit.cli.parts.estimate_files import Files, filled
+from clothfit.cli.parts.estimate_files import SHADOWS, Files, filled
 from clothfit.many.job import EXIT_CODES, NEVER_FINITE
 from clothfit.optimise.status import Status
 from clothfit.scene.kinds import INTEGRATORS, KIND, MODEL_NAMES, Kind
@@ -327,8 +327,11 @@ def check_page(path: str | None, scenes: tuple[str, ...], single: bool, files: F
     if not single:
         why = "--report is for one fit of one scene; make the pages of several with clothfit report"
         raise click.UsageError(why, context)
-    if files.of(scenes[0]).pairs[:1] and files.of(scenes[0]).pairs[0][1] is not None:
+    shown, scene = (files.of(scenes[0]).pairs or [("", None)])[0]
+    if scene is not None:
         raise click.UsageError("--report shows the first --target, which must be of SCENE itself, without @", context)
+    if shown.startswith(SHADOWS):
+        raise click.UsageError("--report plays the motion of a target, and a shadow has none", context)
 
 
 # ---- Records of one fit beside its result: the log, and the pictures drawn of it.
