@@ -59,7 +59,7 @@ class Surface(NamedTuple):
     release: float  # s, in which what passes through another part at the start goes back
     crossed: Flags  # (n,), whether a vertex is where two parts cross at the start
     drawn: npt.NDArray[np.int64]  # (D,), pairs, ascending, that are drawn back to the other side,
-    side: Array  # (D,), 1 or −1, which one that is,
+    side: Array  # (D,), 2 or −2, which one that is,
     beyond: Array  # (D,), and how far from it they are at the start, m
     left: float = 0.0  # the share of `beyond` that is left in a step, 1 at the start
 
@@ -88,7 +88,7 @@ def with_crossed(surface: Surface) -> Surface:
 
     Without the edges that pass through triangles a piece of cloth falls apart; the largest part of it is where it
     should be. The free vertices of the others are drawn back through what they are nearest to, unless they would have
-    to be faster than FASTEST.
+    to be faster than FASTEST. One that slides off that triangle meanwhile is drawn to its rim until it is through.
     """
     hits = pierced(surface)
     if not len(hits):
@@ -106,7 +106,7 @@ def with_crossed(surface: Surface) -> Surface:
     drawn, beyond = np.array([v * len(surface.triangles) + t for v, t, _ in found]), np.array([d for _, _, d in found])
     vertices, _, _, side = of_each(surface, surface.start, drawn)
     kept = (beyond <= FASTEST * surface.release) & (surface.free[vertices].sum(axis=1) > 0)
-    return surface._replace(crossed=crossed, drawn=drawn[kept], side=-side[kept], beyond=beyond[kept])
+    return surface._replace(crossed=crossed, drawn=drawn[kept], side=-2.0 * side[kept], beyond=beyond[kept])
 
 
 @kernel
