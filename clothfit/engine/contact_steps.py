@@ -62,10 +62,10 @@ NO_PAIRS = ActivePairs(NOBODY, None, None)
 """What a step had that touched nothing."""
 
 
-def surface_of(system: System, t: int = 0) -> pairs.Surface:
-    """What of the cloth can touch itself, here there is something, in step t of its motion."""
+def surface_of(system: System, t: int, x: Array) -> pairs.Surface:
+    """What of the cloth can touch itself, here there is something, in step t of its motion, from x (n, 3)."""
     assert system.surface is not None
-    return pairs.at_time(system.surface, (t + 1) * system.h)
+    return pairs.at_time(system.surface, (t + 1) * system.h, x)
 
 
 def with_pairs(
@@ -102,7 +102,7 @@ def fill(
 def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> tuple[ActivePairs, int]:
     """Take step t of a part; returns also how it ended."""
     system = forms.form(False, False)
-    x, surface = part.x[t], surface_of(system, part.first + t)
+    x, surface = part.x[t], surface_of(system, part.first + t, part.x[t])
     numbers = NOBODY if system.method == IMPLICIT else pairs.near(surface, x)
     if system.method < IMPLICIT:
         own, room = with_pairs(system, work, surface, x, numbers)
@@ -345,7 +345,7 @@ class Taken(NamedTuple):
 def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Taken:
     """Step t of a part, for the system that it was taken with but for its pairs."""
     active, one = part.active_pairs[t], part.part(t, t + 1).bare()
-    surface = surface_of(system, part.first + t)
+    surface = surface_of(system, part.first + t, part.x[t])
     own, room = with_pairs(system, work, surface, part.x[t], active.numbers, active.on)
     if active.zones is not None:
         w = one.w.copy()

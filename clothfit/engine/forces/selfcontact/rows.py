@@ -35,8 +35,7 @@ class Contact(NamedTuple):
     vertices: Indices  # (P, 4), of a vertex and a triangle, or of two edges
     kind: Indices  # (P,), `nearest.CORNER` or EDGE
     thickness: Array  # (P,), m, of each pair
-    side: Array  # (P,), 1 or −1: where the one was of the other when the step began; ±2: to which side of its plane, if
-    # beside the triangle too, a vertex is drawn
+    side: Array  # (P,), 1 or −1: where the one was of the other when the step began
     free: Array  # (n,), 1 of free vertices, else 0
     thick: float  # m, the thickness of the cloth
     stiffness: float  # κ, N/m
@@ -56,8 +55,7 @@ def row(contact, y, k):
     own, kind = contact.vertices[k], contact.kind[k]
     c, free, r = nearest.closest(kind, own, y)
     delta, share = sqrt(dot(r, r)), nearest.share(kind, own, y)
-    known = free == nearest.BOTH or abs(contact.side[k]) > 1.0  # which side of it, not only that it is beside
-    if known and nearest.side(kind, own, y) * contact.side[k] < 0.0:
+    if free == nearest.BOTH and nearest.side(kind, own, y) != contact.side[k]:
         delta = -delta
     ends, n, more = (own[0], own[1], own[2], own[3]), mul(splat(1.0 / delta), r), (-1, share, free, r, delta, kind)
     depth, kappa = contact.thickness[k] - delta, contact.stiffness * share
