@@ -30,7 +30,7 @@ class Columns:
     def __init__(self, system: System, place: Indices, row: Elements) -> None:
         """`place` (n,) of each vertex among the free ones, −1 of a fixed one; `row` is scratch."""
         self.place, self.row, self.scratch = place, row, np.zeros((3, len(place), 3))
-        self.without = pairs.none(contact_steps.surface_of(system))
+        self.without = pairs.none(contact_steps.surface_of(system, 0, system.x0))
 
     def bare(self, system: System) -> System:
         """A system without its pairs."""

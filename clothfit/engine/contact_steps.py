@@ -8,9 +8,9 @@ that draw it through itself and for explicit methods, of whose steps only the fo
 
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that goes
 on with more of Newton's iterations while they converge: its springs turned, and its contacts were met, elsewhere than
-its model knew. Where these do not help it is shortened, as `step.guard` does; where something moves, which may press
-into a shorter step, to a sixteenth at the least. Then it is taken anew with the clamped matrix. Of all ends the one
-that gains least is kept.
+its model knew. Where these do not help it is taken anew with the clamped matrix, in which cloths that only touch each
+other keep their momentum. If that gains, too, it is shortened, as `step.guard` does; where something moves, which may
+press into a shorter step, to a sixteenth at the least. Of its ends the one that gains least is kept.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
@@ -62,10 +62,10 @@ NO_PAIRS = ActivePairs(NOBODY, None, None)
 """What a step had that touched nothing."""
 
 
-def surface_of(system: System, t: int = 0) -> pairs.Surface:
-    """What of the cloth can touch itself, here there is something, in step t of its motion."""
+def surface_of(system: System, t: int, x: Array) -> pairs.Surface:
+    """What of the cloth can touch itself, here there is something, in step t of its motion, from x (n, 3)."""
     assert system.surface is not None
-    return pairs.at_time(system.surface, (t + 1) * system.h)
+    return pairs.at_time(system.surface, (t + 1) * system.h, x)
 
 
 def with_pairs(
@@ -102,7 +102,7 @@ def fill(
 def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> tuple[ActivePairs, int]:
     """Take step t of a part; returns also how it ended."""
     system = forms.form(False, False)
-    x, surface = part.x[t], surface_of(system, part.first + t)
+    x, surface = part.x[t], surface_of(system, part.first + t, part.x[t])
     numbers = NOBODY if system.method == IMPLICIT else pairs.near(surface, x)
     if system.method < IMPLICIT:
         own, room = with_pairs(system, work, surface, x, numbers)
@@ -248,13 +248,15 @@ class Ending:
         return float(contact.energy(pairs.of_numbers(self.surface, y, numbers), y))
 
     def end_well(self, tolerance: float) -> float:
-        """Take more of Newton's iterations until the energy rises no more; where they do not help, halve the step.
-        What moves may press into a shorter step: the energy is about convex along it, so that of halves that gain more
-        the next gains still more. Of all ends the one is kept that gains the least, which is returned, J.
+        """Take more of Newton's iterations until the energy rises no more; where they do not help, halve a step that is
+        clamped. What moves may press into a shorter step: the energy is about convex along it, so that of halves that
+        gain more the next gains still more. Of all ends the one is kept that gains the least, which is returned, J.
         """
         best = self.tried()
         while best[0] and self.go_on(tolerance):
             best = min(best, self.tried())
+        if best[0] and not self.part.clamped[self.t]:
+            return best[0]
         if self.part.used[self.t] != best[2]:
             self.end_with(best[2])
         last, still = best, guard.applies(self.system)
@@ -313,10 +315,10 @@ class Ending:
 
 def mend(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> None:
     """Take more iterations of Euler step t of a part, after which the energy is higher than what moves has given it, or
-    shorten it, or take it with the clamped system; for a cloth that does not touch itself.
+    take it with the clamped system, and shorten that; for a cloth that does not touch itself.
     """
     if Ending(forms.at(part, t), work, part, t).end_well(tolerance) and not part.clamped[t]:
-        part.clamped[t], part.theta[t] = True, 1.0
+        part.clamped[t] = True
         own = bdf2.forms(forms.at(part, t))[0]
         contact.expect(own.colliders, part, t)
         march.attempt(own, work, part, t, part.velocity(t).copy(), tolerance, part.w[t])  # which succeeds
@@ -343,7 +345,7 @@ class Taken(NamedTuple):
 def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Taken:
     """Step t of a part, for the system that it was taken with but for its pairs."""
     active, one = part.active_pairs[t], part.part(t, t + 1).bare()
-    surface = surface_of(system, part.first + t)
+    surface = surface_of(system, part.first + t, part.x[t])
     own, room = with_pairs(system, work, surface, part.x[t], active.numbers, active.on)
     if active.zones is not None:
         w = one.w.copy()

@@ -118,7 +118,8 @@ def balances(system: System, track: Track, exact: bool = True, forms: Forms | No
         interrupts.check()
         form, room = Taken(system).form(bool(forms.predicted[t]), bool(forms.clamped[t])), memory[0]
         if t in pressing:
-            form, room = contact_steps.with_pairs(form, room, contact_steps.surface_of(system, t), x[t], pressing[t])
+            surface = contact_steps.surface_of(system, t, x[t])
+            form, room = contact_steps.with_pairs(form, room, surface, x[t], pressing[t])
         fill(*both(form), x, v, w, euler, loads, t, room, memory[1], of_steps(out, slice(t, t + 1)))
     return out
 
@@ -231,7 +232,7 @@ def pressing_pairs(system: System, x: Array, v: Array, euler: Flags, valid: Flag
 
     found = dict[int, Indices]()
     for t, first_order in enumerate(euler):
-        surface, begin, end = contact_steps.surface_of(system, t), x[t], x[t + 1]
+        surface, begin, end = contact_steps.surface_of(system, t, x[t]), x[t], x[t + 1]
         y = end if system.newton_iterations > 1 else begun(system, x, v, t, first_order)
         view = pairs.around(surface, begin, end, 0.0)
         near = pairs.of_numbers(surface, begin, view)

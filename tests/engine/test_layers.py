@@ -308,10 +308,11 @@ def test_derivatives_through_a_release():
     assert_derivatives(made, 1e-13, 1e-10, switches=True)
 
 
-def poked(**fields):
-    """A sheet whose middle starts through another one."""
-    own = {"held": True, "optimizationSettings": "GG"}
-    one, other = sheet(11, 1.0, 0.0, bump=0.04, **own), sheet(11, 1.0, 0.02, (0.013, 0.021), **own)
+def poked(along=0.0, **fields):
+    """A sheet whose middle starts through another one, which is held or slides along it, m/s."""
+    own = {"held": not along, "vertVel": [xyz((along, 0, 0))] * 121, "optimizationSettings": "GG"}
+    one = sheet(11, 1.0, 0.0, bump=0.04, held=True, optimizationSettings="GG")
+    other = sheet(11, 1.0, 0.02, (0.013, 0.021), **own)
     return layers(one, other, gravity=xyz((0, 0, 0)), law={"thickness": 0.005}, **fields)
 
 
@@ -331,8 +332,17 @@ def test_what_starts_through_another_cloth_is_drawn_back():
     assert f"{len(surface.drawn)} vertices are drawn back over 0.2 s" in said
 
 
-def test_derivatives_while_a_cloth_is_drawn_back():
-    assert_derivatives(poked(optimizationIterations=8, fit={"contact": True}), 1e-13, 1e-10)
+@pytest.mark.parametrize("method", [2, 3])
+def test_what_slides_while_it_is_drawn_back_is_drawn_through_the_triangle_where_it_is(method):
+    made = poked(0.5, integrationMethod=method)
+    motion = simulate(made).positions
+    assert crossings(made, motion[0]) > 0
+    assert [crossings(made, x) for x in motion[21:]] == [0] * (len(motion) - 21)
+
+
+@pytest.mark.parametrize("along", [0.0, 0.5])
+def test_derivatives_while_a_cloth_is_drawn_back(along):
+    assert_derivatives(poked(along, optimizationIterations=8, fit={"contact": True}), 1e-13, 1e-10)
 
 
 def test_flat_sheets_that_are_turned_do_not_cross_themselves():

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from functools import partial
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -59,8 +59,9 @@ class Surface(NamedTuple):
     release: float  # s, in which what passes through another part at the start goes back
     crossed: Flags  # (n,), whether a vertex is where two parts cross at the start
     drawn: npt.NDArray[np.int64]  # (D,), pairs, ascending, that are drawn back to the other side,
-    side: Array  # (D,), 1 or −1, which one that is,
+    side: Array  # (D,), 1 or −1, which one that is, in a step,
     beyond: Array  # (D,), and how far from it they are at the start, m
+    patches: npt.NDArray[np.int64]  # (D, K), the triangles about those of these pairs, along which they may slide
     left: float = 0.0  # the share of `beyond` that is left in a step, 1 at the start
 
 
@@ -76,11 +77,12 @@ def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, fl
     first = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
     shape = np.array(triangles, np.int32, order="C"), np.ascontiguousarray(edges)  # what is read-only is another type
     free = np.where(fixed, 0.0, 1.0)
-    neighbours, nowhere = np.ascontiguousarray(both[:, 1]), (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+    neighbours, nobody = np.ascontiguousarray(both[:, 1]), np.zeros(0, np.int64)
     points = np.arange(n, dtype=np.int32)[:, None]
     fabric = *shape, np.array(start, float), free, first, neighbours
     trees = parts(points, start), parts(shape[1], start), parts(shape[0], start)
-    return with_crossed(Surface(*fabric, *trees, *law, np.zeros(n, bool), *nowhere))
+    made = Surface(*fabric, *trees, *law, np.zeros(n, bool), nobody, np.zeros(0), np.zeros(0), nobody[:, None])
+    return with_crossed(made)
 
 
 def with_crossed(surface: Surface) -> Surface:
@@ -88,7 +90,7 @@ def with_crossed(surface: Surface) -> Surface:
 
     Without the edges that pass through triangles a piece of cloth falls apart; the largest part of it is where it
     should be. The free vertices of the others are drawn back through what they are nearest to, unless they would have
-    to be faster than FASTEST.
+    to be faster than FASTEST. They may slide along it, to triangles up to two away (`at_time`).
     """
     hits = pierced(surface)
     if not len(hits):
@@ -102,33 +104,42 @@ def with_crossed(surface: Surface) -> Surface:
     through = part != main[piece]
     crossed = through.copy()
     crossed[surface.edges[hits[:, 0]]] = crossed[surface.triangles[hits[:, 1]]] = True
-    found = [(v, *nearest_triangle(surface, part, v)) for v in np.flatnonzero(through)]
-    drawn, beyond = np.array([v * len(surface.triangles) + t for v, t, _ in found]), np.array([d for _, _, d in found])
-    vertices, _, _, side = of_each(surface, surface.start, drawn)
-    kept = (beyond <= FASTEST * surface.release) & (surface.free[vertices].sum(axis=1) > 0)
-    return surface._replace(crossed=crossed, drawn=drawn[kept], side=-side[kept], beyond=beyond[kept])
+    drawn, beyond, patches, shape = [], [], [], surface.triangles
+    for v in np.flatnonzero(through):
+        apart = np.flatnonzero((part[shape] != part[v]).all(axis=1))
+        t, delta = nearest_triangle(surface, v, apart, surface.start)
+        if delta <= FASTEST * surface.release and surface.free[[v, *shape[t]]].any():
+            beside = surface.edges[np.isin(surface.edges, shape[t]).any(axis=1)]
+            patches.append(apart[np.isin(shape[apart], beside).any(axis=1)])
+            drawn.append(v * len(shape) + t)
+            beyond.append(delta)
+    most = max(map(len, patches), default=1)
+    about = np.array([np.resize(each, most) for each in patches], np.int64).reshape(-1, most)
+    numbers = np.array(drawn, np.int64)
+    return surface._replace(crossed=crossed, drawn=numbers, beyond=np.array(beyond, float), patches=about)
 
 
 @kernel
-def nearest_triangle(surface, part, v):
-    """The triangle that is nearest to a vertex at the start, of those without a corner in the same part, and how far it
-    is, m.
-    """
+def nearest_triangle(surface, v, among, x):
+    """The triangle that is nearest to a vertex at x (n, 3), `among` these, and how far it is, m."""
     best, least, own = 0, 1e300, np.zeros(4, np.int32)
-    own[0] = v
-    for t in range(len(surface.triangles)):
-        a, b, c = surface.triangles[t, 0], surface.triangles[t, 1], surface.triangles[t, 2]
-        if part[a] != part[v] and part[b] != part[v] and part[c] != part[v]:
-            own[1], own[2], own[3] = a, b, c
-            delta = distance(CORNER, own, surface.start)
-            if delta < least:
-                best, least = t, delta
+    for t in among:
+        pair_of(surface, CORNER, v, t, own)
+        delta = distance(CORNER, own, x)
+        if delta < least:
+            best, least = t, delta
     return best, least
 
 
-def at_time(surface: Surface, time: float) -> Surface:
-    """The surface for a step that ends at a time, s."""
-    return surface._replace(left=remaining(time, surface.release)) if surface.crossed.any() else surface
+def at_time(surface: Surface, time: float, x: Array) -> Surface:
+    """The surface for a step from x (n, 3) that ends at a time, s."""
+    if time >= surface.release or not surface.crossed.any():
+        return surface
+    drawn: Any = surface.drawn.copy()
+    for d, v in enumerate(drawn // len(surface.triangles)):
+        drawn[d] = v * len(surface.triangles) + nearest_triangle(surface, v, surface.patches[d], x)[0]
+    side = -of_each(surface, surface.start, drawn)[3]
+    return surface._replace(drawn=drawn, side=side, left=remaining(time, surface.release))
 
 
 def none(surface: Surface) -> Contact:
