@@ -171,7 +171,7 @@ def pressed(
     end, left = Ending(whole, room, part, t, surface, np.union1d(view, numbers), second), 0.0
     if second and (end.made is not None or end.gain()):
         return NO_PAIRS, march.CONTACTS
-    if not second and whole.guarded and not (draws(whole.inputs, whole.applied) or len(surface.drawn)):
+    if not second and whole.guarded and not (draws(whole.inputs, whole.applied) or surface.left > 0.0):
         left = end.end_well(tolerance)
         if left and not part.clamped[t]:
             return pressed(forms, tolerance, work, part, t, surface, False, safe=True)
