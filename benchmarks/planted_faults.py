@@ -1,6 +1,6 @@
 """Which faults do the tests find? `python benchmarks/planted_faults.py [--only WORD] [--repo PATH] [--out FILE]`.
 
-Sixty-two faults, each one expression of the package, are planted one at a time into a copy: flipped signs, missing
+Sixty-five faults, each one expression of the package, are planted one at a time into a copy: flipped signs, missing
 factors and terms, wrong indices, swapped axes, counts off by one, options that are ignored. The tests that a row of the
 table names then run until the first of them fails: path by path, of a folder the quick tests before the slow ones. A
 test that fails without the fault as well does not count. Prints for each fault which test found it after how many
@@ -67,24 +67,26 @@ FAULTS = (
           "(2.0 * abs(v) - rub) * total - v / sigma * T", "engine/test_forces.py derivative engine"),
     Fault("engine/forces/air: friction along the face", "fma(splat((abs(v) - RATIO * omega) * v), unit",
           "fma(splat(abs(v) * v), unit", "engine/test_forces.py engine derivative"),
-    Fault("engine/forces/law: sign in a pullback", "pi = dot(L, Z) - nu * along",
-          "pi = dot(L, Z) + nu * along", "engine/test_derivatives.py engine derivative"),
+    Fault("engine/forces/law: sign in a pullback", "pi, by_push = dot(L, Z) - nu",
+          "pi, by_push = dot(L, Z) + nu", "engine/test_derivatives.py engine derivative"),
     Fault("engine/forces/collider_rows: transpose of a spin", "stretched(own, by_v, cross(by_v, load3(own, SPIN)))",
           "stretched(own, by_v, cross(load3(own, SPIN), by_v))",
           "engine/test_derivatives.py engine derivative"),
     Fault("engine/forces/spheres: way before the step", "push = h * STIFFNESS * (depth + h * outward)",
           "push = h * STIFFNESS * (depth - h * outward)",
           "engine/test_forces.py engine/test_steps.py derivative engine"),
-    Fault("engine/forces/law: sign by the stiffness", "left * nu - mu * rub", "left * nu + mu * rub",
+    Fault("engine/forces/law: sign by the stiffness", "left * by_push - by_depth * depth", "left * by_push + by_depth * depth",
           "engine/test_self_contact.py derivative engine"),
+    Fault("engine/forces/law: sign by the load", "by_mu, by_kappa, -rub", "by_mu, by_kappa, rub",
+          "engine/test_colliders.py derivative engine"),
     Fault("engine/forces/bodies: swapped weights",
           "return fma(splat(dot(sub(c, a), by_drift)), by_c, mul(splat(dot(sub(b, a), by_drift)), by_b))",
           "return fma(splat(dot(sub(b, a), by_drift)), by_c, mul(splat(dot(sub(c, a), by_drift)), by_b))",
           "engine/test_derivatives.py engine/test_bodies.py engine derivative"),
     # steps, solves, inputs, sweeps
     Fault("engine/step/implicit: part of a shortened step",
-          "combine(theta, v_bar, theta * system.h, x_bar, work.w_bar)\n    v_bar[:] = 0.0\n    for k in range(used",
-          "combine(theta, v_bar, system.h, x_bar, work.w_bar)\n    v_bar[:] = 0.0\n    for k in range(used",
+          "combine(theta, v_bar, theta * system.h, x_bar, work.w_bar)\n    v_bar[:] = 0.0\n    contact.hand",
+          "combine(theta, v_bar, system.h, x_bar, work.w_bar)\n    v_bar[:] = 0.0\n    contact.hand",
           "engine/test_guard.py engine/test_steps.py derivative engine"),
     Fault("engine/step/bdf2: extrapolated velocity", "add(2.0, u_bar, v_bar)", "add(1.0, u_bar, v_bar)",
           "engine/test_steps.py derivative engine"),
