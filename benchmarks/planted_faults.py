@@ -75,7 +75,7 @@ FAULTS = (
     Fault("engine/forces/spheres: way before the step", "push = h * STIFFNESS * (depth + h * outward)",
           "push = h * STIFFNESS * (depth - h * outward)",
           "engine/test_forces.py engine/test_steps.py derivative engine"),
-    Fault("engine/forces/law: sign by the stiffness", "left * by_push - by_depth * depth", "left * by_push + by_depth * depth",
+    Fault("engine/forces/law: sign by the stiffness", "left * by_push - by_depth", "left * by_push + by_depth",
           "engine/test_self_contact.py derivative engine"),
     Fault("engine/forces/law: sign by the load", "by_mu, by_kappa, -rub", "by_mu, by_kappa, rub",
           "engine/test_colliders.py derivative engine"),
