@@ -41,6 +41,9 @@ CALLBACKS = {
 }  # fmt: skip
 """Files and functions of Python's own callbacks on references that end."""
 
+ASKED = ("apart.py", "_address")
+"""The same of what compiled code calls, but not of what that calls in turn, which may take long."""
+
 LATER = 0.01
 """Seconds after which a request that arrived in one of them comes again."""
 
@@ -237,7 +240,7 @@ def _loses_exceptions(frame: Any) -> bool:
     """Whether a frame runs within a callback from which Python lets no exception out, as while modules are imported, or
     is that in which compiled code asks for an address, which may not have come to its `try` (`kernels.apart`).
     """
-    if frame is not None and frame.f_code.co_name == "_address":
+    if frame is not None and (os.path.basename(frame.f_code.co_filename), frame.f_code.co_name) == ASKED:
         return True
     while frame is not None:
         name = frame.f_code.co_name

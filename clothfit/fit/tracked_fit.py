@@ -199,25 +199,30 @@ def places(scene: Scene, given: Sequence[Experiment]) -> list[Experiment]:
     ]
 
 
-def leaves_more(scene: Scene, motion: Motion, noise: float = np.inf) -> bool:
-    """Whether the matched points of a tracked scan are farther from the cloth that a scene simulates than noise takes
-    them: the variance of their distances is twice that about the cloth that was drawn to them, or more, or clearly
-    above that of earlier frames, `noise`, m².
+def leaves_more(scene: Scene, motion: Motion) -> bool:
+    """Whether the cloth that a scene simulates misses the matched points of a tracked scan by more than noise does."""
+    return is_more(left_over(scene, motion), scene)
+
+
+def is_more(left: Array, scene: Scene, noise: float = np.inf) -> bool:
+    """Whether what is `left_over` is more than noise leaves: twice the variance about the cloth that was drawn to the
+    points, or more, or clearly above that of earlier frames, `noise`, m².
 
     The model then is not the scan's. A cloth would slide along itself to bring points near, and distances do not say
     where along itself it is.
     """
-    if motion.correspondence.mesh is None or scene.method == REST:
-        return False
-    free, drawn = left_over(scene, motion)
+    free, drawn = left
     return bool(free >= 2.0 * drawn or free > max(LOUDER**2 * noise, (VISIBLE * median_edge(scene)) ** 2))
 
 
 def left_over(scene: Scene, motion: Motion) -> Array:
     """The mean square distances (2,), m², of nearly all matched points of a tracked scan from the cloth that a scene
     simulates, infinite where that diverges, and from the one that was drawn to them: a few are no points of the cloth.
+    Where no cloth was drawn, and of cloth at rest, nothing is left.
     """
     scan, squares = motion.correspondence, np.zeros(2)
+    if scan.mesh is None or scene.method == REST:
+        return np.array([0.0, np.inf])
     try:
         x = at_times(scene, motion)
     except Diverged:
@@ -248,7 +253,8 @@ def by_windows(
         found, before = by(few, scene, given, frames), few
         far = noise == np.inf and leaves_more(few, found[0].motion)
         trial = nearer(few, found, options, far=far)
-        explained, sure = sure, not leaves_more(trial, found[0].motion, noise)
+        left = left_over(trial, found[0].motion)
+        explained, sure = sure, not is_more(left, trial, noise)
         shorter = next_window(reached, longest, growth**0.5)
         if explained and not sure and growth > SLOWEST and shorter < frames:
             growth, sure = growth**0.5, True
@@ -256,9 +262,10 @@ def by_windows(
         few, reached, growth = trial, frames, growth if sure else GROWTH
         while finer and not sure:
             few = nearer(with_parameters(finer[0], values_by(few, finer.pop(0))), found, options, far=far)
-            sure = not leaves_more(few, found[0].motion, noise)
-        if sure and found[0].motion.correspondence.mesh:
-            noise = min(noise, float(left_over(few, found[0].motion)[0]))
+            left = left_over(few, found[0].motion)
+            sure = not is_more(left, few, noise)
+        if sure:
+            noise = min(noise, float(left[0]))
     return few, found if few is before else by(few, scene, given, longest)
 
 

@@ -60,10 +60,12 @@ state; and the mean power of what moves, and of the wind, W, in a step where tha
 stands what has pressed each vertex of a collider, N (`forces.contact`).
 """
 
+
 def start(system: System) -> Array:
     """What the first step is handed, (2 + R,)."""
     count = 0 if system.colliders is None else len(system.colliders.depth)
     return np.append([-np.inf, 0.0], np.full(count, -1.0))
+
 
 NONE, SPRINGS, CONTACTS = 0, 1, 2
 """What added energy in a step."""
