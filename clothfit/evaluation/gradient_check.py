@@ -36,10 +36,9 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative.verify import ABOVE_NOISE, DIFFERENCE, FEWEST_STEPS, NOISE_STEPS, ORDER, PRODUCT, direction_of
 from clothfit.engine.forces import collider_rows
-from clothfit.engine.forces.collider_rows import AXES, PLACE, SHAPE, SIZE
+from clothfit.engine.forces.collider_rows import MANY, SPREAD
 from clothfit.engine.forces.selfcontact import pairs, rows
 from clothfit.engine.forces.spheres import STIFFNESS
-from clothfit.engine.forces.surfaces import BOX, CONE
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.stability import drags
@@ -112,9 +111,12 @@ def cost_and_contacts(objective: Objective, p: Array) -> tuple[float, list[Parts
     return total, switches
 
 
-def taylor_steps(objective: Objective, p: Array, d: Array, least: float) -> tuple[list[TaylorStep], float]:
-    """All steps, from short to long, and the rounding error of the cost, m², at the `least` so much."""
-    start, own = cost_and_contacts(objective, p)
+def taylor_steps(
+    objective: Objective, p: Array, d: Array, least: float, start: float, own: list[Parts]
+) -> tuple[list[TaylorStep], float]:
+    """All steps, from short to long, and the rounding error of the cost, m², at the `least` so much; `start` and `own`
+    are `cost_and_contacts` at p.
+    """
 
     def step(t: float) -> TaylorStep:
         costs, switch = [], ""
@@ -289,7 +291,8 @@ def check_scene(
     derivative = Known(value, apart + (rounding + placed) * abs(value))
     # what a cost is not known to: positions are rounded, systems solved to a tolerance, squares too small for numbers
     solved = abs(other.cost(p) - cost) / LOOSE_TOLERANCE
-    steps, noise = taylor_steps(objective, p, d, float(max(LEAST_SQUARED, 2.0 * placed * cost, solved)))
+    start, own = cost_and_contacts(objective, p)
+    steps, noise = taylor_steps(objective, p, d, float(max(LEAST_SQUARED, 2.0 * placed * cost, solved)), start, own)
     short = calm(steps, noise)
     beyond = next((step.switch for step in steps[len(short) :]), "")
     tests = (
@@ -298,21 +301,9 @@ def check_scene(
         product(objective, other, p, d, rng, rounding),
     )
     reach = short[-1].t if short else 0.0
-    unseen = () if scene.self_contact is None or touches_itself(objective, p) else ("self-contact",)
+    acts = any(each[:, :, scene.obstacles :].any() for each in own)
+    unseen = () if scene.self_contact is None or acts else ("self-contact",)
     return SceneCheck(scene.name, count, tuple(scene.blocks), flagged, tests, reach, beyond, unseen)
-
-
-def touches_itself(objective: Objective, p: Array) -> bool:
-    """Whether any cloth touches itself in a step of its motion at p (P,)."""
-    found: list[bool] = []
-
-    def observe(chunk: Rollout) -> None:
-        if chunk.active_pairs is not None:
-            found.extend(len(active.numbers) > 0 or active.zones is not None for active in chunk.active_pairs)
-
-    for run in objective.runs:
-        objective.simulate(run, p, observe)
-    return any(found)
 
 
 def default_frames(scene: Scene) -> int:
@@ -391,10 +382,6 @@ def shifted(p: Array, by: float = 2.0) -> Array:
 # one more obstacle; its numbers stand for the pairs that a vertex is in, and the parts of triangles and edges that
 # are nearest there.
 
-MANY = 2**31 - 3
-"""Numbers that pairs are spread over."""
-
-
 class Switch(NamedTuple):
     """The first difference between two motions of a cloth."""
 
@@ -437,6 +424,8 @@ def contacts(system: System, part: Rollout) -> Parts:
                 own = part.active_pairs[t]
                 numbers = own.numbers if own.on is None else own.numbers[own.on[k]]
                 found[t, k, -1] = touched_by_itself(system.surface, part.x[t], numbers, y)
+                if own.zones is not None:
+                    found[t, k, -1, own.zones.member] += 1
     return found
 
 
@@ -462,10 +451,9 @@ def touched(system: System, y: Array, active: Flags | None) -> Parts:
         return plain
     deep = collider_rows.depths(system.colliders, y)[0]
     inside = active.reshape(deep.shape) | (deep > 0)
-    places = np.array([part_of(row, y) for row in system.colliders.rows], np.int32).reshape(-1, len(y))
-    points = collider_rows.contact_points(system.colliders, y)
-    places = np.where(points < 0, places, 1 + points)
-    return np.concatenate([plain, np.where(inside, places, 0)], dtype=np.int32)
+    places = np.empty(deep.shape, np.int32)
+    collider_rows.fill_parts(system.colliders, y, places)
+    return np.concatenate([plain, np.where(inside, 1 + places, 0)], dtype=np.int32)
 
 
 def touched_by_itself(surface: pairs.Surface, x: Array, numbers: Indices, y: Array) -> Parts:
@@ -474,40 +462,8 @@ def touched_by_itself(surface: pairs.Surface, x: Array, numbers: Indices, y: Arr
     place = np.zeros(len(numbers), np.int32)
     rows.find_parts(contact, y, place)
     total = np.zeros(len(x), np.int64)
-    np.add.at(total, contact.vertices.ravel(), np.repeat(1 + (7919 * numbers + place) % MANY, 4))
+    np.add.at(total, contact.vertices.ravel(), np.repeat(1 + (SPREAD * numbers + place) % MANY, 4))
     return np.asarray(np.where(total > 0, 1 + total % MANY, 0), np.int32)
-
-
-def part_of(row: Array, y: Array) -> Parts:
-    """The part of a collider's surface (`surfaces`) that points y (n, 3) are nearest to, (n,), from 1 on."""
-    p = (y - row[PLACE]) @ row[AXES : AXES + 3].T
-    shape = int(row[SHAPE, 0])
-    if shape == BOX:
-        return part_of_box(row[SIZE], p)
-    if shape == CONE:
-        return part_of_cone(row[SIZE], p)
-    return np.ones(len(p), np.int32)
-
-
-def part_of_box(half: Array, p: Array) -> Parts:
-    """Outside, on which side of each pair of faces, or between them; inside, the nearest face."""
-    q = np.abs(p) - half
-    side = np.where(p < 0, 1, 2)
-    beyond = (np.where(q > 0, side, 0) @ [1, 3, 9]) + 1
-    nearest = np.argmax(q, axis=1)
-    within = 28 + 2 * nearest + side[np.arange(len(p)), nearest]
-    return np.asarray(np.where((q > 0).any(axis=1), beyond, within), np.int32)
-
-
-def part_of_cone(size: Array, p: Array) -> Parts:
-    """Its mantle, or one of its ends."""
-    r, s, length = size
-    if length <= abs(r - s):
-        return np.ones(len(p), np.int32)
-    sine = (r - s) / length
-    along = np.sqrt(1.0 - sine * sine) * (p[:, 1] + 0.5 * length) - sine * np.hypot(p[:, 0], p[:, 2])
-    ends = np.array([0.0, np.sqrt(1.0 - sine * sine) * length])
-    return np.asarray(1 + (along[:, None] > ends).sum(axis=1), np.int32)
 
 
 def first_switch(a: Parts, b: Parts) -> Switch | None:

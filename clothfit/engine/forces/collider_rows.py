@@ -25,7 +25,7 @@ from clothfit.engine.forces.faces import add_along
 from clothfit.engine.forces.law import across, block, remaining
 from clothfit.engine.forces.spheres import offset_of
 from clothfit.engine.forces.surfaces import BOX, CONE, MESH, distance
-from clothfit.engine.forces.triangle import AB, CA, A
+from clothfit.engine.forces.triangle import BC, B, C
 from clothfit.engine.forces.vertex import Vertex
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
@@ -55,6 +55,9 @@ WIDER = 1.0 + 1e-9
 
 THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
 """Places in the row LAW."""
+
+MANY, SPREAD = 2**31 - 3, 7919
+"""Numbers that parts of surfaces are spread over, by this factor."""
 
 NOBODY = np.zeros((0, 0, 4))
 """What of a cloth begins inside of colliders where nothing does."""
@@ -672,32 +675,25 @@ def depths(colliders, y):
     return depth, normal
 
 
-def contact_points(colliders: Colliders, y: Array) -> Indices:
-    """Where on meshes points y (n, 3) are, (C, n): seven times the nearest triangle, and the part of it (`triangle`);
-    −1 at other colliders. Of the triangles that share an edge or a corner the first counts.
-    """
-    found = np.full((len(colliders.rows), len(y)), -1, np.int32)
-    fill_contact_points(colliders, y, found)
-    corners, across = colliders.bodies.triangles, colliders.bodies.across
-    f, part = np.divmod(found, 7)
-    edge, corner = (part >= AB) & (part <= CA) & (found >= 0), (part >= A) & (found >= 0)
-    other = across[f[edge], part[edge] - AB]
-    first, second = np.minimum(f[edge], other), np.maximum(f[edge], other)
-    found[edge] = 7 * first + AB + (across[first] == second[:, None]).argmax(axis=1)
-    vertices, places = np.unique(corners, return_index=True)
-    owner = places[np.searchsorted(vertices, corners[f[corner], part[corner] - A])]
-    found[corner] = 7 * (owner // 3) + A + owner % 3
-    return found
-
-
 @kernel
-def fill_contact_points(colliders, y, found):
-    """The same, written to an array."""
+def fill_parts(colliders, y, out):
+    """out (C, n) = a number for the part of each collider's surface that points y (n, 3) are nearest to, on which the
+    normal bends smoothly: a face, an edge or a corner, of a mesh its vertices, one end or the mantle of a round cone.
+    """
     for c in range(len(colliders.rows)):
+        own = colliders.rows[c]
         for i in range(len(y)):
-            f, part, _, _ = contact(colliders, y, i, c)[5]
+            _, k, j, n, _, (f, part, wb, wc) = measured(colliders.bodies, own, i, load3(y, i))
+            number = (1 if k != 0.0 else 0) + (2 if j != 0.0 else 0)
+            if own[SHAPE, 0] == BOX:
+                number += 4 * int(13 + np.sign(lane0(n)) + 3 * np.sign(lane1(n)) + 9 * np.sign(lane2(n)))
             if f >= 0:
-                found[c, i] = 7 * f + part
+                weights = 0.0 if part in (BC, B, C) else 1.0, wb, wc
+                for e in range(3):
+                    if weights[e] > 0.0:
+                        mixed = (1 + colliders.bodies.triangles[f, e]) * SPREAD
+                        number += (mixed ^ (mixed >> 7)) * SPREAD % MANY  # so that sums of others are others
+            out[c, i] = number % MANY
 
 
 @kernel
