@@ -69,12 +69,12 @@ def gradient(
         for chunk in reversed(segment.parts()):
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
             at_start = by_position[0]
-            with linear.served(work.A, work.solver):
-                if chunk.active_pairs is not None:
-                    from clothfit.derivative import contact as touching  # which few scenes need
+            if chunk.active_pairs is not None:
+                from clothfit.derivative import contact as touching  # which few scenes need
 
-                    touching.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
-                else:
+                touching.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
+            else:
+                with linear.served(work.A, work.solver):
                     for begin, end in reversed(alike(chunk)):
                         own = forms(taken.at(chunk, begin))
                         sweep(*own, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
@@ -144,12 +144,12 @@ class Sweep:
         given, colliders = (self.direction, self.tolerance, self.work), self.system.colliders
         if colliders is not None:  # several sweeps may go through the same chunk
             colliders.of_load[:] = self.of_load
-        with linear.served(self.work.A, self.work.solver):
-            if chunk.active_pairs is not None:
-                from clothfit.derivative import contact as touching  # which few scenes need
+        if chunk.active_pairs is not None:
+            from clothfit.derivative import contact as touching  # which few scenes need
 
-                touching.forward(self.sweep, self.taken, chunk, *given, self.state, change)
-            else:
+            touching.forward(self.sweep, self.taken, chunk, *given, self.state, change)
+        else:
+            with linear.served(self.work.A, self.work.solver):
                 for begin, end in alike(chunk):
                     if end > skipped:
                         own, steps = forms(self.taken.at(chunk, begin)), (max(begin, skipped), end)

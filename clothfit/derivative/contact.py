@@ -18,6 +18,7 @@ from clothfit.engine.forces import contact as contacts
 from clothfit.engine.forces.selfcontact import pairs, zones
 from clothfit.engine.forces.selfcontact.zones import add_row
 from clothfit.engine.rollout import Rollout, Taken, forms
+from clothfit.engine.solve import linear
 from clothfit.engine.step import implicit
 from clothfit.engine.system import IMPLICIT, System
 from clothfit.kernels.kernel import kernel
@@ -110,7 +111,8 @@ def back(
         add(1.0, by_position[t + 1], state[0])
         if own.zones is not None:
             zones.pull(own.zones, own.system.vertex, own.system.h, state[0], state[1], grad)
-        sweep(*forms(own.system), own.part, nothing, 0, 1, tolerance, own.work, after - t - 1, *state, grad)
+        with linear.served(own.work.A, own.work.solver):
+            sweep(*forms(own.system), own.part, nothing, 0, 1, tolerance, own.work, after - t - 1, *state, grad)
 
 
 def forward(
@@ -120,7 +122,8 @@ def forward(
     """Carry the change of a state from before a chunk to after it, all dx to `change`; see `adjoint.sweep_forward`."""
     for t in range(chunk.steps):
         own = contact_steps.taken(taken.at(chunk, t), work, chunk, t)
-        sweep(*forms(own.system), own.part, 0, 1, direction, tolerance, own.work, *state, change[t : t + 1])
+        with linear.served(own.work.A, own.work.solver):
+            sweep(*forms(own.system), own.part, 0, 1, direction, tolerance, own.work, *state, change[t : t + 1])
         if own.zones is not None:
             zones.push(own.zones, own.system.vertex, own.system.h, direction, state[0], state[1])
             copy(state[0], change[t])

@@ -37,7 +37,6 @@ from clothfit.engine.forces import springs
 from clothfit.engine.inputs.tables import led, moves_of, set_direction, set_inputs, with_constant
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
-from clothfit.engine.solve.contact_blocks import is_there
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.step.states import state_before, velocities, velocity
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, meets_itself, mobile, zeros
@@ -431,23 +430,20 @@ def along(system: System, columns: Columns, q: int) -> Elements:
 
 
 class Solver:
-    """Solves A dW = B on the free vertices for A of one pattern."""
+    """Solves A dW = B on the free vertices, best for A of one pattern again and again."""
 
     def __init__(self) -> None:
         self.envelope: Envelope | None = None
+        self.column: Indices | None = None  # of that pattern
 
     def __call__(self, A: sparse.BlockMatrix, right: Array) -> Array:
         """dW for B = `right` (3 f, Q), which stays as it is."""
         if not len(right):  # nothing is free
             return right.copy()
-        if is_there(A.contacts):  # whose pattern is another one at each step
-            matrix = sparse.to_scipy(*A)
-            self.envelope, numbers = envelope(matrix), matrix.data
-        else:
-            numbers = np.concatenate([A.diagonal, A.upper]).reshape(-1)
-            if self.envelope is None:
-                matrix = sparse.places(A)
-                self.envelope = envelope(matrix, matrix.data)
+        numbers = np.concatenate([A.diagonal, A.upper]).reshape(-1)
+        if self.envelope is None or self.column is not A.column:
+            matrix = sparse.places(A)
+            self.envelope, self.column = envelope(matrix, matrix.data), A.column
         L = factorise(self.envelope, numbers)
         return solve_whole(sparse.to_scipy(*A), right) if L is None else solve(self.envelope, L, right)
 

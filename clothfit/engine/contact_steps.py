@@ -28,7 +28,7 @@ from clothfit.engine import march
 from clothfit.engine.forces import collider_rows, contact
 from clothfit.engine.forces.selfcontact import pairs, rows, zones
 from clothfit.engine.inputs.tables import draws, place_pins
-from clothfit.engine.solve import contact_blocks, linear
+from clothfit.engine.solve import linear, sparse
 from clothfit.engine.step import bdf2, guard, implicit, states
 from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
@@ -70,16 +70,21 @@ def surface_of(system: System, t: int, x: Array) -> pairs.Surface:
 
 def with_pairs(
     system: System, work: implicit.Workspace, surface: pairs.Surface, x: Array, numbers: Indices,
-    on: Flags | None = None,
+    on: Flags | int | None = None,
 ) -> tuple[System, implicit.Workspace]:  # fmt: skip
     """A system and its workspace for a step from x (n, 3) with these pairs (P,), which press all, or in its iterations
-    where `on` (N, P) says.
+    where `on` (N, P) says, a number N: yet nowhere.
     """
     own = pairs.of_numbers(surface, x, numbers)
     if on is not None and system.colliders is not None:
+        on = np.zeros((on, len(numbers)), bool) if isinstance(on, int) else on
         own = own._replace(on=on, turn=system.colliders.turn)
-    A = work.A._replace(contacts=contact_blocks.no_blocks(own.vertices, own.free))
-    return system._replace(contact=own), work._replace(A=A)
+    if not len(numbers) or system.method < IMPLICIT:
+        return system._replace(contact=own), work
+    A, moved, slot = sparse.joined(work.A, own.vertices, own.free)
+    springs = system.springs._replace(slot=moved[system.springs.slot])
+    system = system._replace(contact=own._replace(slot=slot), springs=springs)
+    return system, work._replace(A=A, solver=linear.workspace(A))
 
 
 def fill(
@@ -89,13 +94,12 @@ def fill(
     each.
     """
     bare = part.bare()
-    with linear.served(work.A, work.solver):
-        for t in range(part.steps):
-            active, ended = step(forms, tolerance, work, bare, t)
-            if ended != march.DONE:
-                return t
-            part.active_pairs[t] = active
-            check()
+    for t in range(part.steps):
+        active, ended = step(forms, tolerance, work, bare, t)
+        if ended != march.DONE:
+            return t
+        part.active_pairs[t] = active
+        check()
     return int(part.steps)
 
 
@@ -112,7 +116,8 @@ def step(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, 
         for safe in (False, True):
             if ended == march.REFUSED:
                 own, room = with_pairs(forms.form(False, safe), work, surface, x, numbers)
-                ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
+                with linear.served(room.A, room.solver):
+                    ended = march.run_bdf2(*bdf2.forms(own), tolerance, room, part, t, t + 1)[1]
         if ended != march.GAINS and (ended != march.DONE or not len(pairs.colliding(surface, x, part.x[t + 1]))):
             return NO_PAIRS, ended
     two = system.method == BDF2
@@ -141,16 +146,21 @@ def pressed(
     middle, margin = x + h * first, 0.0  # a first guess is seldom so near that looking farther serves
     view, turn = pairs.around(surface, x, middle, margin), 0
     numbers = np.union1d(pairs.near(surface, x, view), pairs.colliding(surface, x, middle, view))
+    own, room = with_pairs(system, work, surface, x, numbers, part.w.shape[1])
     while True:
         interrupts.check()
-        on = np.zeros((part.w.shape[1], len(numbers)), bool)
-        own, room = with_pairs(system, work, surface, x, numbers, on)
+        assert own.contact is not None
+        on = own.contact.on
+        on[:] = False
         deep, left = contact.depths_along(own.contact, x, x + h * first)
         on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pushing)
-        if not attempt(own, room, part, t, first, implicit.ROUGH if rough else tolerance, part.w[t]):
+        with linear.served(room.A, room.solver):
+            good = attempt(own, room, part, t, first, implicit.ROUGH if rough else tolerance, part.w[t])
+        if not good:
             if part.clamped[t] or second:
                 return NO_PAIRS, march.REFUSED
             system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
+            own, room = with_pairs(system, work, surface, x, numbers, part.w.shape[1])
             contact.expect(whole.colliders, part, t)
             continue
         if not march.finite(after):
@@ -166,8 +176,11 @@ def pressed(
         if turn >= ROUNDS or not (rough or len(new)):
             break
         rough = rough and len(new) > 0 and turn < ROUNDS - 1
-        numbers = np.union1d(numbers, new)
+        if len(new):
+            numbers = np.union1d(numbers, new)
+            own, room = with_pairs(system, work, surface, x, numbers, part.w.shape[1])
     whole = forms.at(part, t)._replace(contact=own.contact)
+    whole = whole._replace(springs=whole.springs._replace(slot=own.springs.slot))
     end, left = Ending(whole, room, part, t, surface, np.union1d(view, numbers), second), 0.0
     if second and (end.made is not None or end.gain()):
         return NO_PAIRS, march.CONTACTS

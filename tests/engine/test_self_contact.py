@@ -94,7 +94,7 @@ def law_of(x, kind, friction=0.0, thickness=5.0):
     """A contact of one pair at x (4, 3)."""
     sides = np.array([nearest.side(kind, OWN, x)])
     own = np.array([OWN], np.int32), np.array([kind], np.int32), np.array([thickness]), sides
-    alone = np.ones((1, 1), bool), np.zeros(1, np.int32), np.full(1, np.inf)
+    alone = np.ones((1, 1), bool), np.zeros(1, np.int32), np.full(1, np.inf), np.arange(6, dtype=np.int32)[None]
     return rows.Contact(*own, np.ones(4), 0.1, 300.0, friction, *alone)
 
 
@@ -140,7 +140,8 @@ def test_the_derivatives_of_the_model(kind, friction):
         one, direction = one._replace(contact=made), zeros(one)
 
         def model(y, u, made=made, s=s, w=w, one=one):
-            A = sparse.zeros(one.pattern, 4)._replace(contacts=sparse.pairs.no_blocks(made.vertices, made.free))
+            A, _, slot = sparse.joined(sparse.zeros(one.pattern, 4), made.vertices, made.free)
+            made = made._replace(slot=slot)
             sparse.reset(A, np.zeros(4))
             b, out = np.zeros((4, 3)), np.zeros((4, 3))
             contact.add_step(made, y, u, h, False, A, b)

@@ -8,7 +8,7 @@ Eisenstat's trick makes one of them as cheap. In x̂ = (D̂ + Lᵀ) x and r̂ = 
 
 two triangular solves that together read A once, and the preconditioner of Â is D̂: z = D̂ r̂, without a solve. The
 direction in w itself is t. The residual r is not at hand: its norm is predicted from r̂ᵀ D̂ r̂, and when the prediction
-is small enough, r is computed. What contacts join (`contact_blocks`), C, is added to A, not to L: (D̂ + L)⁻¹ C t to Â p.
+is small enough, r is computed.
 
 A negative curvature pᵀ Â p proves that A is not positive definite (strongly compressed springs do that).
 
@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, aligned, staggered
-from clothfit.engine.solve import contact_blocks, sparse, ssor
+from clothfit.engine.solve import sparse, ssor
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, column, fma, lane0, lane2, load3, load4, splat, store3, store4, sum3
 
@@ -62,7 +62,6 @@ def solve(A, b, tolerance, limit, work, w):
     x, r, p, t, q, z, own, inverse = work
     whole = A.subdomains[0]
     bb = enter(A, whole, b, w, x, own)
-    contact_blocks.add_product(A.contacts, -1.0, x, own)
     rr = ssor.residual(A, whole, x, own, r)  # 1: r = b − A x
     target = tolerance * tolerance * bb
     if is_solved(A, rr, bb, target, w):
@@ -76,7 +75,6 @@ def solve(A, b, tolerance, limit, work, w):
     ratio, beta = rr / rz, 0.0
     for iteration in range(1, limit + 1):  # 2: for j = 0, 1, … until convergence
         ssor.solve_upper(A, whole, inverse, kappa, beta, z, p, t, own)  # 8 of the last j: p = z + β p; t
-        contact_blocks.add_product(A.contacts, 1.0, t, own)
         curvature = ssor.apply_lower(A, whole, inverse, p, t, own, q)  # q = Â p and pᵀ q
         if not curvature > 0.0:
             return iteration, INDEFINITE

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, staggered
-from clothfit.engine.solve import cg, contact_blocks, multigrid, ssor, two_threads
+from clothfit.engine.solve import cg, multigrid, ssor, two_threads
 from clothfit.engine.solve.cg import CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.multigrid import AFTER, Hierarchy, rows
 from clothfit.engine.solve.sparse import BlockMatrix, added, spread, times_row, times_spread
@@ -62,8 +62,6 @@ def solve(A, b, tolerance, limit, work, second, hierarchy, w):
     bb = cg.enter(A, A.subdomains[0], b, w, x, work.own)
     bb += cg.enter(A, A.subdomains[1], b, w, x, second.far) + cg.enter(A, A.subdomains[2], b, w, x, work.own)
     rr = sweep(A, work, second, hierarchy, RESIDUAL, 0.0, 0.0)  # 1: r = b − A x
-    if contact_blocks.add_product(A.contacts, -1.0, x, work.r) != 0.0:
-        rr = sweep(A, work, second, hierarchy, STEP, 0.0, 0.0)
     target = tolerance * tolerance * bb
     if cg.is_solved(A, rr, bb, target, w):
         return 0, CONVERGED
@@ -78,7 +76,6 @@ def solve(A, b, tolerance, limit, work, second, hierarchy, w):
         beta = rz_new / rz if iteration > 1 else 0.0  # 7: β = (r, z) / (r, z) before
         rz = rz_new
         curvature = sweep(A, work, second, hierarchy, FOLLOW, size, beta)  # 8: p = z + β p, q = A p
-        curvature += contact_blocks.add_product(A.contacts, 1.0, work.p, work.q)
         if not curvature > 0.0:
             return iteration, INDEFINITE
         rr = sweep(A, work, second, hierarchy, STEP, rz / curvature, 0.0)  # 3, 4, 5: α, x += α p, r −= α q

@@ -1,23 +1,19 @@
-"""The blocks of contacts in the step's matrix, beside the pattern of the cloth: pairs change from step to step.
+"""What contacts between free and fixed vertices add to a step: blocks of the matrix that no row of it has.
 
-A pair with the weights c of its four vertices adds the blocks cᵢ cⱼ B, B = a n nᵀ + ρ (I − n nᵀ): their sum is C. What
-of C is on the diagonal is in the matrix' own, so that the preconditioner of the conjugate gradients knows it; the rest,
-C without its diagonal, is applied to vectors pair by pair.
+A pair with the weights c of its four vertices adds the blocks cᵢ cⱼ B, B = a n nᵀ + ρ (I − n nᵀ). Those between free
+vertices are in the matrix (`sparse.joined`); here is what is left, pair by pair.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load, load3, mul, splat, store, store3, sub
+from clothfit.kernels.lanes.operations import fma, load, load3, mul, splat, store, store3
 from clothfit.kernels.vectors import dot
-
-if TYPE_CHECKING:
-    from scipy.sparse import coo_array
 
 FREE, NORMAL, PUSH, RUB, WEIGHT, SIZE = 0, 4, 7, 8, 12, 16
 """Places in a row of `ContactBlocks`: c of free vertices and 0 of fixed ones, n, a and ρ, c."""
@@ -34,11 +30,6 @@ class ContactBlocks(NamedTuple):
 def no_blocks(vertices: Indices, free: Array) -> ContactBlocks:
     """Memory for the blocks of pairs of these vertices (P, 4)."""
     return ContactBlocks(vertices, np.zeros((len(vertices), SIZE)), free)
-
-
-def is_there(blocks: ContactBlocks | None) -> bool:
-    """Whether there are such blocks at some steps."""
-    return blocks is not None and len(blocks.free) > 0
 
 
 @kernel(absent=None)
@@ -84,37 +75,6 @@ def block_product(rows, k, z):
     return fma(splat((rows[k, PUSH] - rows[k, RUB]) * dot(n, z)), n, mul(splat(rows[k, RUB]), z))
 
 
-@kernel(absent=0.0)
-def add_product(blocks, scale, x, out):
-    """out += scale · (C without its diagonal) x, between free vertices; x, out (n, 3) or (n, 4). Returns what is added
-    times x.
-    """
-    total = 0.0
-    for k in range(len(blocks.rows)):
-        if blocks.rows[k, PUSH] != 0.0:
-            total += scale * add_row(blocks.vertices[k], blocks.rows, k, scale, x, out)
-    return total
-
-
-@kernel
-def add_row(own, rows, k, scale, x, out):
-    """What pair k adds; returns it times x, for a scale of 1."""
-    # without `mixed` and `spread`, which would then be compiled for cloths without pairs as well
-    x0, x1 = mul(splat(rows[k, 0]), load3(x, own[0])), mul(splat(rows[k, 1]), load3(x, own[1]))
-    x2, x3 = mul(splat(rows[k, 2]), load3(x, own[2])), mul(splat(rows[k, 3]), load3(x, own[3]))
-    z = add(add(x0, x1), add(x2, x3))
-    total = add_end(own[0], rows, k, 0, scale, z, x0, out) + add_end(own[1], rows, k, 1, scale, z, x1, out)
-    return total + add_end(own[2], rows, k, 2, scale, z, x2, out) + add_end(own[3], rows, k, 3, scale, z, x3, out)
-
-
-@kernel
-def add_end(i, rows, k, e, scale, z, own, out):
-    """The same at vertex i, number e of the pair, whose part of z is `own`."""
-    push = block_product(rows, k, sub(z, own))
-    store3(fma(splat(scale * rows[k, e]), push, load3(out, i)), out, i)
-    return dot(own, push)
-
-
 @kernel(absent=None)
 def add_across(blocks, scale, x, to_fixed, out):
     """out += scale · the blocks that join free vertices to fixed ones, times the x (n, 3) of these, or where it goes
@@ -125,24 +85,3 @@ def add_across(blocks, scale, x, to_fixed, out):
         free, fixed = (f[0], f[1], f[2], f[3]), (c[0] - f[0], c[1] - f[1], c[2] - f[2], c[3] - f[3])
         of, to = (free, fixed) if to_fixed else (fixed, free)
         spread(to, own, mul(splat(scale), block_product(blocks.rows, k, mixed(of, own, x))), out)
-
-
-def to_scipy(vertices: Indices, rows: Array, order: Indices) -> coo_array:
-    """The blocks off the diagonal as a SciPy sparse array (3 m, 3 m), of the m free vertices in ascending order."""
-    from scipy.sparse import coo_array
-
-    m, free = len(order), np.sort(order)
-    place = np.full(max(int(vertices.max(initial=0)), int(free.max(initial=0))) + 1, -1)
-    place[free] = np.arange(m)
-    n = rows[:, NORMAL : NORMAL + 3]
-    push, rub = rows[:, PUSH, None, None], rows[:, RUB, None, None]
-    B = (push - rub) * n[:, :, None] * n[:, None, :] + rub * np.eye(3)
-    data, row, column = [np.zeros(0)], [np.zeros(0, int)], [np.zeros(0, int)]
-    for i, j in ((i, j) for i in range(4) for j in range(4) if i != j):
-        at, to = place[vertices[:, i]], place[vertices[:, j]]
-        both = (at >= 0) & (to >= 0)
-        data.append(((rows[:, WEIGHT + i] * rows[:, WEIGHT + j])[:, None, None] * B)[both].ravel())
-        row.append(np.repeat(3 * at[both, None] + np.arange(3), 3, axis=1).ravel())
-        column.append(np.tile(3 * to[both, None] + np.arange(3), (1, 3)).ravel())
-    entries = np.concatenate(data), (np.concatenate(row), np.concatenate(column))
-    return coo_array(entries, shape=(3 * m, 3 * m))

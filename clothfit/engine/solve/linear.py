@@ -16,7 +16,6 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve import cg, cg_multigrid, minres, sparse, two_threads
-from clothfit.engine.solve.contact_blocks import ContactBlocks
 from clothfit.engine.solve.sparse import BlockMatrix
 from clothfit.kernels.kernel import kernel, objmode, record
 from clothfit.kernels.vectors import copy
@@ -86,18 +85,15 @@ def solve(A, b, tolerance, work, w, anyhow):
 @kernel
 def solve_directly(A, b, w):
     """Solve A w = b by a factorisation."""
-    order, row, column, subdomains, diagonal, upper, contacts = A
-    vertices, rows, free = contacts
+    order, row, column, subdomains, diagonal, upper, _ = A
     with objmode(solution="float64[:, ::1]"):
-        pairs = ContactBlocks(vertices, rows, free)
-        solution = factorise_and_solve(order, row, column, subdomains, diagonal, upper, pairs, b)
+        solution = factorise_and_solve(order, row, column, subdomains, diagonal, upper, b)
     copy(solution, w)
 
 
 def factorise_and_solve(
-    order: Indices, row: Indices, column: Indices, subdomains: Indices, diagonal: Array, upper: Array,
-    contacts: ContactBlocks, b: Array,
-) -> Array:  # fmt: skip
+    order: Indices, row: Indices, column: Indices, subdomains: Indices, diagonal: Array, upper: Array, b: Array
+) -> Array:
     """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite, or where the
     result is no solution.
     """
@@ -107,7 +103,7 @@ def factorise_and_solve(
     solution = np.zeros(b.shape)
     if not (np.isfinite(diagonal[order]).all() and np.isfinite(upper[:-1]).all()):
         return np.full(b.shape, np.nan)  # the factorisation divides by infinity and gives finite numbers
-    A = sparse.to_scipy(order, row, column, subdomains, diagonal, upper, contacts)
+    A = sparse.to_scipy(order, row, column, subdomains, diagonal, upper)
     known = b[free].reshape(-1)
     for options in (SYMMETRIC, {}):
         try:

@@ -22,7 +22,7 @@ from math import sqrt
 
 import numpy as np
 
-from clothfit.engine.solve import cg, contact_blocks, multigrid, ssor
+from clothfit.engine.solve import cg, multigrid, ssor
 from clothfit.engine.solve.cg import CHECK_WITHIN, CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.cg_multigrid import follow
 from clothfit.engine.solve.sparse import times
@@ -44,7 +44,6 @@ def solve(A, b, tolerance, work, spare, hierarchy, w):
     x, r_before, r, product, v, w_old, w_new = work.x, work.r, work.q, work.t, work.p, work.z, work.own
     fine, whole = hierarchy.levels[0], np.array([0, len(A.order)])
     bb = cg.enter(A, whole, b, w, x, w_new)
-    contact_blocks.add_product(A.contacts, -1.0, x, w_new)
     rr = ssor.residual(A, whole, x, w_new, r)
     target = tolerance * tolerance * bb
     if cg.is_solved(A, rr, bb, target, w):
@@ -62,7 +61,6 @@ def solve(A, b, tolerance, work, spare, hierarchy, w):
     c, s, above, beyond = -1.0, 0.0, 0.0, 0.0
     for iteration in range(1, MOST_ITERATIONS + 1):
         follow(A, size / beta, fine.z, 0.0, v, product, spare)
-        contact_blocks.add_product(A.contacts, 1.0, v, product)
         alpha = subtract(A, beta / beta_before if iteration > 1 else 0.0, r_before, product, v)
         rr = subtract(A, alpha / beta, r, product, product)
         r_before, r, product = r, product, r_before
@@ -125,7 +123,6 @@ def missing(A, b, x, z, out, spare):
     `spare` is memory.
     """
     follow(A, 0.0, z, 1.0, x, out, spare)
-    contact_blocks.add_product(A.contacts, 1.0, x, out)
     total, zero, largest = splat(0.0), splat(0.0), splat(0.0)
     for i in A.order:
         r_i = sub(load3(b, i), load4(out, i))

@@ -13,7 +13,7 @@ caches. Blocks that join fixed vertices go to one last slot, which no row reads.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,9 @@ MULTIGRID_FROM = 3000
 
 NO_PAIRS: Indices = np.zeros((0, 4), np.int32)
 
+SIDES = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
+"""Which vertices of a pair its blocks join."""
+
 
 class BlockMatrix(NamedTuple):
     """A x for x (n, 3); m free vertices, E blocks between them."""
@@ -66,7 +69,7 @@ class BlockMatrix(NamedTuple):
     subdomains: Indices  # (3, 2), first row and end of each subdomain; no spring joins the first two
     diagonal: Array  # (n + 1, 8), diagonal blocks; the last is only read into by loads of the one before
     upper: Array  # (E + 1, 8), blocks of the slots; the last takes what belongs to no row
-    contacts: pairs.ContactBlocks | None = None  # of self-contact, beside the pattern; None on levels of `multigrid`
+    contacts: pairs.ContactBlocks | None = None  # of pairs with fixed vertices; None on levels of `multigrid`
 
 
 class Pattern(NamedTuple):
@@ -144,6 +147,16 @@ def zeros(pattern: Pattern, n: int) -> BlockMatrix:
     """A matrix of that pattern for n vertices, all zero."""
     blocks = aligned(n + 1, BLOCK_SIZE), aligned(len(pattern.column) + 1, BLOCK_SIZE)
     return BlockMatrix(*pattern, *blocks, pairs.no_blocks(NO_PAIRS, NO_NUMBERS))
+
+
+def joined(A: BlockMatrix, vertices: Indices, free: Array) -> tuple[BlockMatrix, Indices, Indices]:
+    """A matrix with the blocks between the vertices (P, 4) of pairs as well, all zero, the slot there of each slot
+    (E + 1,) of A, and the slots (P, 6) of the pairs' blocks; `free` is that of `ContactBlocks`.
+    """
+    own = np.stack([np.repeat(A.order, np.diff(A.row)), A.column], axis=1)
+    found, slot = pattern(np.concatenate([own, vertices[:, SIDES].reshape(-1, 2)]), free > 0.0)
+    made = zeros(found, len(free))._replace(contacts=pairs.no_blocks(vertices, free))
+    return made, np.append(slot[: len(own)], np.int32(len(found.column))), slot[len(own) :].reshape(-1, 6)
 
 
 @kernel
@@ -230,7 +243,6 @@ def multiply(A, x, out):
             total = times(A.upper, e, load3(x, j), total)
             store3(times_spread(A.upper, e, wide, load3(out, j)), out, j)
         store3(total, out, i)
-    pairs.add_product(A.contacts, 1.0, x, out)
 
 
 @kernel
@@ -261,8 +273,7 @@ def invert_block(blocks, i, scale, inverse):
 
 
 def to_scipy(
-    order: Indices, row: Indices, column: Indices, _subdomains: Indices, diagonal: Array, upper: Array,
-    contacts: pairs.ContactBlocks | None = None,
+    order: Indices, row: Indices, column: Indices, _subdomains: Indices, diagonal: Array, upper: Array, *_: Any,
 ) -> csc_array:  # fmt: skip
     """The matrix as a SciPy sparse array (3 m, 3 m), both halves: of the free vertices, in ascending order."""
     from scipy.sparse import bsr_array
@@ -274,13 +285,10 @@ def to_scipy(
     sorting = np.lexsort((columns, rows))
     blocks = np.concatenate([diagonal[order], upper[:-1], upper[:-1]])[sorting][:, SQUARE]
     starts = np.searchsorted(rows[sorting], np.arange(m + 1))
-    A = bsr_array((blocks, columns[sorting], starts), shape=(3 * m, 3 * m)).tocsr()
-    if contacts is not None and len(contacts.rows):
-        A = (A + pairs.to_scipy(contacts.vertices, contacts.rows, order)).tocsr()
-    return A.T  # it is symmetric
+    return bsr_array((blocks, columns[sorting], starts), shape=(3 * m, 3 * m)).tocsr().T  # it is symmetric
 
 
 def places(A: BlockMatrix) -> csc_array:
-    """The same matrix of the places of its numbers in those of its arrays, without contacts: any A has the pattern."""
+    """The same matrix of the places of its numbers in those of its arrays: any A of the pattern has them there."""
     own, n = np.arange(8.0 * (len(A.diagonal) + len(A.upper))).reshape(-1, 8), len(A.diagonal)
-    return to_scipy(*A._replace(diagonal=own[:n], upper=own[n:], contacts=None)).astype(np.intp)
+    return to_scipy(*A._replace(diagonal=own[:n], upper=own[n:])).astype(np.intp)

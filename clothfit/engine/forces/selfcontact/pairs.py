@@ -157,8 +157,8 @@ def of_numbers(surface: Surface, x: Array, numbers: Indices) -> Contact:
     """The contact of these pairs (P,), by their numbers, in a step that begins at x (n, 3); all of them press."""
     vertices, kind, thickness, sides = of_each(surface, x, numbers)
     law, on = (surface.thickness, surface.stiffness, surface.friction), np.ones((1, len(numbers)), bool)
-    turn, depth = np.zeros(1, np.int32), np.full(len(numbers), np.inf)
-    return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn, depth)
+    turn, depth, slot = np.zeros(1, np.int32), np.full(len(numbers), np.inf), np.zeros((len(numbers), 6), np.int32)
+    return Contact(vertices, kind, thickness, sides, surface.free, *law, on, turn, depth, slot)
 
 
 def contact_at(surface: Surface, x: Array) -> Contact:

@@ -43,6 +43,7 @@ class Contact(NamedTuple):
     on: Flags  # (N, P), which of them press in each iteration of a step
     turn: Indices  # (1,), the iteration that is computed, as `collider_rows.Colliders` has it
     depth: Array  # (P,), m, where the step was linearised at last
+    slot: Indices  # (P, 6), places of the blocks between its vertices in the step's matrix (`sparse.SIDES`)
 
 
 @kernel
@@ -110,9 +111,14 @@ def lay(contact, k, found, push, rub, turn, sign, A):
     on = 0.5 + 0.5 * sign
     keep(A.contacts, k, c, n, on * push, on * rub)
     low, high = law.block(sign * push, sign * rub, n)
+    side = 0
     for e in range(4):
         square = splat(c[e] * c[e])
         add_block(A.diagonal, own[e], mul(square, low), mul(square, high))
+        for f in range(e + 1, 4):
+            both = splat(c[e] * c[f])
+            add_block(A.upper, contact.slot[k, side], mul(both, low), mul(both, high))
+            side += 1
 
 
 @kernel
