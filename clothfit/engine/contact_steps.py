@@ -81,7 +81,7 @@ def with_pairs(
         own = own._replace(on=on, turn=system.colliders.turn)
     if not len(numbers) or system.method < IMPLICIT:
         return system._replace(contact=own), work
-    A, moved, slot = sparse.joined(work.A, own.vertices, own.free)
+    A, moved, slot = sparse.joined(work.A, own.vertices, own.free > 0.0)
     springs = system.springs._replace(slot=moved[system.springs.slot])
     system = system._replace(contact=own._replace(slot=slot), springs=springs)
     return system, work._replace(A=A, solver=linear.workspace(A))

@@ -36,10 +36,9 @@ import numpy as np
 
 from clothfit.engine.forces import collider_rows, law
 from clothfit.engine.forces.faces import add_along
-from clothfit.engine.forces.law import STICTION_SPEED, across, pressing, rubbing
+from clothfit.engine.forces.law import STICTION_SPEED, across, mixed, pressing, rubbing, spread
 from clothfit.engine.forces.selfcontact import rows
 from clothfit.engine.forces.surfaces import MESH
-from clothfit.engine.solve.contact_blocks import mixed, spread
 from clothfit.kernels.kernel import OfKind, kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sub
 from clothfit.kernels.vectors import combine, copy_row, dot

@@ -27,7 +27,7 @@ from math import sqrt
 
 from clothfit.engine.solve.sparse import outer
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, mul, pack, splat
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, pack, splat, store3
 from clothfit.kernels.vectors import dot
 
 ENDLESS = 1e8
@@ -44,6 +44,24 @@ def remaining(time, release):
     """What is left at a time, s, of what is let go from the start on: it goes smoothly to 0, at the release, s."""
     s = min(time / release, 1.0) if release > 0.0 else 1.0
     return 1.0 - s * s * (3.0 - 2.0 * s)
+
+
+@kernel
+def mixed(c, own, a):
+    """Σ cᵢ a_i over the four vertices `own` of an array (n, 3)."""
+    total = mul(splat(c[0]), load3(a, own[0]))
+    total = fma(splat(c[1]), load3(a, own[1]), total)
+    total = fma(splat(c[2]), load3(a, own[2]), total)
+    return fma(splat(c[3]), load3(a, own[3]), total)
+
+
+@kernel
+def spread(c, own, v, out):
+    """out_i += cᵢ v."""
+    store3(fma(splat(c[0]), v, load3(out, own[0])), out, own[0])
+    store3(fma(splat(c[1]), v, load3(out, own[1])), out, own[1])
+    store3(fma(splat(c[2]), v, load3(out, own[2])), out, own[2])
+    store3(fma(splat(c[3]), v, load3(out, own[3])), out, own[3])
 
 
 @kernel

@@ -24,7 +24,7 @@ from clothfit.engine.forces.collider_rows import PLACE, STATE, let_go
 from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.fitted_paths import FittedPaths, moves, pull_places, push_places
 from clothfit.engine.inputs.poses import Poses, pose
-from clothfit.engine.solve.contact_blocks import add_across
+from clothfit.engine.solve.sparse import add_across
 from clothfit.kernels.kernel import kernel, record
 from clothfit.kernels.lanes.operations import add, load3, store3
 from clothfit.kernels.vectors import combine, copy
@@ -274,7 +274,7 @@ def couple(inputs, system, x, y, scratch, A, b):
         scratch[:] = 0.0
         set_pins(inputs, system, x, scratch)
         add_coupling(inputs, system, y, scratch, False, b)
-        add_across(A.contacts, -1.0, scratch, False, b)
+        add_across(A, scratch, False, b)
 
 
 @kernel(absent=None, apart=None)
@@ -338,7 +338,7 @@ def push_pins(inputs, system, y, dx, du, later, scratch, A, b):
             if later:
                 scratch[i, c] -= du[i, c]
     add_coupling(inputs, system, y, scratch, False, b)
-    add_across(A.contacts, -1.0, scratch, False, b)
+    add_across(A, scratch, False, b)
 
 
 @kernel(absent=None)
@@ -362,7 +362,7 @@ def pull_pins(inputs, system, y, lam, A, w_bar, x_bar, coupled):
         return
     coupled[:] = 0.0
     add_coupling(inputs, system, y, lam, True, coupled)
-    add_across(A.contacts, -1.0, lam, True, coupled)
+    add_across(A, lam, True, coupled)
     for p in range(len(inputs.pins)):
         i = inputs.pins[p]
         for c in range(3):

@@ -101,7 +101,7 @@ def factorise_and_solve(
 
     free = np.sort(order)
     solution = np.zeros(b.shape)
-    if not (np.isfinite(diagonal[order]).all() and np.isfinite(upper[:-1]).all()):
+    if not (np.isfinite(diagonal[order]).all() and np.isfinite(upper[: len(column)]).all()):
         return np.full(b.shape, np.nan)  # the factorisation divides by infinity and gives finite numbers
     A = sparse.to_scipy(order, row, column, subdomains, diagonal, upper)
     known = b[free].reshape(-1)

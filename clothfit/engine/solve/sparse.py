@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import NO_NUMBERS, Array, Flags, Indices, aligned
-from clothfit.engine.solve import contact_blocks as pairs
+from clothfit.base.arrays import Array, Flags, Indices, aligned
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import (
     add,
@@ -54,8 +53,6 @@ MULTIGRID_FROM = 3000
 """Free vertices from which multigrid beats SSOR, measured between grids of 40² and 64²."""
 
 
-NO_PAIRS: Indices = np.zeros((0, 4), np.int32)
-
 SIDES = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
 """Which vertices of a pair its blocks join."""
 
@@ -68,8 +65,8 @@ class BlockMatrix(NamedTuple):
     column: Indices  # (E,), vertex of each slot, later in the order than the row's
     subdomains: Indices  # (3, 2), first row and end of each subdomain; no spring joins the first two
     diagonal: Array  # (n + 1, 8), diagonal blocks; the last is only read into by loads of the one before
-    upper: Array  # (E + 1, 8), blocks of the slots; the last takes what belongs to no row
-    contacts: pairs.ContactBlocks | None = None  # of pairs with fixed vertices; None on levels of `multigrid`
+    upper: Array  # (E + X + 1, 8), blocks of the slots and of `across`; the last takes what belongs to neither
+    across: Indices | None = None  # (X, 2), a free and a fixed vertex that touch; None on levels of `multigrid`
 
 
 class Pattern(NamedTuple):
@@ -146,24 +143,40 @@ def along_bandwidth(edges: Indices, m: int) -> Indices:
 def zeros(pattern: Pattern, n: int) -> BlockMatrix:
     """A matrix of that pattern for n vertices, all zero."""
     blocks = aligned(n + 1, BLOCK_SIZE), aligned(len(pattern.column) + 1, BLOCK_SIZE)
-    return BlockMatrix(*pattern, *blocks, pairs.no_blocks(NO_PAIRS, NO_NUMBERS))
+    return BlockMatrix(*pattern, *blocks, np.zeros((0, 2), np.int32))
 
 
-def joined(A: BlockMatrix, vertices: Indices, free: Array) -> tuple[BlockMatrix, Indices, Indices]:
+def joined(A: BlockMatrix, vertices: Indices, free: Flags) -> tuple[BlockMatrix, Indices, Indices]:
     """A matrix with the blocks between the vertices (P, 4) of pairs as well, all zero, the slot there of each slot
-    (E + 1,) of A, and the slots (P, 6) of the pairs' blocks; `free` is that of `ContactBlocks`.
+    (E + 1,) of A, and the places (P, 6) of the pairs' blocks; `free` (n,).
     """
     own = np.stack([np.repeat(A.order, np.diff(A.row)), A.column], axis=1)
-    found, slot = pattern(np.concatenate([own, vertices[:, SIDES].reshape(-1, 2)]), free > 0.0)
-    made = zeros(found, len(free))._replace(contacts=pairs.no_blocks(vertices, free))
-    return made, np.append(slot[: len(own)], np.int32(len(found.column))), slot[len(own) :].reshape(-1, 6)
+    ends = np.concatenate([own, vertices[:, SIDES].reshape(-1, 2)])
+    found, slot = pattern(ends, free)
+    count, between = len(found.column), np.flatnonzero(free[ends].sum(axis=1) == 1)
+    slot[between] = count + np.arange(len(between))
+    slot[~free[ends].any(axis=1)] = last = count + len(between)
+    across = np.where(free[ends[between, :1]], ends[between], ends[between, ::-1])
+    made = zeros(found, len(free))._replace(upper=aligned(last + 1, BLOCK_SIZE), across=across)
+    return made, np.append(slot[: len(own)], np.int32(last)), slot[len(own) :].reshape(-1, 6)
+
+
+@kernel
+def add_across(A, x, to_fixed, out):
+    """out −= the blocks that join free vertices to fixed ones which they touch, times the x (n, 3) of these, or where
+    it goes `to_fixed`, times that of the free.
+    """
+    for k in range(len(A.across)):
+        i, j = A.across[k, 0], A.across[k, 1]
+        to, of = (j, i) if to_fixed else (i, j)
+        push = times(A.upper, len(A.column) + k, load3(x, of), splat(0.0))
+        store3(sub(load3(out, to), push), out, to)
 
 
 @kernel
 def reset(A, mass):
     """A = the masses (n,) on the diagonal."""
     zero = splat(0.0)
-    pairs.clear(A.contacts)
     for e in range(len(A.upper)):
         store_column(zero, A.upper, e, 0)
         store_column(zero, A.upper, e, 4)
@@ -283,7 +296,8 @@ def to_scipy(
     own, above, beside = place[order], place[np.repeat(order, np.diff(row))], place[column]
     rows, columns = np.concatenate([own, above, beside]), np.concatenate([own, beside, above])
     sorting = np.lexsort((columns, rows))
-    blocks = np.concatenate([diagonal[order], upper[:-1], upper[:-1]])[sorting][:, SQUARE]
+    upper = upper[: len(column)]
+    blocks = np.concatenate([diagonal[order], upper, upper])[sorting][:, SQUARE]
     starts = np.searchsorted(rows[sorting], np.arange(m + 1))
     return bsr_array((blocks, columns[sorting], starts), shape=(3 * m, 3 * m)).tocsr().T  # it is symmetric
 

@@ -28,7 +28,6 @@ from clothfit.engine.forces import collider_rows, contact, total
 from clothfit.engine.forces.selfcontact import rows
 from clothfit.engine.inputs.tables import couple, move_pins, pull_pins, pull_through, push_pins, set_pins
 from clothfit.engine.solve import guess, linear, sparse
-from clothfit.engine.solve.contact_blocks import no_blocks
 from clothfit.engine.step import guard
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel, record
@@ -72,8 +71,6 @@ def workspace(system: System) -> Workspace:
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(10)]
     A = sparse.zeros(system.pattern, n)
-    if system.contact is not None:
-        A = A._replace(contacts=no_blocks(system.contact.vertices, system.contact.free))
     return Workspace(A, linear.workspace(A), guess.past(n), np.zeros((0, 3)), *vectors)
 
 

@@ -26,7 +26,7 @@ from math import sqrt
 import numpy as np
 
 from clothfit.engine.forces import triangle
-from clothfit.engine.solve.contact_blocks import mixed, spread
+from clothfit.engine.forces.law import mixed, spread
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot

@@ -18,8 +18,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import law
+from clothfit.engine.forces.law import mixed
 from clothfit.engine.forces.selfcontact import nearest
-from clothfit.engine.solve.contact_blocks import keep, mixed
 from clothfit.engine.solve.sparse import add_block
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import load3, mul, splat
@@ -108,8 +108,6 @@ def knows(contact, y, k, found, way):
 @kernel
 def lay(contact, k, found, push, rub, turn, sign, A):
     own, c, n, _, _, _, _, _ = found
-    on = 0.5 + 0.5 * sign
-    keep(A.contacts, k, c, n, on * push, on * rub)
     low, high = law.block(sign * push, sign * rub, n)
     side = 0
     for e in range(4):
