@@ -322,25 +322,12 @@ def reach(surface, x, after, more, kind, pairs, numbers):
             least = delta - way / (1.0 - LEFT)
             if least < surface.thickness and least < thickness_of(surface, kind, own):
                 # along a fixed direction they are never nearer on straight ways than at one of both ends
-                between = min(delta, apart(kind, own, mul(splat(1.0 / delta), r), after) - more)
+                between = min(delta, nearest.apart(kind, own, mul(splat(1.0 / delta), r), after) - more)
                 least = max(thickness_of(surface, kind, own), LEFT * min(delta, surface.thickness))
                 if not between > least + nearest.ROUNDING * way:
                     numbers[count] = number
                     count += 1
     return count
-
-
-@kernel
-def apart(kind, own, n, y):
-    """How far the two of a pair are apart along a direction n (lanes) at y (n, 3), the first one before the other."""
-    low, high = 1e300, -1e300
-    for e in range(4):
-        place = dot(n, load3(y, own[e]))
-        if e == 0 or (e == 1 and kind == EDGE):
-            low = min(low, place)
-        else:
-            high = max(high, place)
-    return low - high
 
 
 def pierced(surface: Surface) -> Indices:
