@@ -8,7 +8,7 @@ that draw it through itself and for explicit methods, of whose steps only the fo
 
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that goes
 on with more of Newton's iterations while they converge: its springs turned, and its contacts were met, elsewhere than
-its model knew. Where these do not help it is taken anew with the clamped matrix, in which cloths that only touch each
+its model knew. Where neither these nor fewer help it is taken anew with the clamped matrix, in which cloths that only touch each
 other keep their momentum. If that gains, too, it is shortened, as `step.guard` does; where something moves, which may
 press into a shorter step, to a sixteenth at the least. Of its ends the one that gains least is kept.
 
@@ -261,13 +261,16 @@ class Ending:
         return float(contact.energy(pairs.of_numbers(self.surface, y, numbers), y))
 
     def end_well(self, tolerance: float) -> float:
-        """Take more of Newton's iterations until the energy rises no more; where they do not help, halve a step that is
-        clamped. What moves may press into a shorter step: the energy is about convex along it, so that of halves that
+        """Take more of Newton's iterations, or fewer, until the energy rises no more; where that does not help, halve a
+        step that is clamped. What moves may press into a shorter step: the energy is about convex along it, so that of halves that
         gain more the next gains still more. Of all ends the one is kept that gains the least, which is returned, J.
         """
-        best = self.tried()
+        best, fewer = self.tried(), int(self.part.used[self.t]) - 1
         while best[0] and self.go_on(tolerance):
             best = min(best, self.tried())
+        while best[0] and fewer:
+            self.end_with(fewer)
+            best, fewer = min(best, self.tried()), fewer - 1
         if best[0] and not self.part.clamped[self.t]:
             return best[0]
         if self.part.used[self.t] != best[2]:
@@ -307,9 +310,7 @@ class Ending:
     def end_with(self, used: int) -> None:
         """End after so many iterations."""
         self.split()
-        self.part.used[self.t] = used
-        march.arrive(self.system, self.part.x[self.t], self.w, self.part.x[self.t + 1])
-        march.press_again(self.system.colliders, self.forms[0], self.part.bare(), self.t, self.work)
+        march.end_after(self.forms[0], self.part.bare(), self.t, used, self.work)
         self.separate()
 
     def split(self) -> None:

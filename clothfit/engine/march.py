@@ -52,7 +52,7 @@ def run(system, tolerance, work, part, start, stop):
             given += power(system.inputs, before + t - 1, v)
         if t > checked and guard.rises(energy, now, system.h * given):
             checked = t
-            fault = shortened(system, part, t - 1, energy)
+            fault = shortened(system, part, t - 1, energy, work)
             if fault == guard.CONTACTS:
                 return t - 1, CONTACTS
             if fault == guard.SPRINGS:
@@ -83,7 +83,7 @@ def run(system, tolerance, work, part, start, stop):
             suspect = more > guard.SUSPECT * begun + guard.LEAST_RISE
             if suspect and gain(system.inputs, system, part, t - 1, work) != 0.0:
                 return t, GAINS
-    if checked < stop and shortened(system, part, stop - 1, energy) == guard.CONTACTS:
+    if checked < stop and shortened(system, part, stop - 1, energy, work) == guard.CONTACTS:
         return stop - 1, CONTACTS
     grant(part, stop - 1, system.h * given_in(system, before + stop - 1, velocity(part, stop)))
     return stop, DONE
@@ -148,11 +148,18 @@ def grant(part, t, weight):
 
 
 @kernel(apart=0)
-def shortened(system, part, t, energy):
-    """Shorten step t, which began with this energy, J, if springs added energy; returns what did (`guard.fault`)."""
-    x, v, bound = part.x, velocity(part, t + 1), part.guard_state[t, guard.BOUND]
+def shortened(system, part, t, energy, work):
+    """End step t, which began with this energy, J, after fewer iterations if springs added energy, or shorten it if
+    they do so after the first one, too; returns what did (`guard.fault`).
+    """
+    x, v, bound, used = part.x, velocity(part, t + 1), part.guard_state[t, guard.BOUND], part.used[t]
     fault = guard.fault(system, part.first + t, energy, bound, x[t], v, x[t + 1])
+    while fault == guard.SPRINGS and part.used[t] > 1:
+        end_after(system, part, t, part.used[t] - 1, work)
+        fault = guard.fault(system, part.first + t, energy, bound, x[t], velocity(part, t + 1), x[t + 1])
     if fault == guard.SPRINGS:
+        if used > 1:
+            end_after(system, part, t, used, work)
         part.theta[t] = guard.shorten(system, part.first + t, energy, bound, x[t], v, x[t + 1])
     return fault
 
@@ -216,7 +223,7 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
             return t, FAILED
         part.hit[t] = hits(euler.colliders, euler.vertex, x[t], v, x[t + 1])
         if guarded:
-            if shortened(euler, part, t, energy) == guard.CONTACTS:
+            if shortened(euler, part, t, energy, work) == guard.CONTACTS:
                 return t, CONTACTS
             grant(part, t, euler.h * given_in(euler, part.first + t, w))
             energy = guard.energy(euler, x[t + 1], w)
@@ -301,6 +308,14 @@ def go_on(system, tolerance, work, part, t):
     part.used[t] = k + 1
     arrive(system, x, w[k], part.x[t + 1])
     return True
+
+
+@kernel(nogil=True)
+def end_after(system, part, t, used, work):
+    """End Euler step t, which is whole, after so many of the iterations that it took."""
+    part.used[t] = used
+    arrive(system, part.x[t], part.w[t, used - 1], part.x[t + 1])
+    press_again(system.colliders, system, part, t, work)
 
 
 @kernel(absent=None)

@@ -177,6 +177,21 @@ def test_friction_on_what_is_curved_is_that_of_the_weight(method, off):
     assert ends(0.0) - ends(mu) == pytest.approx(exact[0] - exact[1], rel=off)
 
 
+@pytest.mark.parametrize("method", ["implicit", "bdf2"])
+def test_several_iterations_at_what_is_curved_keep_the_speed(method):
+    """What a later iteration gains is a thousandth; a step that is halved for it loses half of its speed."""
+    small = thing([(0.018, 0.1992, 0)], mass=1e-4, vertVel=[xyz((0.498, -0.045, 0))])
+    made = scene(
+        small, integrationMethod=METHODS[method], delta=0.01, forwardSubSteps=4, tolerance=TIGHT,
+        colliders=[{**physics.ball((0, 0, 0), 0.2), "thickness": 0}], optimizationIterations=21,
+    )  # fmt: skip
+    motion = simulate(made)
+    x = motion.positions[:, 0]
+    square = 0.25 + 2 * GRAVITY * (x[0, 1] - x[-2:, 1].mean())
+    assert ((x[-1] - x[-2]) ** 2).sum() / 0.01**2 == pytest.approx(square, rel=0.1)  # of first order at 10 ms
+    assert motion.remedies.shortened_steps == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_what_lies_on_a_collider_that_moves_goes_with_it(method):

@@ -332,12 +332,20 @@ def test_what_starts_through_another_cloth_is_drawn_back():
     assert f"{len(surface.drawn)} vertices are drawn back over 0.2 s" in said
 
 
-@pytest.mark.parametrize("method", [2, 3])
-def test_what_slides_while_it_is_drawn_back_is_drawn_through_the_triangle_where_it_is(method):
-    made = poked(0.5, integrationMethod=method)
+@pytest.mark.parametrize(("method", "speed"), [(2, 0.5), (3, 0.5), (2, 2.0), (3, 4.0)])
+def test_what_slides_while_it_is_drawn_back_is_drawn_through_the_triangle_where_it_is(method, speed):
+    made = poked(speed, integrationMethod=method)
     motion = simulate(made).positions
     assert crossings(made, motion[0]) > 0
     assert [crossings(made, x) for x in motion[21:]] == [0] * (len(motion) - 21)
+    last = (motion[-1] - motion[-2])[121:, 0].mean() / made.delta
+    assert last > 0.4 * speed  # nothing but friction holds it
+
+
+@pytest.mark.parametrize("law", [{"thickness": 1e-6}, {"stiffness": 1e12}])
+def test_a_law_whose_steps_do_not_end_is_refused(law):
+    with pytest.raises(InvalidInput, match=r"selfCollision\..*: .* is too (small|large); it must be at (least|most)"):
+        layers(sheet(3, 1.0, 0.0), law=law)
 
 
 @pytest.mark.parametrize("along", [0.0, 0.5])

@@ -124,16 +124,32 @@ def passes(kind, own, x, after, thick, thickness):
     y, t = np.empty((4, 3)), 0.0
     corners = np.arange(4)
     for _ in range(SAMPLES):
-        t += (delta - 0.5 * least) / speed
-        if t >= 1.0:
-            return False
         for e in range(4):
             way = sub(load3(after, own[e]), load3(x, own[e]))
             store3(add(load3(x, own[e]), mul(splat(t), way)), y, e)
-        delta = distance(kind, corners, y)
+        r = closest(kind, corners, y)[2]
+        delta = sqrt(dot(r, r))
         if not delta > least:
             break
+        t += (delta - 0.5 * least) / speed
+        if t >= 1.0 or apart(kind, own, mul(splat(1.0 / delta), r), after) > least:
+            return False
     return thickness > SEAM * thick
+
+
+@kernel
+def apart(kind, own, n, y):
+    """How far the two of a pair are apart along a direction n (lanes) at y (n, 3), the first one before the other. Along
+    one that is fixed they are never nearer on straight ways than at one of both ends.
+    """
+    low, high = 1e300, -1e300
+    for e in range(4):
+        place = dot(n, load3(y, own[e]))
+        if e == 0 or (e == 1 and kind == EDGE):
+            low = min(low, place)
+        else:
+            high = max(high, place)
+    return low - high
 
 
 @kernel

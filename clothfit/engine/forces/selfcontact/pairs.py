@@ -38,6 +38,11 @@ from clothfit.kernels.vectors import dot
 FASTEST = 0.5
 """Speed, m/s, with which what crosses at the start is drawn back, at most."""
 
+APART, BESIDE, CROSSING, THROUGH = 0, 1, 2, 3
+"""Where a vertex starts: in a piece of cloth that crosses nothing; elsewhere in one that does; in an edge or a triangle
+that crosses; on the wrong side.
+"""
+
 FLAT = 1e-9
 """Height of the ends of an edge over a triangle, relative to its length, that may be rounding in a flat cloth."""
 
@@ -57,11 +62,11 @@ class Surface(NamedTuple):
     stiffness: float  # κ, N/m
     friction: float  # μ
     release: float  # s, in which what passes through another part at the start goes back
-    crossed: Flags  # (n,), whether a vertex is where two parts cross at the start
+    crossed: npt.NDArray[np.int8]  # (n,), how far a vertex is where parts cross at the start: APART … THROUGH
     drawn: npt.NDArray[np.int64]  # (D,), pairs, ascending, that are drawn back to the other side,
-    side: Array  # (D,), 1 or −1, which one that is, in a step,
+    side: Array  # (D,), 1 or −1, which one that is,
     beyond: Array  # (D,), and how far from it they are at the start, m
-    patches: npt.NDArray[np.int64]  # (D, K), the triangles about those of these pairs, along which they may slide
+    patches: npt.NDArray[np.int32]  # (D, K), the triangles along which they may slide
     left: float = 0.0  # the share of `beyond` that is left in a step, 1 at the start
 
 
@@ -81,7 +86,7 @@ def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, fl
     points = np.arange(n, dtype=np.int32)[:, None]
     fabric = *shape, np.array(start, float), free, first, neighbours
     trees = parts(points, start), parts(shape[1], start), parts(shape[0], start)
-    made = Surface(*fabric, *trees, *law, np.zeros(n, bool), nobody, np.zeros(0), np.zeros(0), nobody[:, None])
+    made = Surface(*fabric, *trees, *law, np.zeros(n, np.int8), nobody, *np.zeros((2, 0)), np.zeros((0, 1), np.int32))
     return with_crossed(made)
 
 
@@ -90,7 +95,8 @@ def with_crossed(surface: Surface) -> Surface:
 
     Without the edges that pass through triangles a piece of cloth falls apart; the largest part of it is where it
     should be. The free vertices of the others are drawn back through what they are nearest to, unless they would have
-    to be faster than FASTEST. They may slide along it, to triangles up to two away (`at_time`).
+    to be faster than FASTEST. They may slide along it (`at_time`): anywhere on another piece, and on their own to
+    triangles up to two away, as what is beside them is not what they are through.
     """
     hits = pierced(surface)
     if not len(hits):
@@ -102,21 +108,27 @@ def with_crossed(surface: Surface) -> Surface:
     main = np.zeros(n, np.int64)
     main[piece[order]] = part[order]  # of each piece the largest, which comes last
     through = part != main[piece]
-    crossed = through.copy()
-    crossed[surface.edges[hits[:, 0]]] = crossed[surface.triangles[hits[:, 1]]] = True
+    crossing = np.concatenate([surface.edges[hits[:, 0]].ravel(), surface.triangles[hits[:, 1]].ravel()])
+    crossed = np.where(np.isin(piece, piece[crossing]), BESIDE, APART).astype(np.int8)
+    crossed[crossing] = CROSSING
+    crossed[through] = THROUGH
     drawn, beyond, patches, shape = [], [], [], surface.triangles
     for v in np.flatnonzero(through):
         apart = np.flatnonzero((part[shape] != part[v]).all(axis=1))
         t, delta = nearest_triangle(surface, v, apart, surface.start)
         if delta <= FASTEST * surface.release and surface.free[[v, *shape[t]]].any():
             beside = surface.edges[np.isin(surface.edges, shape[t]).any(axis=1)]
-            patches.append(apart[np.isin(shape[apart], beside).any(axis=1)])
+            other = piece[shape[apart, 0]] != piece[v]
+            patches.append(apart[other if other[apart == t] else np.isin(shape[apart], beside).any(axis=1)])
             drawn.append(v * len(shape) + t)
             beyond.append(delta)
     most = max(map(len, patches), default=1)
-    about = np.array([np.resize(each, most) for each in patches], np.int64).reshape(-1, most)
+    about = np.array([np.resize(each, most) for each in patches], np.int32).reshape(-1, most)
     numbers = np.array(drawn, np.int64)
-    return surface._replace(crossed=crossed, drawn=numbers, beyond=np.array(beyond, float), patches=about)
+    side = -of_each(surface, surface.start, numbers)[3]
+    return surface._replace(
+        crossed=crossed, drawn=numbers, side=side, beyond=np.array(beyond, float), patches=about
+    )
 
 
 @kernel
@@ -138,8 +150,7 @@ def at_time(surface: Surface, time: float, x: Array) -> Surface:
     drawn: Any = surface.drawn.copy()
     for d, v in enumerate(drawn // len(surface.triangles)):
         drawn[d] = v * len(surface.triangles) + nearest_triangle(surface, v, surface.patches[d], x)[0]
-    side = -of_each(surface, surface.start, drawn)[3]
-    return surface._replace(drawn=drawn, side=side, left=remaining(time, surface.release))
+    return surface._replace(drawn=drawn, left=remaining(time, surface.release))
 
 
 def none(surface: Surface) -> Contact:
@@ -227,12 +238,16 @@ def thickness_of(surface, kind, own):
 
 @kernel
 def counts(surface, kind, own):
-    """Whether a pair can touch: no vertex is in both, one is free, and the two do not cross since the start."""
+    """Whether a pair can touch: no vertex is in both, one is free, and the two do not cross since the start, or come to
+    cross as what is on the wrong side slides.
+    """
     ends = 1 if kind == CORNER else 2
-    crossed = surface.crossed
-    one = crossed[own[0]] or (kind == EDGE and crossed[own[1]])
-    if surface.left > 0.0 and one and (crossed[own[2]] or crossed[own[3]] or (kind == CORNER and crossed[own[1]])):
-        return False
+    if surface.left > 0.0:
+        crossed = surface.crossed
+        one, middle, other = crossed[own[0]], crossed[own[1]], max(crossed[own[2]], crossed[own[3]])
+        both = max(one, middle) + other if kind == EDGE else one + max(middle, other)
+        if both >= THROUGH + BESIDE:
+            return False
     for a in range(ends):
         for b in range(ends, 4):
             if own[a] == own[b]:
@@ -307,25 +322,12 @@ def reach(surface, x, after, more, kind, pairs, numbers):
             least = delta - way / (1.0 - LEFT)
             if least < surface.thickness and least < thickness_of(surface, kind, own):
                 # along a fixed direction they are never nearer on straight ways than at one of both ends
-                between = min(delta, apart(kind, own, mul(splat(1.0 / delta), r), after) - more)
+                between = min(delta, nearest.apart(kind, own, mul(splat(1.0 / delta), r), after) - more)
                 least = max(thickness_of(surface, kind, own), LEFT * min(delta, surface.thickness))
                 if not between > least + nearest.ROUNDING * way:
                     numbers[count] = number
                     count += 1
     return count
-
-
-@kernel
-def apart(kind, own, n, y):
-    """How far the two of a pair are apart along a direction n (lanes) at y (n, 3), the first one before the other."""
-    low, high = 1e300, -1e300
-    for e in range(4):
-        place = dot(n, load3(y, own[e]))
-        if e == 0 or (e == 1 and kind == EDGE):
-            low = min(low, place)
-        else:
-            high = max(high, place)
-    return low - high
 
 
 def pierced(surface: Surface) -> Indices:
