@@ -149,19 +149,27 @@ def grant(part, t, weight):
 
 @kernel(apart=0)
 def shortened(system, part, t, energy, work):
-    """End step t, which began with this energy, J, after fewer iterations if springs added energy, or shorten it if
-    they do so after the first one, too; returns what did (`guard.fault`).
+    """Shorten step t, which began with this energy, J, or end it earlier, if springs added energy; returns what did
+    (`guard.fault`).
     """
-    x, v, bound, used = part.x, velocity(part, t + 1), part.guard_state[t, guard.BOUND], part.used[t]
+    x, v, bound = part.x, velocity(part, t + 1), part.guard_state[t, guard.BOUND]
     fault = guard.fault(system, part.first + t, energy, bound, x[t], v, x[t + 1])
-    while fault == guard.SPRINGS and part.used[t] > 1:
-        end_after(system, part, t, part.used[t] - 1, work)
-        fault = guard.fault(system, part.first + t, energy, bound, x[t], velocity(part, t + 1), x[t + 1])
-    if fault == guard.SPRINGS:
-        if used > 1:
-            end_after(system, part, t, used, work)
+    if fault == guard.SPRINGS and not ends_earlier(system.colliders, system, part, t, energy, work):
         part.theta[t] = guard.shorten(system, part.first + t, energy, bound, x[t], v, x[t + 1])
     return fault
+
+
+@kernel(empty=False)
+def ends_earlier(colliders, system, part, t, energy, work):
+    """Whether nothing adds energy where step t ends after fewer of its iterations, which it then does."""
+    x, bound, used = part.x, part.guard_state[t, guard.BOUND], part.used[t]
+    for fewer in range(used - 1, 0, -1):
+        end_after(system, part, t, fewer, work)
+        if guard.fault(system, part.first + t, energy, bound, x[t], velocity(part, t + 1), x[t + 1]) == guard.NONE:
+            return True
+    if used > 1:
+        end_after(system, part, t, used, work)
+    return False
 
 
 @kernel
