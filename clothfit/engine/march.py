@@ -159,7 +159,7 @@ def shortened(system, part, t, energy, work):
     return fault
 
 
-@kernel(empty=False)
+@kernel(empty=False, apart=False)
 def ends_earlier(colliders, system, part, t, energy, work):
     """Whether nothing adds energy where step t ends after fewer of its iterations, which it then does."""
     x, bound, used = part.x, part.guard_state[t, guard.BOUND], part.used[t]
