@@ -67,10 +67,10 @@ def limit(system: System, omega: float | None = None) -> Limit:
     with np.errstate(all="ignore"):  # of values at the ends of the range of doubles
         omega = frequency(system) if omega is None else omega
         alpha, beta, air = system.vertex.damping.max(), system.springs.damping.max(), drag(system)
-    damping = alpha + beta * omega * omega
-    modes = [(omega, damping, damping + air), (0.0, alpha, alpha + air)]  # the second: what no spring holds
-    step = min(longest_step(system.method, *mode) for mode in modes)
-    growths = [growth(system.method, system.h, w, d) for w, *ds in modes for d in ds]
+        damping = alpha + beta * omega * omega
+        modes = [(omega, damping, damping + air), (0.0, alpha, alpha + air)]  # the second: what no spring holds
+        step = min(longest_step(system.method, *mode) for mode in modes)
+        growths = [growth(system.method, system.h, w, d) for w, *ds in modes for d in ds]
     return Limit(omega, step, inf if any(map(isnan, growths)) else max(growths))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.messages import counted, metres
+from clothfit.base.messages import counted, metres, owned
 from clothfit.base.version import __version__
 from clothfit.engine.inputs.sampling import centres_at, winds
 from clothfit.evaluation.evaluate import Distance, Evaluation
@@ -138,7 +138,9 @@ def facts(truth: Scene, fitted: Scene, show: View, log: Log, target: str | None)
         rows.append([f"{name}, {part.frames}", error])
     rows += ended(log.summary)
     rows.append(cloth_row(truth))
-    rows += [list(row) for cloth in fitted.cloths for row in rows_of(fabric_of(cloth)).items()]
+    for i, cloth in enumerate(fitted.cloths):
+        one = len(fitted.cloths) == 1
+        rows += [[name if one else owned(i, name), text] for name, text in rows_of(fabric_of(cloth)).items()]
     rows.append(["time step", f"{1e3 * fitted.delta:.4g} ms"])
     return rows + vector_rows(fitted, whole=True)
 
