@@ -149,18 +149,18 @@ def grant(part, t, weight):
 
 @kernel(apart=0)
 def shortened(system, part, t, energy, work):
-    """End step t, which began with this energy, J, after fewer iterations if springs added energy, or shorten it if
-    they do so after the first one, too; returns what did (`guard.fault`).
+    """End step t, which began with this energy, J, after fewer iterations while springs add energy, and shorten it if
+    they do so in the first one; returns what did (`guard.fault`).
     """
-    x, v, bound, used = part.x, velocity(part, t + 1), part.guard_state[t, guard.BOUND], part.used[t]
-    fault = guard.fault(system, part.first + t, energy, bound, x[t], v, x[t + 1])
-    while fault == guard.SPRINGS and part.used[t] > 1:
-        end_after(system, part, t, part.used[t] - 1, work)
-        fault = guard.fault(system, part.first + t, energy, bound, x[t], velocity(part, t + 1), x[t + 1])
-    if fault == guard.SPRINGS:
-        if used > 1:
-            end_after(system, part, t, used, work)
-        part.theta[t] = guard.shorten(system, part.first + t, energy, bound, x[t], v, x[t + 1])
+    x, bound, fault = part.x, part.guard_state[t, guard.BOUND], guard.SPRINGS
+    while fault == guard.SPRINGS:
+        v = velocity(part, t + 1)
+        fault = guard.fault(system, part.first + t, energy, bound, x[t], v, x[t + 1])
+        if fault == guard.SPRINGS and part.used[t] == 1:
+            part.theta[t] = guard.shorten(system, part.first + t, energy, bound, x[t], v, x[t + 1])
+            break
+        if fault == guard.SPRINGS:
+            end_after(system, part, t, part.used[t] - 1, work)
     return fault
 
 

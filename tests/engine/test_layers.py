@@ -306,7 +306,7 @@ def test_derivatives_through_a_release(method):
     own = sheet(5, 0.4, 0.292, optimizationSettings="GG")
     fit = {"friction": True, "contact": True, "colliderOffset": True}
     made = layers(own, colliders=[obstacle], fit=fit, optimizationIterations=16, integrationMethod=method)
-    assert_derivatives(made, 1e-13, 1e-10, switches=True)
+    assert_derivatives(made, 1e-13, 1e-10, switches=True, step=1e-6)
 
 
 def poked(along=0.0, **fields):
