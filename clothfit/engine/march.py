@@ -152,16 +152,15 @@ def shortened(system, part, t, energy, work):
     """End step t, which began with this energy, J, after fewer iterations while springs add energy, and shorten it if
     they do so in the first one; returns what did (`guard.fault`).
     """
-    x, bound, fault = part.x, part.guard_state[t, guard.BOUND], guard.SPRINGS
-    while fault == guard.SPRINGS:
+    x, v, bound = part.x, velocity(part, t + 1), part.guard_state[t, guard.BOUND]
+    fault = first = guard.fault(system, part.first + t, energy, bound, x[t], v, x[t + 1])
+    while fault == guard.SPRINGS and part.used[t] > 1:
+        end_after(system, part, t, part.used[t] - 1, work)
         v = velocity(part, t + 1)
         fault = guard.fault(system, part.first + t, energy, bound, x[t], v, x[t + 1])
-        if fault == guard.SPRINGS and part.used[t] == 1:
-            part.theta[t] = guard.shorten(system, part.first + t, energy, bound, x[t], v, x[t + 1])
-            break
-        if fault == guard.SPRINGS:
-            end_after(system, part, t, part.used[t] - 1, work)
-    return fault
+    if fault == guard.SPRINGS:
+        part.theta[t] = guard.shorten(system, part.first + t, energy, bound, x[t], v, x[t + 1])
+    return max(first, fault)
 
 
 @kernel
