@@ -8,9 +8,9 @@ that draw it through itself and for explicit methods, of whose steps only the fo
 
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that goes
 on with more of Newton's iterations while they converge: its springs turned, and its contacts were met, elsewhere than
-its model knew. Where neither these nor fewer help it is taken anew with the clamped matrix, in which cloths that only touch each
-other keep their momentum. If that gains, too, it is shortened, as `step.guard` does; where something moves, which may
-press into a shorter step, to a sixteenth at the least. Of its ends the one that gains least is kept.
+its model knew. Where neither these nor fewer help it is taken anew with the clamped matrix, in which cloths that only
+touch each other keep their momentum. If that gains, too, it is shortened, as `step.guard` does; where something moves,
+which may press into a shorter step, to a sixteenth at the least. Of its ends the one that gains least is kept.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
@@ -262,8 +262,9 @@ class Ending:
 
     def end_well(self, tolerance: float) -> float:
         """Take more of Newton's iterations, or fewer, until the energy rises no more; where that does not help, halve a
-        step that is clamped. What moves may press into a shorter step: the energy is about convex along it, so that of halves that
-        gain more the next gains still more. Of all ends the one is kept that gains the least, which is returned, J.
+        step that is clamped. What moves may press into a shorter step: the energy is about convex along it, so that of
+        halves that gain more the next gains still more. Of all ends the one is kept that gains the least, which is
+        returned, J.
         """
         best, fewer = self.tried(), int(self.part.used[self.t]) - 1
         while best[0] and self.go_on(tolerance):

@@ -217,7 +217,6 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         part.euler[t] = part.theta[t - 1] < 1.0 or part.predicted[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
         if not part.euler[t]:
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded, watched)
-            contact.save_active(euler.colliders, part, t)
             if part.used[t] == 0:
                 return t, REFUSED
             if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
@@ -226,19 +225,17 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
             contact.expect(euler.colliders, part, t)
         if not attempt(euler, work, part, t, work.solution, tolerance, part.w[t]):
             return t, REFUSED
-        w = velocity(part, t + 1)
         if not finite(x[t + 1]):
             return t, FAILED
         part.hit[t] = hits(euler.colliders, euler.vertex, x[t], v, x[t + 1])
         if guarded:
             if shortened(euler, part, t, energy, work) == guard.CONTACTS:
                 return t, CONTACTS
-            grant(part, t, euler.h * given_in(euler, part.first + t, w))
-            energy = guard.energy(euler, x[t + 1], w)
-        if watched:
-            if gain(euler.inputs, euler, part, t, work) != 0.0:
-                return t + 1, GAINS
-            energy = guard.energy(euler, x[t + 1], w)
+            grant(part, t, euler.h * given_in(euler, part.first + t, velocity(part, t + 1)))
+        if watched and gain(euler.inputs, euler, part, t, work) != 0.0:
+            return t + 1, GAINS
+        if guarded or watched:
+            energy = guard.energy(euler, x[t + 1], velocity(part, t + 1))
     return stop, DONE
 
 
@@ -282,6 +279,7 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded, watche
     used, iterations, direct, kinetic, weight, size = bdf2.step(
         inner, x[t], v, x_before, v_before, work.solution, tolerance, work, part.w[t], x[t + 1]
     )
+    contact.save_active(euler.colliders, part, t)  # of which `moved` asks
     count(part, t, used, iterations, direct)
     place_pins(euler.inputs, euler, x[t + 1])
     weight += work_done(euler.inputs, part.first + t, x[t], x[t + 1])

@@ -192,6 +192,19 @@ def test_several_iterations_at_what_is_curved_keep_the_speed(method):
     assert motion.remedies.shortened_steps == 0
 
 
+def test_gradient_of_steps_that_end_after_fewer_iterations():
+    velocity = [xyz((0.498, -0.045, 0)), xyz((0.498, -0.045, 0.01))]
+    made = scene(
+        thing([(0.018, 0.1992, 0), (0.018, 0.1992, 0.02)], [(0, 1)], mass=1e-4, stiffness=0.01, vertVel=velocity,
+              optimizationSettings="GG"),
+        colliders=[{**physics.ball((0, 0, 0), 0.2), "thickness": 0}], integrationMethod=2, delta=0.01,
+        forwardSubSteps=4, optimizationIterations=10, tolerance=1e-13, fit={"contact": True},
+    )  # fmt: skip
+    used = rollout(build(made, 0), 9, 1e-13)[0].used
+    assert sorted(set(used)) == [1, 4]
+    assert_derivatives(made, 1e-13, 1e-10, switches=True, step=1e-5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_what_lies_on_a_collider_that_moves_goes_with_it(method):

@@ -139,8 +139,8 @@ def passes(kind, own, x, after, thick, thickness):
 
 @kernel
 def apart(kind, own, n, y):
-    """How far the two of a pair are apart along a direction n (lanes) at y (n, 3), the first one before the other. Along
-    one that is fixed they are never nearer on straight ways than at one of both ends.
+    """How far the two of a pair are apart along a direction n (lanes) at y (n, 3), the first one before the other: on
+    straight ways never nearer than at one of both ends.
     """
     low, high = 1e300, -1e300
     for e in range(4):

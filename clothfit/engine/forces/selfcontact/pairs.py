@@ -31,7 +31,7 @@ from clothfit.engine.forces.selfcontact.nearest import CORNER, EDGE, LEFT, dista
 from clothfit.engine.forces.selfcontact.rows import Contact
 from clothfit.engine.solve.sparse import MULTIGRID_FROM
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import load3, mul, splat
+from clothfit.kernels.lanes.operations import mul, splat
 from clothfit.kernels.parallel import together
 from clothfit.kernels.vectors import dot
 
@@ -86,7 +86,8 @@ def surface(triangles: Indices, start: Array, fixed: Flags, law: tuple[float, fl
     points = np.arange(n, dtype=np.int32)[:, None]
     fabric = *shape, np.array(start, float), free, first, neighbours
     trees = parts(points, start), parts(shape[1], start), parts(shape[0], start)
-    made = Surface(*fabric, *trees, *law, np.zeros(n, np.int8), nobody, *np.zeros((2, 0)), np.zeros((0, 1), np.int32))
+    none, patches = np.zeros(0), np.zeros((0, 1), np.int32)
+    made = Surface(*fabric, *trees, *law, np.zeros(n, np.int8), nobody, none, none, patches)
     return with_crossed(made)
 
 
@@ -124,11 +125,9 @@ def with_crossed(surface: Surface) -> Surface:
             beyond.append(delta)
     most = max(map(len, patches), default=1)
     about = np.array([np.resize(each, most) for each in patches], np.int32).reshape(-1, most)
-    numbers = np.array(drawn, np.int64)
-    side = -of_each(surface, surface.start, numbers)[3]
-    return surface._replace(
-        crossed=crossed, drawn=numbers, side=side, beyond=np.array(beyond, float), patches=about
-    )
+    numbers: Any = np.array(drawn, np.int64)
+    made = surface._replace(crossed=crossed, drawn=numbers, beyond=np.array(beyond, float), patches=about)
+    return made._replace(side=-of_each(surface, surface.start, numbers)[3])
 
 
 @kernel
@@ -241,13 +240,11 @@ def counts(surface, kind, own):
     """Whether a pair can touch: no vertex is in both, one is free, and the two do not cross since the start, or come to
     cross as what is on the wrong side slides.
     """
-    ends = 1 if kind == CORNER else 2
-    if surface.left > 0.0:
-        crossed = surface.crossed
-        one, middle, other = crossed[own[0]], crossed[own[1]], max(crossed[own[2]], crossed[own[3]])
-        both = max(one, middle) + other if kind == EDGE else one + max(middle, other)
-        if both >= THROUGH + BESIDE:
-            return False
+    crossed, ends = surface.crossed, 1 if kind == CORNER else 2
+    one, middle, other = crossed[own[0]], crossed[own[1]], max(crossed[own[2]], crossed[own[3]])
+    both = max(one, middle) + other if kind == EDGE else one + max(middle, other)
+    if surface.left > 0.0 and both >= THROUGH + BESIDE:
+        return False
     for a in range(ends):
         for b in range(ends, 4):
             if own[a] == own[b]:
@@ -321,7 +318,6 @@ def reach(surface, x, after, more, kind, pairs, numbers):
             delta, way = sqrt(dot(r, r)), past_each_other(kind, own, x, after) + more
             least = delta - way / (1.0 - LEFT)
             if least < surface.thickness and least < thickness_of(surface, kind, own):
-                # along a fixed direction they are never nearer on straight ways than at one of both ends
                 between = min(delta, nearest.apart(kind, own, mul(splat(1.0 / delta), r), after) - more)
                 least = max(thickness_of(surface, kind, own), LEFT * min(delta, surface.thickness))
                 if not between > least + nearest.ROUNDING * way:
