@@ -24,12 +24,7 @@ SCENE = scene_of(moving())
 
 GUST = {"acts": "wind", "times": [0, 0.2], "values": [[0, 0, 0], [3, 0, -3]]}
 SCENES = [SCENE, applied(SCENE, [GUST]), SCENE]
-
-@cache
-def network():
-    """A model of the scene; not before a test wants it, as it compiles."""
-    return model_of(SCENE, STEPS)
-
+network = cache(lambda: model_of(SCENE, STEPS))  # not before a test wants it, as it compiles
 
 def with_network(**changes):
     """The model whose network has other fields."""
