@@ -72,8 +72,7 @@ def test_a_fit_finds_the_values_of_a_motion_played_with_others(name, frames):
 
 def test_a_fit_finds_the_gusts_of_a_table():
     flag, calm = (clothfit.load(WORLD / f"{name}.json") for name in ("flag", "calm"))
-    calm = calm.with_step(calm.delta, 25)
-    found = clothfit.estimate(calm, clothfit.simulate(flag, 25, tolerance=1e-12)).scene
+    found = clothfit.estimate(calm.with_step(calm.delta, 25), clothfit.simulate(flag, 25, tolerance=1e-12)).scene
     table = np.loadtxt(WORLD / "gusts.csv", delimiter=",", skiprows=1)[:, 1:]
     # 24 steps of 0.02 s end before the sixth key; of the first one, wind along the flag, which is flat, moves nothing
     np.testing.assert_allclose(found.gusts[1:5], table[1:5], atol=1e-3)

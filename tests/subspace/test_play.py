@@ -26,6 +26,7 @@ GUST = {"acts": "wind", "times": [0, 0.2], "values": [[0, 0, 0], [3, 0, -3]]}
 SCENES = [SCENE, applied(SCENE, [GUST]), SCENE]
 network = cache(lambda: model_of(SCENE, STEPS))  # not before a test wants it, as it compiles
 
+
 def with_network(**changes):
     """The model whose network has other fields."""
     part = network().parts[0]
