@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 import numba
+from llvmlite.binding import ffi
 from numba.core import event, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.errors import TypingError
@@ -27,6 +28,9 @@ from clothfit.kernels.cache import KernelCache
 from clothfit.kernels.linking import ForKernels, ForPython
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
+
+for _pair in list(getattr(ffi.lib._lock, "_cblist", ())):  # numba notes each call of LLVM twice, a twelfth of the time
+    ffi.unregister_lock_callback(*_pair)
 
 
 def for_python(function: Callable[..., object], nogil: bool) -> Any:

@@ -230,8 +230,7 @@ def scan_of(path, scene, factors, seed=0):
 def test_a_scan_shows_the_bending(tmp_path):
     """A cantilever of twice the bending, by points on its faces and some strangers; sliding along it hardly shows."""
     scene = hung(CANTILEVER, 10)
-    (block,) = scene.blocks
-    true = np.where([name.startswith("bending") for name in block.factors.names], 2.0, 1.0)
+    true = np.where([name.startswith("bending") for name in scene.blocks[0].factors.names], 2.0, 1.0)
     path, x = scan_of(tmp_path / "scan.npz", scene, true)
     fit = estimate(scene, path)
     assert shape(fit.scene) == pytest.approx(x, abs=1e-5)  # 1e-4 of its length
@@ -273,11 +272,12 @@ def holed(path, scene, factors, noise=1e-3):
     return path
 
 
+@pytest.mark.slow
 def test_a_drape_is_found_in_the_folds_of_its_scan(tmp_path):
     """Twice the bending, 0.3 mm of noise, and a hole in which it could fold otherwise; within three standard deviations
     of what the noise leaves, 4 % at most. Other folds have 70 %.
     """
-    scene = hung(DRAPE, 6, stuff=preset("denim"))
+    scene = hung(DRAPE, 5, stuff=preset("denim"))
     bends = np.array([name.startswith("bending") for name in scene.blocks[0].factors.names])
     fit = estimate(scene, holed(tmp_path / "scan.npz", scene, np.where(bends, 2.0, 1.0), 3e-4))
     assert fit.status == "converged"
@@ -288,7 +288,7 @@ def test_a_drape_is_found_in_the_folds_of_its_scan(tmp_path):
 @pytest.mark.slow
 def test_a_scan_that_is_mostly_table_is_refused(tmp_path):
     """As many points of a table, a radius below the cloth and four wide, as of the cloth."""
-    scene = hung(DRAPE, 6, fit="nF")
+    scene = hung(DRAPE, 4, fit="nF")
     path, x = scan_of(tmp_path / "scan.npz", scene, np.array([2.0]))
     points = np.load(path)["points"]
     table = x.mean(axis=0) + np.ptp(x) * np.random.default_rng(3).uniform(-1.0, 1.0, points.shape)
@@ -298,14 +298,14 @@ def test_a_scan_that_is_mostly_table_is_refused(tmp_path):
         estimate(scene, path)
 
 
+@pytest.mark.slow
 def test_other_folds_than_those_of_a_scan_are_said(tmp_path):
     """One factor on all stiffnesses cannot bend the cloth six times as hard along it as across."""
-    scene = hung(DRAPE, 6, fit="nR")
+    scene = hung(DRAPE, 5, fit="nR")
     names = scene.blocks[0].factors.names
     path = holed(tmp_path / "scan.npz", scene, np.where([name == "bending along" for name in names], 6.0, 1.0))
-    fit = estimate(hung(DRAPE, 6, fit="nF"), path)
-    assert fit.status == "stalled"
-    assert "folds" in [hint.code for hint in fit.hints]
+    fit = estimate(hung(DRAPE, 5, fit="nF"), path)
+    assert (fit.status, "folds" in [hint.code for hint in fit.hints]) == ("stalled", True)
 
 
 def test_what_is_no_shadow_is_refused(draped):

@@ -2,6 +2,8 @@
 what is special to weight, springs, air and spheres: closed forms, conservation laws, and what has no size.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 from helpers import physics
@@ -25,8 +27,8 @@ from helpers.physics import (
 from clothfit.engine.forces import collider_rows, spheres, springs
 from clothfit.engine.system import clamped
 
-SYSTEM = full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)])
-SPRINGS = SYSTEM.springs
+whole = cache(lambda: full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)]))
+"""A system with all forces; not before a test wants it, as it compiles."""
 
 
 def alone(system, name):
@@ -47,8 +49,8 @@ def alone(system, name):
 @pytest.mark.parametrize("at", STATES)
 @pytest.mark.parametrize("name", ["vertex", "springs", "clamped springs", "wind", "air", "spheres"])
 def test_forces_matrices_and_right_hand_sides_are_those_of_the_formulas(name, at):
-    system = alone(clamped(SYSTEM) if name.startswith("clamped") else SYSTEM, name)
-    point, h = state(SYSTEM, at), system.h
+    system = alone(clamped(whole()) if name.startswith("clamped") else whole(), name)
+    point, h = state(whole(), at), system.h
     (f, K, D), (module, force) = dense_forces(system, point.y, point.u), parts(system)[KIND[name]]
     (A, b), later = (step_terms(system, module, force, point.y, point.u, ahead) for ahead in (False, True))
     f, u, d = f.ravel(), point.u.ravel(), point.dy.ravel()
@@ -90,7 +92,7 @@ of colliders bend over 0.1 m and 0.1 m/s.
 def of(name, wobble):
     """A system with that force."""
     if name in KIND:
-        return clamped(SYSTEM) if name.startswith("clamped") else of_air(SYSTEM) if name == "air" else SYSTEM
+        return clamped(whole()) if name.startswith("clamped") else of_air(whole()) if name == "air" else whole()
     return touching(ring(wobble) if name == "mesh" else SHAPES[name])
 
 
@@ -123,19 +125,19 @@ def test_the_pullback_is_the_transpose_of_the_pushforward_at_a_kink(name, wobble
 SPRING = physics.system(thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], stiffness=20.0, damping=0.5))
 LINE = np.array([[0.0, 0, 0], [1, 1, 0], [2, 2, 0]])
 THIN = physics.system(thing(LINE, [(0, 1)], [(0, 1, 2)], dragCoefficient=0.5), windVel=xyz((3, 1, -2)))
-POINT = physics.system(thing([(0, 0, 0)]), colliders=[ball((0, 0, 0), 1.0)])
 EMPTY = {
     "a spring of zero length": ("springs", SPRING, np.zeros((2, 3))),
     "a face without area": ("wind", THIN, LINE),
     "a face without area in the air": ("wind", of_air(THIN), LINE),
-    "the centre of a sphere": ("spheres", POINT, np.zeros((1, 3))),
-    **{f"the centre of a {name}": ("colliders", touching(shape), None) for name, shape in SHAPES.items()},
+    "the centre of a sphere": ("spheres", ball((0, 0, 0), 1.0), np.zeros((9, 3))),
+    **{f"the centre of a {name}": ("colliders", shape, None) for name, shape in SHAPES.items()},
 }
 
 
 @pytest.mark.parametrize("name", EMPTY)
 def test_where_a_direction_is_missing_the_derivatives_stay_finite(name):
     kind, system, y = EMPTY[name]
+    system = touching(system) if isinstance(system, dict) else system
     y = np.tile(system.colliders.state[0, collider_rows.PLACE], (9, 1)) if y is None else y
     (module, force), at = parts(system)[kind], state(system, "random")._replace(y=y)
     out = physics.pushforward(system, module, force, at, physics.direction(system))
@@ -149,7 +151,7 @@ def test_where_a_direction_is_missing_the_derivatives_stay_finite(name):
 
 @pytest.mark.parametrize("name", ["vertex", "springs"])
 def test_what_damping_takes_is_its_force_along_the_way(name):
-    (module, force), at = parts(SYSTEM)[name], state(SYSTEM, "random")
+    (module, force), at = parts(whole())[name], state(whole(), "random")
     power = np.vdot(physics.damping(module, force, at.y, at.u, at.u), at.w)
     assert module.damping_power(force, at.y, at.u, at.w) == pytest.approx(power, rel=1e-12)
 
@@ -162,32 +164,32 @@ def test_all_forces_of_the_system_are_covered():
     }
     # those of steps and pairs are in test_applied and test_self_contact
     assert fields - {"applied", "surface", "contact"} == {"vertex", "springs", "faces", "spheres", "colliders"}
-    assert len(parts(SYSTEM)) == 5
+    assert len(parts(whole())) == 5
 
 
 # --- springs
 
 
 def test_rest_lengths_are_the_lengths_at_the_start():
-    expected = [np.linalg.norm(SYSTEM.x0[a] - SYSTEM.x0[b]) for a, b in SPRINGS.ends]
-    np.testing.assert_allclose(SPRINGS.rest, expected, rtol=1e-15)  # one rounding each
-    f = physics.total_force(springs, SPRINGS, SYSTEM.x0, np.zeros_like(SYSTEM.x0))
+    expected = [np.linalg.norm(whole().x0[a] - whole().x0[b]) for a, b in whole().springs.ends]
+    np.testing.assert_allclose(whole().springs.rest, expected, rtol=1e-15)  # one rounding each
+    f = physics.total_force(springs, whole().springs, whole().x0, np.zeros_like(whole().x0))
     assert np.abs(f).max() == 0.0  # the length is computed in the same way as the rest length
 
 
 @pytest.mark.parametrize("name", STATES)
 def test_the_matrix_is_the_true_jacobian_of_the_undamped_force(name):
-    at, undamped, t = state(SYSTEM, name), SPRINGS._replace(damping=np.zeros(1)), 1e-6
+    at, undamped, t = state(whole(), name), whole().springs._replace(damping=np.zeros(1)), 1e-6
     above, below = (physics.total_force(springs, undamped, at.y + side * t * at.dy, at.u) for side in (1, -1))
-    A, _ = step_terms(SYSTEM, springs, undamped, at.y, at.u)
+    A, _ = step_terms(whole(), springs, undamped, at.y, at.u)
     # differences of some 100 N at 1e-6, truncation 1e-11
-    assert relative(times(A, at.dy), -(SYSTEM.h**2) * (above - below) / (2 * t)) < 1e-8
+    assert relative(times(A, at.dy), -(whole().h**2) * (above - below) / (2 * t)) < 1e-8
 
 
 @pytest.mark.parametrize("name", STATES[1:])
 def test_the_clamped_matrix_has_no_push_sideways_and_the_same_force(name):
-    at = state(SYSTEM, name)
-    both = [step_terms(SYSTEM, springs, each.springs, at.y, at.u) for each in (clamped(SYSTEM), SYSTEM)]
+    at = state(whole(), name)
+    both = [step_terms(whole(), springs, each.springs, at.y, at.u) for each in (clamped(whole()), whole())]
     A, plain = (dense_matrix(each) for each, _ in both)
     np.testing.assert_array_equal(both[0][1], both[1][1])
     safe, least = np.linalg.eigvalsh(A), np.linalg.eigvalsh(plain).min()
@@ -198,7 +200,7 @@ def test_the_clamped_matrix_has_no_push_sideways_and_the_same_force(name):
 
 @pytest.mark.parametrize("rho", [0.5, 0.949, 0.951, 0.97, 0.999, 1.001, 1.5])
 def test_the_derivative_of_the_rounded_clamp(rho):
-    rounded, t = SPRINGS._replace(cap=1.0, bend=0.05), 1e-6
+    rounded, t = whole().springs._replace(cap=1.0, bend=0.05), 1e-6
     low, high = (springs.capped(rounded, rho + sign * t)[0] for sign in (-1, 1))
     hat, bent = springs.capped(rounded, rho)
     assert 0.0 <= hat <= 1.0
@@ -233,7 +235,7 @@ def test_a_plate_feels_pressure_across_the_flow_and_friction_along_it():
 
 
 def test_the_matrix_damps_whatever_the_state_and_is_nearly_the_jacobian_where_all_corners_move_alike():
-    system, rng = of_air(SYSTEM), np.random.default_rng(3)
+    system, rng = of_air(whole()), np.random.default_rng(3)
     at = state(system, "random")
     A, _ = step_terms(system, physics.wind, system.faces, at.y, at.u)
     assert np.linalg.eigvalsh(dense_matrix(A)).min() > -1e-14

@@ -24,7 +24,7 @@ SOME = {"max_evaluations": 9, "intervals": False}
 @pytest.fixture
 def paths(tmp_path):
     """Three scenes of different sizes."""
-    return [write_scene(tmp_path, trial("LL", 20, 4, 4 + i), f"{i}.json") for i in range(3)]
+    return [write_scene(tmp_path, trial("LL", 10, 4, 4 + i), f"{i}.json") for i in range(3)]
 
 
 def test_results_are_those_of_single_fits_to_the_last_bit_whatever_the_number_of_processes(paths, tmp_path):

@@ -71,7 +71,7 @@ def shorten(path, frames):
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
 def test_the_commands_of_a_page_print_what_it_says(checkout, page):
     for scene in (checkout / "examples").glob("*.json") if page == "first" else ():
-        shorten(scene, 40)  # of the numbers that are printed none counts
+        shorten(scene, 20)  # of the numbers that are printed none counts
     for command, shown in commands(page):
         said = io.StringIO()  # both streams, as a terminal shows them
         with redirect_stdout(said), redirect_stderr(said):
@@ -90,8 +90,8 @@ def test_the_commands_of_the_gallery_make_the_fit_of_the_first_picture(checkout)
     for line in lines:
         arguments = shlex.split(line.removeprefix("clothfit ").partition(" --set gif=")[0])
         assert run(arguments) == 0
-        shorten(checkout / arguments[-1], 25)  # of 100
-    evaluation = clothfit.evaluate(clothfit.load("theirs.json"), clothfit.load("fitted.json"), horizon=25)
+        shorten(checkout / arguments[-1], 15)  # of 100
+    evaluation = clothfit.evaluate(clothfit.load("theirs.json"), clothfit.load("fitted.json"), horizon=15)
     assert evaluation.fitted.rmse < 1e-4  # the rmse of the command
 
 

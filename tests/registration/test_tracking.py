@@ -84,11 +84,12 @@ def read(path, **said):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("written", [as_npz, as_obj, as_ply])
-def test_points_on_the_surface_have_the_values_of_the_cloth(tmp_path, written):
-    path = written(tmp_path, cloud())
-    found, scan = motion_facts(path), read(path)
-    assert (found["scan"], found["frames"], found["points"], found["travel"]) == (True, 24, len(cloud()[0]), None)
+def test_points_on_the_surface_have_the_values_of_the_cloth(tmp_path):
+    shorter = [y[k:] for k, y in enumerate(cloud())]  # the others leave out as many
+    for path in (as_npz(tmp_path, shorter), as_obj(tmp_path, cloud()), as_ply(tmp_path, cloud())):
+        found, scan = motion_facts(path), read(path)
+        assert (found["scan"], found["frames"], found["points"], found["travel"]) == (True, 24, len(cloud()[0]), None)
+        np.testing.assert_array_equal(scan.correspondence.points, read(tmp_path / "scan.npz").correspondence.points)
     fit = estimate(SCENE, scan, start=5.0 * FACTOR, intervals=False)
     assert (fit.correspondence.kind, fit.correspondence.share > 0.95) == ("scan", True)
     assert fit.scene.cloths[0].stiffness == pytest.approx(FACTOR * CLOTH.stiffness, rel=1e-6)  # rounding of 1e-8 m

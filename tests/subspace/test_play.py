@@ -1,6 +1,7 @@
 """Models that are played: networks beside their formula in plain double precision, and many instances at once."""
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,14 +24,14 @@ SCENE = scene_of(moving())
 
 GUST = {"acts": "wind", "times": [0, 0.2], "values": [[0, 0, 0], [3, 0, -3]]}
 SCENES = [SCENE, applied(SCENE, [GUST]), SCENE]
-NETWORK = model_of(SCENE, STEPS)
+network = cache(lambda: model_of(SCENE, STEPS))  # not before a test wants it, as it compiles
 
 
 def with_network(**changes):
     """The model whose network has other fields."""
-    part = NETWORK.parts[0]
+    part = network().parts[0]
     part = dataclasses.replace(part, network=dataclasses.replace(part.network, **changes))
-    return dataclasses.replace(NETWORK, parts=(part,))
+    return dataclasses.replace(network(), parts=(part,))
 
 
 @pytest.mark.parametrize("activation", ["relu", "elu"])
@@ -57,10 +58,10 @@ def test_a_motion_is_that_of_the_formula_and_many_move_as_each_alone(activation)
 
 
 def test_a_file_gives_the_same_motion_and_arrays_that_do_not_fit_are_refused(tmp_path):
-    save(NETWORK, tmp_path / "m.npz")
+    save(network(), tmp_path / "m.npz")
     read = load_model(tmp_path / "m.npz")
-    np.testing.assert_array_equal(play(read, SCENE, 20).motion.positions, play(NETWORK, SCENE, 20).motion.positions)
-    own = NETWORK.parts[0].network
+    np.testing.assert_array_equal(play(read, SCENE, 20).motion.positions, play(network(), SCENE, 20).motion.positions)
+    own = network().parts[0].network
     for change in ({"offset": own.offset[1:]}, {"linear": own.linear * np.nan}, {"activation": "sine"}):
         save(with_network(**change), tmp_path / "w.npz")
         with pytest.raises(InvalidInput, match=r"w\.npz: "):
@@ -68,7 +69,7 @@ def test_a_file_gives_the_same_motion_and_arrays_that_do_not_fit_are_refused(tmp
 
 
 def test_coordinates_and_inputs_stay_within_their_ranges():
-    own = NETWORK.parts[0].network
+    own = network().parts[0].network
     small = with_network(range=own.range * 0.01, input_range=own.input_range / 2)
     played = play(small, SCENE, STEPS + 1)
     assert np.abs(played.coordinates[0]).max() <= np.float32(0.02)
@@ -79,12 +80,12 @@ def test_what_is_not_there_is_0_and_other_pins_are_refused():
     calm, still, both = moving(), moving(), moving()
     del calm["windVelKeys"]
     still["windVelKeys"] = keys([0, 1], (0, 0, 0), (0, 0, 0))
-    found = [play(NETWORK, scene_of(each), 20).motion.positions for each in (calm, still)]
+    found = [play(network(), scene_of(each), 20).motion.positions for each in (calm, still)]
     np.testing.assert_array_equal(*found)
     both["objects"][0]["vertIsFixed"][2] = True
     both["objects"][0]["pins"][0]["vertices"] = [0, 2]
     with pytest.raises(InvalidInput, match=r"trained with wind, carrier, pins \(6 numbers\); here there are"):
-        play(NETWORK, scene_of(both), 5)
+        play(network(), scene_of(both), 5)
 
 
 @pytest.mark.parametrize("normals", [False, True])
