@@ -202,7 +202,6 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         part.euler[t] = part.theta[t - 1] < 1.0 or part.predicted[t - 1] or part.hit[t - 1] if t > 0 else not part.ready
         if not part.euler[t]:
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded, watched)
-            contact.save_active(euler.colliders, part, t)
             if part.used[t] == 0:
                 return t, REFUSED
             if taken and not hits(euler.colliders, euler.vertex, x[t], v, x[t + 1]):
@@ -268,6 +267,7 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded, watche
         inner, x[t], v, x_before, v_before, work.solution, tolerance, work, part.w[t], x[t + 1]
     )
     count(part, t, used, iterations, direct)
+    contact.save_active(euler.colliders, part, t)  # which the work below asks for
     place_pins(euler.inputs, euler, x[t + 1])
     weight += work_done(euler.inputs, part.first + t, x[t], x[t + 1])
     near = 3.0 * size < FARTHEST * FARTHEST or finite(x[t + 1])  # 3 |a|² ≥ (|a₀| + |a₁| + |a₂|)²
