@@ -17,6 +17,7 @@ from clothfit.engine.system import System, build, meets_itself
 from clothfit.motion.motion import Motion, in_groups, in_world
 from clothfit.scene.scene import Scene
 
+
 class Touching(NamedTuple):
     """An object and what it touches."""
 
