@@ -40,7 +40,7 @@ CALLBACKS = {
     ("<frozen importlib._bootstrap>", "cb"), ("weakref.py", "remove"), ("_weakrefset.py", "_remove"),
     ("serialize.py", "_numba_unpickle"),
 }  # fmt: skip
-"""Files and functions of Python's own callbacks on references that end, and of numba's as a kernel hands over arrays."""
+"""Files and functions of Python's own callbacks on references that end, and of numba's as a kernel returns arrays."""
 
 ASKED = ("apart.py", "_address")
 """The same of what compiled code calls, but not of what that calls in turn, which may take long."""
