@@ -58,9 +58,7 @@ def touches(scene: Scene, motion: Motion) -> list[Touching]:
                     found.setdefault((int(i), what), {})[frame] = int(number)
     times = motion.times
     listed = [
-        Touching(
-            i, what, len(when) / count, float(times[min(when)]), float(times[max(when)]), max(when.values())
-        )
+        Touching(i, what, len(when) / count, float(times[min(when)]), float(times[max(when)]), max(when.values()))
         for (i, what), when in found.items()
     ]
     return sorted(listed, key=lambda each: -each.share)
