@@ -38,8 +38,9 @@ _last_request = -SAME_REQUEST
 
 CALLBACKS = {
     ("<frozen importlib._bootstrap>", "cb"), ("weakref.py", "remove"), ("_weakrefset.py", "_remove"),
+    ("serialize.py", "_numba_unpickle"),
 }  # fmt: skip
-"""Files and functions of Python's own callbacks on references that end."""
+"""Files and functions of Python's own callbacks on references that end, and of numba's as a kernel returns arrays."""
 
 ASKED = ("apart.py", "_address")
 """The same of what compiled code calls, but not of what that calls in turn, which may take long."""

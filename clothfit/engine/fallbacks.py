@@ -15,17 +15,17 @@ class Fallbacks(NamedTuple):
     clamped_steps: int = 0  # steps with a positive definite matrix in place of their own (`system.clamped`)
     shortened_steps: int = 0  # steps shortened because they would have added energy (`step.guard`)
     early_contacts: int = 0  # steps taken with the contacts they begin, which would have added energy (`step.guard`)
-    hits: int = 0  # steps of BDF2 motions in which the cloth hits something, of first order (`march.hits`)
+    euler_steps: int = 0  # those of BDF2 motions after the first, of first order (`march.hits`, `step.guard`)
     longer_steps: int = 0  # steps of more iterations, as contacts or the energy were not right (`rollout.more`)
 
-    def with_those_of(self, part: Rollout) -> Fallbacks:
-        """These and those of a part of a motion."""
+    def with_those_of(self, part: Rollout, second: bool) -> Fallbacks:
+        """These and those of a part of a motion, of `second` order or not."""
         return Fallbacks(
             self.direct_solves + int(part.solves[:, 1].sum()),
             self.clamped_steps + int(part.clamped.sum()),
             self.shortened_steps + int((part.theta < 1.0).sum()),
             self.early_contacts + int(part.predicted.sum()),
-            self.hits + int(part.hit.sum()),
+            self.euler_steps + second * int(part.euler[int(part.first == 0) :].sum()),
             self.longer_steps + int((part.more > 0).sum()),
         )
 
@@ -41,7 +41,7 @@ class Fallbacks(NamedTuple):
             f"{{}} of {steps} steps were stabilised (strong compression): folds are smoother there; {finer}",
             f"{{}} of {steps} steps were stabilised (too fast for the step): the cloth is slowed down there; {finer}",
             f"{{}} of {steps} steps were stabilised (deep in a sphere at once): it comes off otherwise there; {finer}",
-            f"{{}} of {steps} steps hit something: there and in the next one BDF2 is of first order",
+            f"{{}} of {steps} steps are of first order, as BDF2 hits something there, or would gain energy",
             f"{{}} of {steps} steps were computed again from where they ended; that takes time alone",
         )
         return [sentence.format(count) for count, sentence in zip(self, said, strict=True) if count]

@@ -64,6 +64,7 @@ def crossing(scene: Scene, group: range, system: System) -> Iterator[str]:
     other = int(np.searchsorted(faces, triangle, "right")) - 1
     a, b = (surface.edges[edge] - first[one]).tolist()
     more = f", and {len(hits) - 1} more edges pass so" if len(hits) > 1 else ""
+    more += f", up to {metres(surface.beyond.max())} deep" if len(surface.beyond) else ""
     where = ", ".join(f"{x:.4g}" for x in surface.start[surface.triangles[triangle]].mean(axis=0))
     back = counted(len(surface.drawn), "vertex is", "vertices are")
     yield (

@@ -111,7 +111,7 @@ class Tape:
         for begin in range(0, self.steps or 1, self.plan.length):
             end = min(begin + self.plan.length, self.steps)
             part, at = self._part(at, end)
-            self.fallbacks = self.fallbacks.with_those_of(part)
+            self.fallbacks = self.fallbacks.with_those_of(part, self.system.method == BDF2)
             if self.plan.strides and end < self.steps and end % self.plan.strides[0] == 0:
                 self._kept[end] = at
             yield part

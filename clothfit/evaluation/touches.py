@@ -17,17 +17,14 @@ from clothfit.engine.system import System, build, meets_itself
 from clothfit.motion.motion import Motion, in_groups, in_world
 from clothfit.scene.scene import Scene
 
-MOST = 100
-"""Frames that are looked at, at most."""
-
 
 class Touching(NamedTuple):
     """An object and what it touches."""
 
     object: int
     other: str  # objects[…], colliders[…] or a sphere
-    share: float  # of the frames that were looked at
-    first: float  # s, the first frame of them in which they touch
+    share: float  # of the frames
+    first: float  # s, the first frame in which they touch
     last: float  # s
     vertices: int  # of the object that touch at once, at most
 
@@ -48,23 +45,20 @@ def touches(scene: Scene, motion: Motion) -> list[Touching]:
     """Who touches whom in a motion as `simulate` makes it, a frame after every step; the most often first."""
     if not (scene.obstacles or scene.self_contact) or not len(motion.times):
         return []
-    whole, last = in_groups(in_world(motion, scene), scene), len(motion.times) - 1
-    frames = np.unique(np.linspace(0, last, min(MOST, last + 1)).astype(int))
+    whole, count = in_groups(in_world(motion, scene), scene), len(motion.times)
     found: dict[tuple[int, str], dict[int, int]] = {}
     for group in scene.groups:
-        system, own = build(scene, group[0], steps=max(last, 1)), np.ascontiguousarray(whole.of(group[0]))
+        system, own = build(scene, group[0], steps=max(count - 1, 1)), np.ascontiguousarray(whole.of(group[0]))
         objects, counts = np.arange(group.start, group.stop, dtype=np.int32), scene.vertex_counts
         of_vertex = np.repeat(objects, [counts[i] for i in group])
-        for frame in frames.tolist():
+        for frame in range(count):
             place(system, frame)
             for what, vertices in at_once(scene, system, own[frame], of_vertex):
                 for i, number in zip(*np.unique(of_vertex[vertices], return_counts=True), strict=True):
                     found.setdefault((int(i), what), {})[frame] = int(number)
     times = motion.times
     listed = [
-        Touching(
-            i, what, len(when) / len(frames), float(times[min(when)]), float(times[max(when)]), max(when.values())
-        )
+        Touching(i, what, len(when) / count, float(times[min(when)]), float(times[max(when)]), max(when.values()))
         for (i, what), when in found.items()
     ]
     return sorted(listed, key=lambda each: -each.share)

@@ -11,6 +11,7 @@ refusal: what cannot be understood is left out.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
@@ -196,8 +197,8 @@ class Pins:
 
 
 def is_pin(name: str) -> bool:
-    """Whether an attribute of this name marks held vertices."""
-    return "pin" in name.lower()
+    """Whether an attribute of this name marks held vertices, and is not a bone's: spine, pinky."""
+    return re.search("(?<![sS])(?:pin|PIN)(?![kK])|Pin(?!k)", name) is not None
 
 
 def moving(shapes: Sequence[Shape], moves: Callable[[Shape], bool], notes: list[str]) -> tuple[Sequence[Shape], bool]:

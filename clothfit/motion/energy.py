@@ -101,6 +101,7 @@ class Energy:
         with np.errstate(invalid="ignore"):
             rises = -np.diff(self.dissipated, prepend=self.dissipated[:1])
         rises[np.isnan(rises)] = np.inf  # between two energies that are infinite
+        rises[np.abs(rises) <= guard.LEAST_RISE] = 0.0
         return np.asarray(rises)
 
     @property

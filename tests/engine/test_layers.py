@@ -22,7 +22,7 @@ from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
 from clothfit.evaluation.touches import touches
 from clothfit.live.engine import Engine
-from clothfit.motion.energy import energies
+from clothfit.motion.energy import energies, faults
 from clothfit.objective.objective import Objective
 from clothfit.optimise.balances import Track, balances
 from clothfit.optimise.momentum import TREATMENTS, rows_of
@@ -296,8 +296,18 @@ def test_a_start_inside_a_collider_is_let_go(shape, thickness):
 def test_what_a_body_lets_go_gains_no_energy():
     box = {**BALL, "type": 3, "pos": xyz((0, -0.3, 0)), "scale": xyz((0.8, 0.6, 0.8)), "thickness": 0.005}
     made = scene(sheet(12, 0.5, -0.01), colliders=[box], integrationMethod=3, delta=0.01, optimizationIterations=31)
-    found = energies(made, simulate(made))
+    motion = simulate(made)
+    found = energies(made, motion)
     assert found.excess <= 0.01 * found.scale
+    assert motion.remedies.euler_steps == motion.steps.euler[:, 2:].sum() > 0  # as it is told
+
+
+def test_rounding_of_a_cloth_at_rest_is_no_energy_that_steps_add():
+    made = scene(sheet(11, 0.5, 0.31, (0.01, 0.02)), gravity=xyz((0, 0, 0)), colliders=[{**BALL, "friction": 0.2}])
+    found = energies(made, simulate(made))
+    assert 0.0 < found.scale < 1e-20
+    assert found.excess == 0.0
+    assert not faults(made, simulate(made), found)
 
 
 @pytest.mark.parametrize("method", [2, 3])
@@ -330,6 +340,7 @@ def test_what_starts_through_another_cloth_is_drawn_back():
     assert speed < 1.5 * (surface.beyond.max() + 0.005) / 0.2 * 1.5  # as gently as it is asked
     (said,) = sentences(made)
     assert "starts through triangle" in said
+    assert f"up to {1e3 * surface.beyond.max():.3g} mm deep" in said
     assert f"{len(surface.drawn)} vertices are drawn back over 0.2 s" in said
 
 

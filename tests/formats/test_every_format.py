@@ -21,6 +21,7 @@ import clothfit
 from clothfit import InvalidInput, InvalidMotion, read_mesh
 from clothfit.base.writing import write_atomically
 from clothfit.formats import glb
+from clothfit.formats.animation import is_pin
 from clothfit.formats.axes import SCENE as OWN
 from clothfit.formats.axes import Axes, Convention, Reading, facing, from_scene, to_scene
 from clothfit.formats.registry import FORMATS, foreign
@@ -238,3 +239,9 @@ def test_an_unknown_suffix_is_refused_unless_the_content_is_known(tmp_path):
         with open(tmp_path / name, "wb") as file:
             save(file)
         np.testing.assert_array_equal(load(tmp_path / name, None, Reading()).motion.positions, positions)
+
+
+def test_groups_of_bones_hold_nothing():
+    pins = ["pin", "Pinned", "_PIN", "ClothPin", "hem.pins"]
+    bones = ["spine", "Spine.001", "SPINE", "mixamorig:LeftHandPinky1", "f_pinky.01.L"]
+    assert [name for name in (*pins, *bones) if is_pin(name)] == pins

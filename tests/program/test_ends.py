@@ -123,8 +123,11 @@ def test_an_interrupt_in_the_first_compilation_is_one_line(tmp_path):
     assert "Traceback" not in said
 
 
-# As importlib's callback of a module's lock, and a destructor.
-CALLBACKS = [("<frozen importlib._bootstrap>", "cb"), ("/usr/lib/python/weakref.py", "remove"), ("any.py", "__del__")]
+# As importlib's callback of a module's lock, a destructor, and numba's as a kernel hands over arrays.
+CALLBACKS = [
+    ("<frozen importlib._bootstrap>", "cb"), ("/usr/lib/python/weakref.py", "remove"), ("any.py", "__del__"),
+    ("/numba/core/serialize.py", "_numba_unpickle"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("file", "name"), CALLBACKS)
