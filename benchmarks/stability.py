@@ -20,7 +20,7 @@ from clothfit.base.arrays import Array
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.step.states import velocity
-from clothfit.engine.system import System
+from clothfit.engine.system import BDF2, System
 from clothfit.motion import divergence
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.energy import CONTACT, GRAVITY, WIND, balances
@@ -45,7 +45,7 @@ class Run:
     clamped_steps: int
     shortened_steps: int
     early_contacts: int
-    hits: int
+    euler_steps: int
     longer_steps: int
     ms_per_step: float
 
@@ -67,8 +67,8 @@ def run(systems: list[System], steps: int) -> Run:
     total = accounts[:, : CONTACT + 1].sum(axis=1)
     rises = np.diff(total) - accounts[1:, WIND]
     remedies = NO_FALLBACKS
-    for memory, _ in made:
-        remedies = remedies.with_those_of(memory.part(0, good))
+    for system, (memory, _) in zip(systems, made, strict=True):
+        remedies = remedies.with_those_of(memory.part(0, good), system.method == BDF2)
     return Run(
         steps=steps,
         good=good,

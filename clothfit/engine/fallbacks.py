@@ -35,7 +35,7 @@ class Fallbacks(NamedTuple):
 
     def sentences(self, steps: int) -> list[str]:
         """What a user should know, for motions of this many steps in all."""
-        finer = "shorter steps (delta, or --substeps) need less of it"
+        finer = "shorter steps (delta; --substeps of a fit) need less of it"
         said = (
             "{} times a step was hard to compute; that takes time alone",
             f"{{}} of {steps} steps were stabilised (strong compression): folds are smoother there; {finer}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres
 from clothfit.engine.forces import collider_rows
 from clothfit.engine.forces.selfcontact import pairs
+from clothfit.engine.forces.selfcontact.nearest import SEAM
 from clothfit.engine.system import System, build
 from clothfit.scene.scene import Scene
 
@@ -21,10 +23,34 @@ def sentences(scene: Scene) -> list[str]:
     """What a user should know of a scene whose cloths start inside of colliders or through each other. Raises
     InvalidScene for a mesh or keys that cannot be read.
     """
+    doubles = (each for group in scene.groups for each in doubled(scene, group))
+    return [*let_go(scene), *(doubles if scene.self_contact else ())]
+
+
+def let_go(scene: Scene) -> list[str]:
+    """Those on what is let go, or drawn back, which gives energy."""
     if not (scene.obstacles or scene.self_contact):
         return []
     systems = [(group, build(scene, group[0], steps=1)) for group in scene.groups]
     return [each for group, own in systems for each in (*inside(scene, group, own), *crossing(scene, group, own))]
+
+
+def doubled(scene: Scene, group: range) -> Iterator[str]:
+    """A sentence for each object that lies on another of its group, triangle on triangle, as a copy of it does."""
+    from scipy.spatial import cKDTree
+
+    assert scene.self_contact is not None
+    near = SEAM * scene.self_contact.thickness
+    for first, second in combinations(group, 2):
+        one, other = scene.cloths[first], scene.cloths[second]
+        close = np.isfinite(cKDTree(one.positions).query(other.positions, distance_upper_bound=near)[0])
+        count = int(close[other.triangles].all(axis=1).sum())
+        if count:
+            triangles = counted(count, "triangle starts", "triangles start")
+            yield (
+                f"objects[{second}]: {triangles} where objects[{first}] is, and will not be kept from passing through "
+                "it, as at a seam; move it by the thickness"
+            )
 
 
 def inside(scene: Scene, group: range, system: System) -> Iterator[str]:

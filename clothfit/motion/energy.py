@@ -34,7 +34,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import contact, spheres, springs, vertex, wind
 from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.inputs.tables import set_frame, set_inputs
-from clothfit.engine.starts import sentences
+from clothfit.engine.starts import let_go
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build, meets_itself
 from clothfit.kernels.kernel import kernel
@@ -166,7 +166,7 @@ def faults(scene: Scene, motion: Motion, found: Energy | None = None) -> list[st
     in wind, in explicit steps, or where they are too long; `found` is the motion's energy, if it is known. What is in
     the editor's spheres does not count, see `Energy.gain`.
     """
-    if not (scene.obstacles or scene.self_contact) or len(motion.times) < 2 or sentences(scene):
+    if not (scene.obstacles or scene.self_contact) or len(motion.times) < 2 or let_go(scene):
         return []  # what is let go gives energy as well
     found = energies(scene, motion) if found is None else found
     if not scene.spheres:

@@ -327,6 +327,13 @@ def poked(along=0.0, **fields):
     return layers(one, other, gravity=xyz((0, 0, 0)), law={"thickness": 0.005}, **fields)
 
 
+def test_a_copy_that_lies_on_its_original_is_told():
+    one = sheet(4, 0.5, 0.2)
+    (said,) = sentences(layers(one, one))
+    assert said.startswith("objects[1]: 18 triangles start where objects[0] is")
+    assert not sentences(layers(one, sheet(4, 0.5, 0.21)))
+
+
 def test_what_starts_through_another_cloth_is_drawn_back():
     made = poked()
     surface = build(made, 0).surface
