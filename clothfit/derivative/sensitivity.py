@@ -357,7 +357,7 @@ class TangentSweep:
         """The right-hand side of an iteration to w, in a later one for dw − du; its matrix is left in the workspace."""
         system, near, place, by = at.system, self.near, self.place, self.by
         bare = self.contact_columns.bare(system) if self.contact_columns else system
-        differentiate(bare, at.x, at.v, w, at.u, at.later, self.work, by)
+        differentiate(bare, at.x, at.v, w, at.u, at.later, at.work, by)
         dy = np.add(self.dx, system.h * du, out=self.dy) if at.later else self.dx
         right = self.mass * (self.dv - du if at.later else self.dv)
         add_product(near, place, by.by_y, dy, right)
