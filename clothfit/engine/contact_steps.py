@@ -7,10 +7,11 @@ ends in, as with colliders (`forces.contact`). What still would pass through bec
 that draw it through itself and for explicit methods, of whose steps only the forces of near pairs are part.
 
 A step of which the energy rises is not left so: one of BDF2 is taken anew by the implicit method, and one of that goes
-on with more of Newton's iterations while they converge: its springs turned, and its contacts were met, elsewhere than
-its model knew. Where neither these nor fewer help it is taken anew with the clamped matrix, in which cloths that only
-touch each other keep their momentum. If that gains, too, it is shortened, as `step.guard` does; where something moves,
-which may press into a shorter step, to a sixteenth at the least. Of its ends the one that gains least is kept.
+on with more of Newton's iterations, each with the pairs that it ends in, while they converge: its springs turned, and
+its contacts were met, elsewhere than its model knew. Where neither these nor fewer help it is taken anew with the
+clamped matrix, in which cloths that only touch each other keep their momentum. If that gains, too, it is shortened, as
+`step.guard` does; where something moves, which may press into a shorter step, to a sixteenth at the least. Of its ends
+the one that gains least is kept.
 
 Each step notes its pairs and zones; the derivatives take them from there.
 """
@@ -179,18 +180,19 @@ def pressed(
         if len(new):
             numbers = np.union1d(numbers, new)
             own, room = with_pairs(system, work, surface, x, numbers, part.w.shape[1])
-    whole = forms.at(part, t)._replace(contact=own.contact)
-    whole = whole._replace(springs=whole.springs._replace(slot=own.springs.slot))
-    end, left = Ending(whole, room, part, t, surface, np.union1d(view, numbers), second), 0.0
+    whole, view = forms.at(part, t), np.union1d(view, numbers)
+    joined = whole._replace(contact=own.contact, springs=whole.springs._replace(slot=own.springs.slot))
+    end, left = Ending(joined, room, part, t, surface, view, second), 0.0
+    end.known, end.on, end.bare = numbers, on, (whole, work)
     if second and (end.made is not None or end.gain()):
         return NO_PAIRS, march.CONTACTS
     if not second and whole.guarded and not (draws(whole.inputs, whole.applied) or surface.left > 0.0):
         left = end.end_well(tolerance)
         if left and not part.clamped[t]:
             return pressed(forms, tolerance, work, part, t, surface, False, safe=True)
-    some = on.any(axis=0)
+    some = end.on.any(axis=0)
     # as compiled code is for arrays of one order: what NumPy picks out of columns has another
-    return ActivePairs(numbers[some], np.ascontiguousarray(on[:, some]), end.made), march.DONE
+    return ActivePairs(end.known[some], np.ascontiguousarray(end.on[:, some]), end.made), march.DONE
 
 
 class Ending:
@@ -209,6 +211,8 @@ class Ending:
         self.surface, self.numbers, self.second = surface, numbers, second
         self.before: float | None = None  # the energy before the step, J, once it is asked for
         self.made: zones.Zones | None = None  # what moves as one
+        self.known, self.on = NOBODY, np.zeros((0, 0), bool)  # the system's pairs, as `ActivePairs` has them
+        self.bare = system, work  # without these
         self.separate()
 
     @property
@@ -300,13 +304,31 @@ class Ending:
         self.split()
         last = np.diff(self.part.w[self.t, max(self.part.used[self.t] - 3, 0) : self.part.used[self.t]], axis=0)
         change = np.einsum("i,kij,kij->k", self.system.vertex.mass, last, last)
-        good = len(change) < 2 or change[1] < change[0]
-        good = good and bool(march.go_on(self.forms[0], tolerance, self.work, self.part.bare(), self.t))
-        if good and self.surface is not None:
-            now = self.part.x[self.t], self.part.x[self.t + 1]
-            self.numbers = np.union1d(self.numbers, pairs.around(self.surface, *now, 0.0))
+        good = (len(change) < 2 or change[1] < change[0]) and self.iterate(tolerance)
         self.end_with(int(self.part.used[self.t]))
         return good
+
+    def iterate(self, tolerance: float) -> bool:
+        """Take one more iteration, and again with the pairs that it ends in and did not know; whether it ended well."""
+        part, t, used, surface = self.part, self.t, self.part.used[self.t], self.surface
+        for left in range(ROUNDS, 0, -1):
+            interrupts.check()
+            part.used[t] = used
+            if not march.go_on(self.forms[0], tolerance, self.work, part.bare(), t):
+                return False
+            if surface is None:
+                return True
+            view = pairs.around(surface, part.x[t], part.x[t + 1], 0.0)
+            self.numbers = np.union1d(self.numbers, view)
+            known = np.union1d(self.known, pairs.colliding(surface, part.x[t], part.x[t + 1], view))
+            if left == 1 or len(known) == len(self.known):
+                break
+            on = np.zeros((part.w.shape[1], len(known)), bool)
+            on[:, np.isin(known, self.known)] = self.on
+            self.known, self.on = known, on
+            self.system, self.work = with_pairs(*self.bare, surface, part.x[t], known, on)
+            self.forms = bdf2.forms(self.system)
+        return True
 
     def end_with(self, used: int) -> None:
         """End after so many iterations."""
