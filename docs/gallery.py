@@ -27,7 +27,7 @@ from clothfit.pictures.picture_file import GROUND
 
 DOCS = Path(__file__).resolve().parent
 PAGE, FILMS = DOCS / "gallery.md", DOCS / "gallery"
-WIDTH, HALF = 640, 440  # pixels of a film, and of one of two side by side
+WIDTH, HALF = 640, 430  # pixels of a film, and of one of two side by side
 LEGEND = 0.053  # of its width: the height at the top where it says who is who and what time it is
 CLOCK = (0.85, 0.062)  # of its width: where the time begins, and down to where its digits reach
 COLUMNS = 96  # of a command
