@@ -30,9 +30,10 @@ from clothfit.kernels.lanes.operations import load3, mul, splat, sub
 from clothfit.kernels.vectors import combine, dot
 
 
-@kernel(apart=0.0)
+@kernel(apart=(0.0, 0.0))
 def power(euler, inner, part, t, second, work):
-    """What moves does at the end of step t of a part, W; a `second` order step is one of BDF2."""
+    """What moves does at the end of step t of a part, and what friction takes, W; a `second` order step is one of BDF2.
+    """
     set_inputs(euler.inputs, euler, part.first + t)
     contact.load_active(euler.colliders, part, t)
     x, v, w, last = part.x[t], velocity(part, t), velocities(part, t), part.used[t] - 1
@@ -72,7 +73,7 @@ def moved(inputs, euler, inner, part, t, second, w, work):
     """The work of what moves and of the wind in step t, after which the velocity is w (n, 3), J. Its mean power is
     noted, of which that of a next step of `second` order has a third.
     """
-    now = power(euler, inner, part, t, second, work) + wind.powers(euler.faces, work.y, w, w)[0]
+    now = power(euler, inner, part, t, second, work)[0] + wind.powers(euler.faces, work.y, w, w)[0]
     part.guard_state[t + 1, guard.POWER] = (2.0 * now + part.guard_state[t, guard.POWER]) / 3.0 if second else now
     return euler.h * part.guard_state[t + 1, guard.POWER]
 
@@ -87,25 +88,28 @@ def explicit_power(system, part, t, work):
     work.s[:] = 0.0
     combine(1.0 / system.h, part.x[t + 1], -1.0 / system.h, part.x[t], work.w_bar)
     f = work.gy
-    total = add_contacts(system, part.first + t, system.h, v, v, work, f)
-    return total + of_pins(system, v, v, work.w_bar, work, f)
+    total, rubbed = add_contacts(system, part.first + t, system.h, v, v, work, f)
+    return total + of_pins(system, v, v, work.w_bar, work, f), rubbed
 
 
 @kernel
 def of_forces(system, t, h, v, u, w, work):
     """The power in step t of a motion, of length h, that goes from v to w and is linearised at (y, u), (n, 3) each."""
-    total = add_contacts(system, t, h, u, w, work, work.gy)
-    return total + of_pins(system, v, u, w, work, work.gy)
+    total, rubbed = add_contacts(system, t, h, u, w, work, work.gy)
+    return total + of_pins(system, v, u, w, work, work.gy), rubbed
 
 
 @kernel
 def add_contacts(system, t, h, u, w, work, f):
-    """The power of spheres and colliders; writes the forces that they and pairs have in the step to f (n, 3)."""
+    """The power of spheres and colliders, and of friction; writes the forces that they and pairs have in the step to f
+    (n, 3).
+    """
     f[:] = 0.0
     total = of_spheres(system.spheres, system.inputs, t, h, work.y, work.s, f)
     begin = (t + system.inputs.lead - 1) * h, h
-    total += contact.power(system.colliders, work.y, u, w, work.s, system.h, begin, f)
-    return total + contact.power(system.contact, work.y, u, w, work.s, system.h, begin, f)
+    one, rubbed = contact.power(system.colliders, work.y, u, w, work.s, system.h, begin, f)
+    other, more = contact.power(system.contact, work.y, u, w, work.s, system.h, begin, f)
+    return total + one + other, rubbed + more
 
 
 @kernel

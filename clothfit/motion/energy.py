@@ -151,13 +151,17 @@ def energies(scene: Scene, motion: Motion) -> Energy:
     taken = motion.steps if motion.steps and motion.steps.of is motion.positions else unknown(scene, motion)
     motion, last = in_groups(in_world(motion, scene), scene), len(steps) - 1
     scene = answered(scene, last, scene.tolerance)
+    systems = [build(scene, group[0], steps=last) for group in scene.groups]
+    if taken.rubbed is not None:
+        systems = [without_friction(system) for system in systems]
     parts = [
-        balances(build(scene, group[0], steps=last), motion.of(group[0]), euler)
-        for group, euler in zip(scene.groups, taken.euler, strict=True)
+        balances(system, motion.of(group[0]), euler)
+        for system, group, euler in zip(systems, scene.groups, taken.euler, strict=True)
     ]
     kinetic, elastic, gravity, contact, *given = np.sum(parts, axis=0).T
     blown, damped, dragged, changed = np.cumsum(given, axis=1)
     moved = np.cumsum(taken.work) + changed
+    damped -= 0.0 if taken.rubbed is None else np.cumsum(taken.rubbed)
     return Energy(motion.times, kinetic, elastic, gravity - gravity[0], contact, blown, -damped, -dragged, moved)
 
 
@@ -193,7 +197,14 @@ def unknown(scene: Scene, motion: Motion) -> Steps:
     first step is an implicit one.
     """
     euler = np.tile(np.arange(len(motion.times)) < 2, (len(scene.groups), 1))
-    return Steps(motion.positions, np.zeros(len(motion.times)), euler)
+    return Steps(motion.positions, np.zeros(len(motion.times)), None, euler)
+
+
+def without_friction(system: System) -> System:
+    """The same system but for friction, of which its steps know better than positions do what it takes."""
+    if system.colliders is not None:
+        system.colliders.friction[:] = 0.0
+    return system._replace(surface=system.surface and system.surface._replace(friction=0.0))
 
 
 def balances(system: System, x: Array, euler: Flags | None = None) -> Array:

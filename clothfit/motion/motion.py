@@ -47,6 +47,7 @@ class Steps(NamedTuple):
 
     of: Array  # its positions: of others this says nothing
     work: Array  # (F,), J, of what moves, in the step that ends at each frame
+    rubbed: Array | None  # (F,), J, that friction takes there; None: it is found from positions, roughly
     euler: Flags  # (G, F), of a BDF2 motion: whether that step is an implicit Euler step, for each group of cloths
 
 

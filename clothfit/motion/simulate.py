@@ -57,7 +57,7 @@ def simulate_cloths(
     scene = answered(scene, count - 1, accuracy)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     remedies, good, fault = NO_FALLBACKS, count - 1, None
-    work, euler = np.zeros(count), np.zeros((len(scene.groups), count), bool)
+    work, euler = np.zeros((count, 2)), np.zeros((len(scene.groups), count), bool)
     groups = in_groups(motion, scene)
     for index in sorted({scene.together(cloth)[0] for cloth in cloths}):
         system = build(scene, index, steps=count - 1)
@@ -76,7 +76,8 @@ def simulate_cloths(
     positions, times = positions[: good + 1], motion.times[: good + 1]
     motion = replace(motion, positions=positions, times=times, observed=observed, remedies=remedies)
     motion = in_scene(motion, scene)
-    motion = replace(motion, steps=Steps(motion.positions, work[: good + 1], euler[:, : good + 1]))
+    moved, rubbed = work[: good + 1].T
+    motion = replace(motion, steps=Steps(motion.positions, moved, rubbed, euler[:, : good + 1]))
     belongs(motion, scene)
     if fault is not None:
         raise outcome(scene, motion, fault)
@@ -84,22 +85,24 @@ def simulate_cloths(
 
 
 class WorkDone:
-    """The work of what moves in the steps of one cloth, which come part by part."""
+    """The work of what moves, and what friction takes, in the steps of one cloth, which come part by part."""
 
     def __init__(self, system: System) -> None:
-        self.system, self.taken, self.work, self.power = system, rollout.Taken(system), implicit.workspace(system), 0.0
+        self.system, self.taken, self.work = system, rollout.Taken(system), implicit.workspace(system)
+        self.power = np.zeros(2)
 
     @property
     def needed(self) -> bool:
-        """Whether anything moves."""
-        own, touched = self.system.inputs, self.system.colliders
+        """Whether anything moves, or rubs."""
+        own, touched, surface = self.system.inputs, self.system.colliders, self.system.surface
         return own is not None and bool(
-            len(own.path) or len(own.centre) or len(own.poses.first) or (touched is not None and len(touched.begin))
-        )
+            len(own.path) or len(own.centre) or len(own.poses.first) or (surface is not None and surface.friction)
+            or (touched is not None and (len(touched.begin) or touched.friction.any()))
+        )  # fmt: skip
 
     def of(self, part: rollout.Rollout) -> Array:
-        """The work (T,), J, in each step of the next part."""
-        work = np.zeros(part.steps)
+        """The work of both (T, 2), J, in each step of the next part."""
+        work = np.zeros((part.steps, 2))
         for t in range(part.steps if self.needed else 0):
             own, room, one, k, merged = self.taken.at(part, t), self.work, part.bare(), t, None
             if part.active_pairs is not None:
@@ -109,15 +112,15 @@ class WorkDone:
                 own, room, one, merged = contact_steps.taken(own, room, part, t)
                 k = 0
             if own.method < IMPLICIT:
-                work[t] = own.h * explicit_power(own, one, k, room)
+                work[t] = own.h * np.array(explicit_power(own, one, k, room))
                 continue
             euler, inner = bdf2.forms(own) if own.method == BDF2 else (own, own)
-            now = power(euler, inner, one, k, own.method == BDF2 and not part.euler[t], room)
+            now = np.array(power(euler, inner, one, k, own.method == BDF2 and not part.euler[t], room))
             if own.method == BDF2 and not part.euler[t]:
                 now = (2.0 * now + self.power) / 3.0
             work[t], self.power = own.h * now, now
             if merged is not None:
-                work[t] += zones.work(merged, own.vertex, part.w[t, part.used[t] - 1])
+                work[t, 0] += zones.work(merged, own.vertex, part.w[t, part.used[t] - 1])
         return work
 
 

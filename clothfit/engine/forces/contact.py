@@ -110,12 +110,12 @@ def damping_power(part, y, u, w):
     return total
 
 
-@kernel(empty=0.0, apart=0.0)
+@kernel(empty=(0.0, 0.0), apart=(0.0, 0.0))
 def power(part, y, u, w, s, h, begin, f):
-    """What moves does at the end of a step, W, by the forces of its model, which are added to f; `begin` has when it
-    begins and how long it is, s, h what its model takes for that.
+    """What moves does at the end of a step, and what friction takes, W, by the forces of its model, which are added to
+    f; `begin` has when it begins and how long it is, s, h what its model takes for that.
     """
-    total = 0.0
+    total, rubbed = 0.0, 0.0
     for k in range(count(part, y)):
         part.depth[k], way = most(part, y, k), way_of(k % len(y), u, w, s, h)
         if is_far(part, y, k, way, part.depth[k]):
@@ -124,10 +124,12 @@ def power(part, y, u, w, s, h, begin, f):
         own, c, n, depth, kappa, _, V, _ = found
         if knows(part, y, k, found, add(way, lag)):
             push = kappa * (depth - dot(n, add(mixed(c, own, s), lag)))
-            T = law.force(push, sliding(part, k, found, u)[0], n, sub(mixed(c, own, w), V))
+            gamma, Z = sliding(part, k, found, u)[0], sub(mixed(c, own, w), V)
+            T = law.force(push, gamma, n, Z)
             spread(c, own, T, f)
             total += dot(T, V) + push * leaving(part, found, begin)
-    return total
+            rubbed += gamma * dot(across(n, Z), Z)
+    return total, rubbed
 
 
 @kernel
