@@ -76,8 +76,8 @@ def simulate_cloths(
     positions, times = positions[: good + 1], motion.times[: good + 1]
     motion = replace(motion, positions=positions, times=times, observed=observed, remedies=remedies)
     motion = in_scene(motion, scene)
-    moved, rubbed = work[: good + 1].T
-    motion = replace(motion, steps=Steps(motion.positions, moved, rubbed, euler[:, : good + 1]))
+    given, rubbed = work[: good + 1].T
+    motion = replace(motion, steps=Steps(motion.positions, given, rubbed, euler[:, : good + 1]))
     belongs(motion, scene)
     if fault is not None:
         raise outcome(scene, motion, fault)

@@ -307,10 +307,10 @@ def test_what_friction_takes_is_what_its_force_does(method):
     """A vertex that slides once round a third of a ball, whose depth at the frames is no measure of what presses it."""
     fast = thing([(0.0, 0.2 - 1e-6, 0)], mass=0.01, vertVel=[xyz((0.5, 0, 0))])
     made = scene(fast, colliders=[{**BALL, "pos": xyz((0, 0, 0)), "scale": xyz((0.4, 0.4, 0.4)), "friction": 0.3}],
-                 integrationMethod=method, delta=0.002, optimizationIterations=101)  # fmt: skip
+                 integrationMethod=method, delta=0.01, optimizationIterations=21)  # fmt: skip
     found = energies(made, simulate(made))
     lost = found.total[0] - found.total[-1]
-    assert found.damping[-1] == pytest.approx(lost, rel=0.03)  # h is 1/100 of the time that it slides
+    assert found.damping[-1] == pytest.approx(lost, rel=0.06)  # a step turns it by up to 1/40, and the rest is its own
 
 
 def test_rounding_of_a_cloth_at_rest_is_no_energy_that_steps_add():
