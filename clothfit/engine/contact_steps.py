@@ -71,16 +71,15 @@ def surface_of(system: System, t: int, x: Array) -> pairs.Surface:
 
 def with_pairs(
     system: System, work: implicit.Workspace, surface: pairs.Surface, x: Array, numbers: Indices,
-    on: Flags | int | None = None,
+    on: Flags | None = None, solves: bool = True,
 ) -> tuple[System, implicit.Workspace]:  # fmt: skip
     """A system and its workspace for a step from x (n, 3) with these pairs (P,), which press all, or in its iterations
-    where `on` (N, P) says, a number N: yet nowhere.
+    where `on` (N, P) says; where nothing `solves`, its matrix stays without them.
     """
     own = pairs.of_numbers(surface, x, numbers)
     if on is not None and system.colliders is not None:
-        on = np.zeros((on, len(numbers)), bool) if isinstance(on, int) else on
         own = own._replace(on=on, turn=system.colliders.turn)
-    if not len(numbers) or system.method < IMPLICIT:
+    if not (solves and len(numbers)) or system.method < IMPLICIT:
         return system._replace(contact=own), work
     A, moved, slot = sparse.joined(work.A, own.vertices, own.free > 0.0)
     springs = system.springs._replace(slot=moved[system.springs.slot])
@@ -147,12 +146,13 @@ def pressed(
     middle, margin = x + h * first, 0.0  # a first guess is seldom so near that looking farther serves
     view, turn = pairs.around(surface, x, middle, margin), 0
     numbers = np.union1d(pairs.near(surface, x, view), pairs.colliding(surface, x, middle, view))
-    own, room = with_pairs(system, work, surface, x, numbers, part.w.shape[1])
+    changed = True
     while True:
         interrupts.check()
-        assert own.contact is not None
-        on = own.contact.on
-        on[:] = False
+        if changed:
+            on = np.zeros((part.w.shape[1], len(numbers)), bool)
+            own, room = with_pairs(system, work, surface, x, numbers, on)
+        changed, on[:] = False, False
         deep, left = contact.depths_along(own.contact, x, x + h * first)
         on[0] = (deep > 0.0) & (left > 0.0) | np.isin(numbers, pushing)
         with linear.served(room.A, room.solver):
@@ -161,8 +161,8 @@ def pressed(
             if part.clamped[t] or second:
                 return NO_PAIRS, march.REFUSED
             system, part.clamped[t] = bdf2.forms(forms.form(False, True))[0], True
-            own, room = with_pairs(system, work, surface, x, numbers, part.w.shape[1])
             contact.expect(whole.colliders, part, t)
+            changed = True
             continue
         if not march.finite(after):
             return NO_PAIRS, march.FAILED
@@ -177,13 +177,11 @@ def pressed(
         if turn >= ROUNDS or not (rough or len(new)):
             break
         rough = rough and len(new) > 0 and turn < ROUNDS - 1
-        if len(new):
-            numbers = np.union1d(numbers, new)
-            own, room = with_pairs(system, work, surface, x, numbers, part.w.shape[1])
+        numbers, changed = np.union1d(numbers, new), len(new) > 0
     whole, view = forms.at(part, t), np.union1d(view, numbers)
     joined = whole._replace(contact=own.contact, springs=whole.springs._replace(slot=own.springs.slot))
     end, left = Ending(joined, room, part, t, surface, view, second), 0.0
-    end.known, end.on, end.bare = numbers, on, (whole, work)
+    end.known, end.bare = numbers, (whole, work)
     if second and (end.made is not None or end.gain()):
         return NO_PAIRS, march.CONTACTS
     if not second and whole.guarded and not (draws(whole.inputs, whole.applied) or surface.left > 0.0):
@@ -211,7 +209,7 @@ class Ending:
         self.surface, self.numbers, self.second = surface, numbers, second
         self.before: float | None = None  # the energy before the step, J, once it is asked for
         self.made: zones.Zones | None = None  # what moves as one
-        self.known, self.on = NOBODY, np.zeros((0, 0), bool)  # the system's pairs, as `ActivePairs` has them
+        self.known = NOBODY  # the numbers of the system's pairs
         self.bare = system, work  # without these
         self.separate()
 
@@ -220,6 +218,12 @@ class Ending:
         """The velocity after the step."""
         w: Array = self.part.velocity(self.t + 1)
         return w
+
+    @property
+    def on(self) -> Flags:
+        """Which of the system's pairs press in each iteration (N, P)."""
+        assert self.system.contact is not None
+        return self.system.contact.on
 
     def separate(self) -> None:
         """Join what would pass through each other, at first of its pairs: writes the velocity and the positions after
@@ -325,7 +329,7 @@ class Ending:
                 break
             on = np.zeros((part.w.shape[1], len(known)), bool)
             on[:, np.isin(known, self.known)] = self.on
-            self.known, self.on = known, on
+            self.known = known
             self.system, self.work = with_pairs(*self.bare, surface, part.x[t], known, on)
             self.forms = bdf2.forms(self.system)
         return True
@@ -379,11 +383,11 @@ class Taken(NamedTuple):
     zones: zones.Zones | None
 
 
-def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Taken:
-    """Step t of a part, for the system that it was taken with but for its pairs."""
+def taken(system: System, work: implicit.Workspace, part: Rollout, t: int, solves: bool = True) -> Taken:
+    """Step t of a part, for the system that it was taken with but for its pairs; `solves` as for `with_pairs`."""
     active, one = part.active_pairs[t], part.part(t, t + 1).bare()
     surface = surface_of(system, part.first + t, part.x[t])
-    own, room = with_pairs(system, work, surface, part.x[t], active.numbers, active.on)
+    own, room = with_pairs(system, work, surface, part.x[t], active.numbers, active.on, solves)
     if active.zones is not None:
         w = one.w.copy()
         w[0, one.used[0] - 1, active.zones.member] = active.zones.found

@@ -109,7 +109,7 @@ class WorkDone:
                 from clothfit.engine import contact_steps  # which few scenes need
                 from clothfit.engine.forces.selfcontact import zones
 
-                own, room, one, merged = contact_steps.taken(own, room, part, t)
+                own, room, one, merged = contact_steps.taken(own, room, part, t, solves=False)
                 k = 0
             if own.method < IMPLICIT:
                 work[t] = own.h * np.array(explicit_power(own, one, k, room))

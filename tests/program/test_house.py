@@ -22,7 +22,7 @@ FOLDERS = [
 ENGINE = ["solve", "forces", "inputs", "system", "step", "march", "rollout", "tape"]
 """The floors of the engine, from the bottom to the top; what is not here imports as it likes within the engine."""
 
-CODE_LINES, FILES, FLOORS = 50_039, 367, 13
+CODE_LINES, FILES, FLOORS = 50_041, 367, 13
 """The weight of the package: lines with code, modules, and folders in the longest chain of imports. They may fall; who
 raises one says in the commit why.
 """

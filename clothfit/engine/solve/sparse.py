@@ -53,6 +53,8 @@ MULTIGRID_FROM = 3000
 """Free vertices from which multigrid beats SSOR, measured between grids of 40² and 64²."""
 
 
+NOTHING: Indices = np.zeros((0, 2), np.int32)
+
 SIDES = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
 """Which vertices of a pair its blocks join."""
 
@@ -140,10 +142,10 @@ def along_bandwidth(edges: Indices, m: int) -> Indices:
     return np.asarray(better, np.int32) if jumps else np.arange(m, dtype=np.int32)
 
 
-def zeros(pattern: Pattern, n: int) -> BlockMatrix:
-    """A matrix of that pattern for n vertices, all zero."""
-    blocks = aligned(n + 1, BLOCK_SIZE), aligned(len(pattern.column) + 1, BLOCK_SIZE)
-    return BlockMatrix(*pattern, *blocks, np.zeros((0, 2), np.int32))
+def zeros(pattern: Pattern, n: int, across: Indices = NOTHING) -> BlockMatrix:
+    """A matrix of that pattern for n vertices, all zero, with blocks between these (X, 2) as well."""
+    blocks = aligned(n + 1, BLOCK_SIZE), aligned(len(pattern.column) + len(across) + 1, BLOCK_SIZE)
+    return BlockMatrix(*pattern, *blocks, across)
 
 
 def joined(A: BlockMatrix, vertices: Indices, free: Flags) -> tuple[BlockMatrix, Indices, Indices]:
@@ -157,8 +159,7 @@ def joined(A: BlockMatrix, vertices: Indices, free: Flags) -> tuple[BlockMatrix,
     slot[between] = count + np.arange(len(between))
     slot[~free[ends].any(axis=1)] = last = count + len(between)
     across = np.where(free[ends[between, :1]], ends[between], ends[between, ::-1])
-    made = zeros(found, len(free))._replace(upper=aligned(last + 1, BLOCK_SIZE), across=across)
-    return made, np.append(slot[: len(own)], np.int32(last)), slot[len(own) :].reshape(-1, 6)
+    return zeros(found, len(free), across), np.append(slot[: len(own)], np.int32(last)), slot[len(own) :].reshape(-1, 6)
 
 
 @kernel
